@@ -13,6 +13,9 @@ The supervisor sends requests to the child on the same socket, each one JSON obj
 requests that it does not know, and requests that it reads later than `expires` (monotonic [s]):
     {"do": "refuse_arming", "why": "..."}  from the first stop signal on: refuse every command that arms a vehicle
     {"do": "permit", "vehicle": "uav1", "by": "..."}  a person permits this real vehicle to arm (link processes)
+    {"do": "axes_check", "vehicle": "uav1", "by": "..."}  start the identity and axes check of this real vehicle (link processes)
+    {"do": "stop_axes_check", "vehicle": "uav1", "by": "..."}  stop it
+    {"do": "body", "vehicle": "uav1", "definition": "..."}  once a second: the definition of its rigid body (link processes)
     {"do": "forget", "vehicle": "uav1", "dead": true}  an operator has declared the vehicle dead: end without waiting for it
     {"do": "operator"}                     once a second while an operator is present
     {"do": "release", "vehicle": "uav1", "by": "..."}  `arena release`: programs may fly the vehicle again

@@ -220,8 +220,13 @@ class FakeAutopilot(ParamServer):
 
     def state(self, now: float) -> bytes:
         """Return the telemetry as one datagram."""
+        ms = int(self.boot_s(now) * 1e3)
+        return self.pack(*(TELEMETRY[name](self, ms) for name in self.telemetry))
+
+    def boot_s(self, now: float) -> float:
+        """Return the time since the start of the autopilot [s]: since its first telemetry."""
         self._began = now if self._began is None else self._began
-        return self.pack(*(TELEMETRY[name](self, int((now - self._began) * 1e3)) for name in self.telemetry))
+        return now - self._began
 
     def receive(self, data: bytes, now: float) -> list[bytes]:
         """Take in a datagram that arrives at `now` [s] and return the replies."""
@@ -230,6 +235,8 @@ class FakeAutopilot(ParamServer):
         out = []
         for m in self._decoder.parse_buffer(data) or []:
             self.received.append(m)
+            if m.get_type() == "TIMESYNC" and m.tc1 == 0:
+                out.append(self.pack(mavlink.MAVLink_timesync_message(int(self.boot_s(now) * 1e9), m.ts1)))
             if (getattr(m, "target_system", None), getattr(m, "target_component", 1)) == (self.system, 1):
                 out += self._answer(m, now)
         return out
@@ -315,6 +322,7 @@ TELEMETRY: dict[str, Callable[[FakeAutopilot, int], Any]] = {
     "ATTITUDE_QUATERNION": lambda _, ms: mavlink.MAVLink_attitude_quaternion_message(
         ms, 0.9659258, 0.0, 0.0, 0.2588190, 0.1, 0.2, 0.3
     ),
+    "SYSTEM_TIME": lambda _, ms: mavlink.MAVLink_system_time_message(0, ms),
     "ATTITUDE": lambda _, ms: mavlink.MAVLink_attitude_message(ms, 0.0, 0.0, 0.52, 0.1, 0.2, 0.3),
     "HIGHRES_IMU": _imu,
     "SERVO_OUTPUT_RAW": lambda *_: mavlink.MAVLink_servo_output_raw_message(

@@ -122,6 +122,7 @@ def test_the_link_arms_no_vehicle_on_hostile_frames():
         "height_m": 0.1,
         "poses": True,
         "radio": None,
+        "axes_check": False,
     }
     link = FcuLink(
         Settings.from_slice(
@@ -137,6 +138,8 @@ def test_the_link_arms_no_vehicle_on_hostile_frames():
                 "params": {},
                 "params_file": "",
                 "simulated": False,
+                "body": "uav7",
+                "capture": None,
             }
         ),
         0.0,

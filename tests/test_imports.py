@@ -34,7 +34,7 @@ MAY: dict[str, set[str]] = {
     "thrust_curve": {"errors"},
     "fault_injection": {"errors"},
     "geometry": {"errors"},
-    "motion_check": {"geometry"},
+    "motion_check": {"constants", "geometry"},
     "clock": {"errors"},
     "process_context": {"errors"},
     "run_dirs": set(),

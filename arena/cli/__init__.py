@@ -37,6 +37,7 @@ VERBS = (
     "forget",
     "down",
     "release",
+    "preflight",
     "arm-permit",
     "land-all",
     "kill-all",

@@ -29,6 +29,12 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
     for v in real:
         if v.radio == "none":
             print(f"  {v.name} has no pilot with an RC transmitter: nobody can take control manually")
+    for v in real:
+        if v.axes_check == "none":
+            print(
+                f"  {v.name} needs no identity and axes check: nobody has to show that its captured body is its own, with "
+                "the right axes"
+            )
     print(
         "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?\n"
         "Your confirmation is valid for the vehicles that are connected when all processes are ready, until they are switched "

@@ -13,8 +13,10 @@ from collections import Counter
 from pathlib import Path
 
 from arena.errors import ArenaError
+from arena.fcu_link.axes_record import RecordFile, computer_start
 from arena.fcu_link.core import SIMULATOR, FcuLink, Out
 from arena.fcu_link.identity import NO_UID
+from arena.fcu_link.room_capture import RoomCapture
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.signing import LinkSigning
 from arena.fcu_link.simulator_client import SimulatorClient, controller_greeting
@@ -42,7 +44,11 @@ class FcuLinkShell:
         now = time.monotonic()
         self._process, self._s = process, settings
         self._record = WireRecord(settings.wire_file)
-        self._core = FcuLink(settings, now, *self._record.read())
+        self._axes_file = RecordFile(settings.axes_file)
+        self._axes_record = self._axes_file.read()
+        self._axes_status: dict[str, object] = {}
+        self._core = FcuLink(settings, now, *self._record.read(), self._axes_record)
+        self._room = RoomCapture(settings.capture)
         self._signing = LinkSigning(settings, self._core.counts)
         self._ages = StampAges(time.time(), now)
         self._sockets = {
@@ -63,6 +69,8 @@ class FcuLinkShell:
         self._flow: Counter[str] = Counter()
         self._ready = self._over = self._types_written = False
         self._permit = ""
+        self._computer = computer_start()
+        self._set_time(now)
         self._write_params()
 
     def run(self) -> None:
@@ -82,6 +90,7 @@ class FcuLinkShell:
             if self._simulator is not None:
                 for data, found in self._simulator.read():
                     self._core.from_simulator(data, found, now)
+            self._core.axes.on_frames(self._room.poll(now), now)
             if now >= self._next_tick:
                 self._tick(now)
             self._flush(now)
@@ -94,6 +103,7 @@ class FcuLinkShell:
 
     def close(self) -> None:
         self._transport.close()
+        self._room.close()
         if self._simulator is not None:
             self._simulator.close()
         for s in self._sockets.values():
@@ -107,6 +117,8 @@ class FcuLinkShell:
             poll.register(link, select.POLLIN)
         if (wire := self._transport.fileno()) is not None:
             poll.register(wire, select.POLLIN | (select.POLLOUT if self._transport.wants_write() else 0))
+        if (room := self._room.fileno()) is not None:
+            poll.register(room, select.POLLIN)
         if (
             self._simulator is not None
             and self._simulator.connected
@@ -142,7 +154,7 @@ class FcuLinkShell:
                 self._sockets[end].sendto(data, self._remotes[end])
 
     def _flush(self, now: float) -> None:
-        for source, request in (*self._core.uid_requests(now), *self._signing.greetings()):
+        for source, request in (*self._core.own.uid_requests(now), *self._signing.greetings()):
             if (frame := self._signing.signed(request)) is not None:
                 self._transport.request(source, frame)
         if not self._transport.write(lambda: self._signing.next_frame(self._core.next_out, now), now):
@@ -152,6 +164,7 @@ class FcuLinkShell:
         self._next_tick = max(self._next_tick + _TICK_S, now)
         self._ages.update(time.time(), now)
         self._transport.tick(now)
+        self._set_time(now)
         self._core.tick(now)
         self._signing.tick(now)
         self._core.signing_problem = self._signing.problem
@@ -159,6 +172,7 @@ class FcuLinkShell:
         self._take_requests(now)
         if self._simulator is not None:
             self._simulator.tick(self._core.alive(now), now)
+        self._update_axes_check()
         self._report_events()
         self._write_last_address()
         if not self._types_written and self._core.params.complete:
@@ -175,6 +189,32 @@ class FcuLinkShell:
         for request in self._process.requests():
             self._core.on_request(request, now)
             self._process.confirm(request)
+
+    def _set_time(self, now: float) -> None:
+        """Pass the identity of this computer's start and its clocks to the axes check, whose record depends on them."""
+        suspended_s = time.clock_gettime(time.CLOCK_BOOTTIME) - now
+        self._core.axes.set_time(
+            self._computer, suspended_s, time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        )
+
+    def _update_axes_check(self) -> None:
+        """Receive all bodies of the room while an axes check runs, report its progress, and write its record."""
+        axes = self._core.axes
+        self._room.set_open(axes.running)
+        if self._room.error:
+            axes.stop(f"the other bodies of the room cannot be received: {self._room.error}")
+        if axes.record != self._axes_record:
+            self._axes_record = axes.record
+            try:
+                self._axes_file.write(axes.record)
+            except OSError as error:
+                self._say(
+                    f"{self._s.vehicle}: cannot write {self._s.axes_file} ({error.strerror}): the axes check is valid until "
+                    f"link.{self._s.vehicle} ends"
+                )
+        if axes.status != self._axes_status:
+            self._axes_status = axes.status
+            self._process.stats({"axes_check": axes.status})
 
     def _report_events(self) -> None:
         if not self._ready and self._core.ever_connected and self._core.params.complete:
@@ -212,6 +252,7 @@ class FcuLinkShell:
                 "uid": self._core.identity.uid,
                 "arm_permit": self._core.permit.by,
                 "may_not_arm": self._core.reasons(now),
+                "axes_check": self._core.axes.status,
                 "dropped": dict(self._core.counts),
             }
         )

@@ -25,8 +25,11 @@ from arena.authority import MESSAGES, TEMPORARILY_REJECTED, CommandGate, command
 from arena.constants import REORDERED_MS
 from arena.fcu_link.arm_permit import ArmPermit
 from arena.fcu_link.arming_guard import needs_checks, request_words
-from arena.fcu_link.identity import SILENT_S, Identity, uid_request
-from arena.fcu_link.message_sets import ACTUATORS, DECODED, SENSORS, TIMESYNC, VISION_MESSAGES
+from arena.fcu_link.axes_check import AxesCheck
+from arena.fcu_link.axes_record import AxesRecord
+from arena.fcu_link.identity import SILENT_S, Identity
+from arena.fcu_link.message_sets import ACTUATORS, DECODED, IMU, SENSORS, TIMESYNC, VISION_MESSAGES
+from arena.fcu_link.own_requests import OwnRequests
 from arena.fcu_link.param_check import ParamCheck
 from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks, sentence
 from arena.fcu_link.radio_check import RadioCheck
@@ -53,15 +56,21 @@ Out = list[tuple[str, bytes]]
 class FcuLink:
     """Connection to one flight controller, without sockets.
 
-    Pass in received data with `from_vehicle`, `from_link` and `from_simulator`, call `tick`, and send the frames that
-    `uid_requests` and `next_out` return.
+    Pass in received data with `from_vehicle`, `from_link` and `from_simulator`, call `tick`, and send the
+    frames that `own.uid_requests` and `next_out` return.
     uid: hardware uid that an earlier process of this run has recorded; last_source: where the vehicle was then
+    axes_record: last axes check that the vehicle has passed
     counts: number of frames that were not passed on, by reason
     flow: number of frames passed on, by direction
     """
 
     def __init__(
-        self, settings: Settings, now: float, uid: str = "", last_source: Source | None = None
+        self,
+        settings: Settings,
+        now: float,
+        uid: str = "",
+        last_source: Source | None = None,
+        axes_record: AxesRecord | None = None,
     ) -> None:
         s = settings
         self.system, self._s = s.id, s
@@ -74,13 +83,14 @@ class FcuLink:
         self.checks = PreflightChecks(s.preflight)
         display_path = "/".join(s.params_file.split("/")[-2:])
         self.radio = RadioCheck(s.preflight.radio)
+        self.axes = AxesCheck(s, axes_record)
         self.params = ParamCheck(s.params, display_path, self.radio.params)
         wide = s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD
         self._streams = StreamRequests(wide=wide, radio=self.radio.required)
         self._codec, self._autopilot_codec = Codec(s.id, COMPONENT), Codec(s.id, AUTOPILOT)
+        self.own = OwnRequests(s.id, self._codec, self.identity, self.params, self._streams, self.axes)
         self._events: list[str] = []
         self._panic_received_at = -math.inf
-        self._heartbeat_at = -math.inf
         self._boot_ms = 0
         self.signing_problem = ""  # why messages of the vehicle are not used, if it has a signing key
         self._silence = SilenceReport(s.connection, s.id, COMPONENT, self.counts, now)
@@ -157,6 +167,8 @@ class FcuLink:
     def _links_for(self, frame: Frame, now: float) -> list[str]:
         if frame.msgid == ACTUATORS and self._s.simulator is not None:
             return [SIMULATOR]
+        if frame.msgid == TIMESYNC and self.axes.running:
+            return []  # an answer to the check would confuse others
         panic = ["panic"] if now - self._panic_received_at <= PANIC_TIMEOUT_S else []
         vision = ["vision"] if frame.msgid in VISION_MESSAGES and frame.compid == AUTOPILOT else []
         return ["router", *vision, *panic]
@@ -171,11 +183,12 @@ class FcuLink:
         self.checks.received_at = now
         self._streams.on_message(frame.msgid, now)
         if frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
-            self.params.on_value(parse_value(data, frame))
+            self.params.on_value(value := parse_value(data, frame))
+            self.axes.on_param(value.name, value.value)
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_ERROR and frame.target_comp == COMPONENT:
             name, error, _ = parse_error(data, frame)
             self.params.on_error(name, error)
-        elif frame.msgid in DECODED:
+        elif frame.msgid in DECODED and not (frame.msgid == IMU and self.checks.armed):
             for m in self._codec.parse(data[frame.start : frame.end]):
                 self._on_message(m, now)
 
@@ -185,6 +198,7 @@ class FcuLink:
             if m.time_boot_ms < self._boot_ms - REORDERED_MS:
                 self._rebooted()
             self._boot_ms = m.time_boot_ms
+            self.axes.on_boot_time(m.time_boot_ms / 1e3, now)
         elif kind == "COMMAND_ACK":
             ours = (m.target_system, m.target_component) == (self.system, COMPONENT)
             if ours and m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
@@ -198,6 +212,7 @@ class FcuLink:
                 self.gate.authority.on_manual_input(now)
             self.checks.on_autopilot(m, now)
             self.radio.on_autopilot(m, now)
+            self.axes.on_autopilot(m, now)
 
     def _on_heartbeat(self, armed: bool, now: float) -> None:
         if not self.ever_connected:
@@ -207,6 +222,7 @@ class FcuLink:
         self.permit.on_heartbeat(armed)
         if armed:
             self.identity.fix()
+            self.axes.stop("the vehicle was armed")
         if armed and not self.checks.armed and (reasons := self.reasons(now)):
             self._say(f"is armed although a preflight check fails: {'; '.join(reasons)}")
 
@@ -217,6 +233,7 @@ class FcuLink:
         self._restart_checks()
 
     def _restart_checks(self) -> None:
+        self.axes.on_reboot()
         self.checks.reset()
         self._restart_setup()
         self._streams.restart()
@@ -233,7 +250,7 @@ class FcuLink:
         """Return why the vehicle must not be armed now; empty if arming is allowed."""
         identity = self.identity.problem(now)
         radio = self.radio.reasons(now, self.params.values()) if self.alive(now) else []
-        found = [sentence(identity)] if identity else []
+        found = [*map(sentence, [*([identity] if identity else []), *self.axes.reasons(self.identity.uid)])]
         found += self.checks.reasons(now, [*radio, *self.params.reasons()])
         return [*found, *map(sentence, self.permit.reasons)]
 
@@ -287,6 +304,7 @@ class FcuLink:
             for m in self._codec.parse(queued.frame):
                 self.flow["poses"] += 1
                 self.checks.on_pose(m, now)
+                self.axes.on_pose(m, now)
         return queued.frame
 
     def _pass(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
@@ -341,56 +359,38 @@ class FcuLink:
         """Queue the heartbeat and requests that are due, and report a silent vehicle. Call this method about twenty times a second."""
         if now - self.checks.received_at > SILENT_S:
             self.permit.on_interruption(f"no telemetry for {SILENT_S:g} s")
-        unknown = self.identity.source is None and self.identity.has_candidate(now)
-        if now - self._heartbeat_at >= 1.0 and not unknown:
-            self._heartbeat_at = now
-            heartbeat = self._codec.onboard_heartbeat()
-            self.queue.put(Priority.ROUTER, heartbeat, mavlink.MAVLINK_MSG_ID_HEARTBEAT, now)
-        if self.alive(now) and self.identity.source is not None:
+        self.axes.tick(now)
+        connected = self._connected(now)
+        for msgid, message in self.own.due(now, connected=connected):
+            self.queue.put(Priority.ROUTER, message, msgid, now)
+        if connected:
             self._silence.restart(now)
-            self._request(now)
         elif text := self._silence.text(self.identity.problem(now) or self.signing_problem, now):
             self._say(text)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
         """Process a request of the supervisor (see `process_context`), such as a new arm permit."""
         self.gate.on_request(request, now)
-        if request.get("do") == "permit" and request.get("vehicle") == self._s.vehicle:
-            connected = self.identity.source is not None and self.alive(now)
+        if request.get("vehicle") != self._s.vehicle:
+            return
+        connected = self._connected(now)
+        refusal = "" if connected else self.identity.problem(now) or "the vehicle is not connected"
+        self.axes.on_request(request, now, refusal, self.identity.uid, armed=self.armed(now))
+        if request.get("do") == "permit":
             self.permit.grant(str(request.get("by")), connected=connected)
             if self.permit.by:
                 self.identity.fix()
 
-    def uid_requests(self, now: float) -> list[tuple[Source, bytes]]:
-        """Return the requests for the hardware uid that are due, as (receiver, frame)."""
-        return [
-            (source, self._codec.pack(uid_request(self.system, command)))
-            for source, command in self.identity.requests(now)
-        ]
-
-    def _request(self, now: float) -> None:
-        for name in self.params.due(now):
-            self._queue_message(
-                mavlink.MAVLink_param_request_read_message(self.system, AUTOPILOT, name.encode(), -1), now
-            )
-        if (wanted := self._streams.due(now)) is not None:
-            number = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-            self._queue_message(
-                mavlink.MAVLink_command_long_message(
-                    self.system, AUTOPILOT, number, 0, float(wanted[0]), wanted[1], 0, 0, 0, 0, 0
-                ),
-                now,
-            )
-
-    def _queue_message(self, message: Any, now: float) -> None:
-        self.queue.put(Priority.ROUTER, self._codec.pack(message), message.get_msgId(), now)
+    def _connected(self, now: float) -> bool:
+        """Return whether the vehicle is accepted and sends."""
+        return self.identity.source is not None and self.alive(now)
 
     def _say(self, text: str) -> None:
         self._events.append(f"{self._s.vehicle}: {text}")
 
     def events(self) -> list[str]:
         """Return the messages for the user since the last call, each with the vehicle's name."""
-        for source in (self.identity, self.permit, self.params, self._streams):
+        for source in (self.identity, self.permit, self.axes, self.params, self._streams):
             for text in source.events:
                 self._say(text)
             source.events.clear()

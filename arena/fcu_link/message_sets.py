@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import common as mavlink
 
+IMU = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
 TIMESYNC = mavlink.MAVLINK_MSG_ID_TIMESYNC
 ACTUATORS = mavlink.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
 SENSORS = (
@@ -29,7 +30,8 @@ DECODED = frozenset(
         mavlink.MAVLINK_MSG_ID_ATTITUDE,
         mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
         mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
-        mavlink.MAVLINK_MSG_ID_HIGHRES_IMU,
+        IMU,
+        TIMESYNC,
         mavlink.MAVLINK_MSG_ID_RC_CHANNELS,
         mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
     }

@@ -34,6 +34,7 @@ class Preflight:
     height_m: distance from the body's origin down to its lowest point [m]
     poses: a pose forwarder sends poses to the vehicle
     radio: values of COM_RC_IN_MODE with which the pilot's RC transmitter works; None if no transmitter is required
+    axes_check: the vehicle must not be armed before it has passed the guided identity and axes check
     """
 
     position_m: float
@@ -47,6 +48,7 @@ class Preflight:
     poses: bool
     imu: bool = False
     radio: tuple[int, ...] | None = None
+    axes_check: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +65,9 @@ class Settings:
     params_file: file for QGroundControl to which the parameters are written; "" for none
     wire_file: file for land-all to which the vehicle's last address is written; "" for none
     key_file: file with the key of MAVLink signing; "" if the vehicle does not sign
+    body: name of the vehicle's rigid body
+    capture: settings of a motion-capture client that receives all bodies, for the axes check; None without such a server
+    axes_file: file with the record of the last axes check; "" if nothing is recorded
     """
 
     vehicle: str
@@ -77,6 +82,9 @@ class Settings:
     uid: str
     wire_file: str = ""
     key_file: str = ""
+    body: str = ""
+    capture: Mapping[str, Any] | None = None
+    axes_file: str = ""
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Settings:
@@ -102,6 +110,9 @@ class Settings:
                 uid=str(raw["uid"]),
                 wire_file=str(raw.get("wire_file", "")),
                 key_file=str(raw.get("key_file", "")),
+                body=str(raw["body"]),
+                capture=raw["capture"],
+                axes_file=str(raw.get("axes_file", "")),
             )
         except (KeyError, TypeError) as error:
             what = f"{type(error).__name__} {error}"
@@ -130,6 +141,7 @@ def _preflight(raw: Mapping[str, Any]) -> Preflight:
         poses=poses,
         imu=poses and bool(raw["imu"]),
         radio=None if raw["radio"] is None else tuple(int(mode) for mode in raw["radio"]),
+        axes_check=poses and bool(raw["axes_check"]),
     )
 
 

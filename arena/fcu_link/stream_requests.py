@@ -22,7 +22,7 @@ _NEEDED = {
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
-    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: 10.0,  # for the preflight check of the captured tilt
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: 10.0,  # for the preflight checks of the captured attitude
 }
 _RADIO = {mavlink.MAVLINK_MSG_ID_RC_CHANNELS: 2.0}
 # For logs and `sen.imu`: requested on connections that are fast enough.
@@ -49,6 +49,7 @@ class _Stream:
     rate_hz, slow: result of the last measurement
     tries: number of requests without a reply
     reported: the user was informed that the autopilot does not send at this rate
+    changed: the required rate has changed since the last request
     next: earliest time of the next request [s]
     """
 
@@ -59,6 +60,7 @@ class _Stream:
     slow: bool = False
     tries: int = 0
     reported: bool = False
+    changed: bool = False
     next: float = -math.inf
 
 
@@ -73,6 +75,7 @@ class StreamRequests:
 
     def __init__(self, *, wide: bool, radio: bool = False) -> None:
         self._hz = _NEEDED | (_RADIO if radio else {}) | (_WIDE if wide else {})
+        self._usual_hz = dict(self._hz)
         self._streams: dict[int, _Stream] = {}
         self._pending: tuple[int, float] | None = None
         self.events: list[str] = []
@@ -81,6 +84,16 @@ class StreamRequests:
         """Measure the rates of all streams again, because the vehicle has rebooted or is connected again."""
         self._streams.clear()
         self._pending = None
+
+    def set_rate(self, msgid: int, hz: float | None) -> None:
+        """Require another rate of a message [Hz]; None: the usual one."""
+        wanted = self._usual_hz[msgid] if hz is None else max(hz, self._usual_hz[msgid])
+        if wanted == self._hz[msgid]:
+            return
+        self._hz[msgid] = wanted
+        if msgid in self._streams:
+            stream = self._streams[msgid]
+            stream.hz, stream.changed, stream.next = wanted, True, -math.inf
 
     def on_message(self, msgid: int, now: float) -> None:
         stream = self._streams.get(msgid)
@@ -113,9 +126,10 @@ class StreamRequests:
                 came = f"{_name(msgid)} is received at {stream.rate_hz:.1f} Hz, requested {stream.hz:g} Hz"
                 self._report(stream, f"{came}: is the connection too slow?")
             stream.next, stream.since, stream.count, stream.slow = now + _RETRY_S, now, 0, False
+            stream.changed = False
             return
         self._report(stream, f"{_name(msgid)} at {stream.hz:g} Hz was refused ({result_words(result)})")
-        stream.next = now + _RETRY_REFUSED_S
+        stream.next, stream.changed = now + _RETRY_REFUSED_S, False
 
     def _measure(self, stream: _Stream, now: float) -> None:
         length = max(_MEASURE_S, 3.0 / stream.hz)
@@ -126,7 +140,7 @@ class StreamRequests:
 
     def _request(self, now: float) -> tuple[int, float] | None:
         for msgid, stream in self._streams.items():
-            if stream.slow and now >= stream.next:
+            if (stream.slow or stream.changed) and now >= stream.next:
                 self._pending = msgid, now
                 stream.tries += 1
                 return msgid, 1e6 / stream.hz

@@ -85,6 +85,7 @@ def _vehicle(arena: Arena, v: Vehicle) -> VehiclePlan:
         logger_port=v.ports.logger,
         mocap_body=v.mocap_body,
         radio=v.radio,
+        axes_check=arena.preflight.axes_check if v.forward and not v.simulated else "",
     )
 
 

@@ -96,6 +96,8 @@ class VehiclePlan:
     """Names and addresses of one vehicle, for land-all, tools and the live table in the terminal.
 
     id: MAVLink system id (MAV_SYS_ID). radio: `required` if a pilot has an RC transmitter.
+    axes_check: `required` if a real vehicle must pass `arena preflight` before it can arm, `none` if not; "" for vehicles
+        without this check.
     """
 
     name: str
@@ -112,6 +114,7 @@ class VehiclePlan:
     logger_port: int
     mocap_body: str
     radio: str = "none"
+    axes_check: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -167,6 +167,7 @@ def link(job: Job) -> Json:
             "battery": p.battery,
             "size_m": list(arena.world.size),
             "poses": v.forward,
+            "axes_check": not v.simulated and v.forward and p.axes_check == "required",
             "radio": list(rc_priority_modes(job.firmware.version)) if v.radio == "required" else None,
             # for hardware, the lab chooses the rigid body's origin; it is not below the vehicle's lowest point
             "height_m": v.profile.height_m / 2.0 if v.simulated else 0.0,
@@ -175,14 +176,17 @@ def link(job: Job) -> Json:
         "params_file": f"{{run}}/params/{v.name}.params",
         "wire_file": f"{{run}}/wire/{v.name}.json",
         "key_file": v.key_file,
+        "body": v.mocap_body,
+        "capture": None if v.simulated or not v.forward else capture(arena, None, simulated=False),
+        "axes_file": "" if v.simulated else f"{arena.folder}/preflight/{v.name}.json",
         "simulated": v.simulated,
     }
 
 
-def capture(arena: Arena, bodies: list[str], *, simulated: bool) -> Json | None:
+def capture(arena: Arena, bodies: list[str] | None, *, simulated: bool) -> Json | None:
     """Return the settings of a motion capture receiver, or None if no server sees these vehicles.
 
-    bodies: names of the rigid bodies to receive.
+    bodies: names of the rigid bodies to receive; None for all.
     simulated: true for simulated vehicles (emulator), false for hardware (the vendor's server).
     """
     m = arena.mocap

@@ -67,7 +67,7 @@ class _ForwarderProcess:
             tuple(s["link"]["remote"]),
         )
         self.simulated = bool(s["simulated"])
-        self.vehicle = str(s["vehicle"])
+        self.vehicle, self.body = str(s["vehicle"]), str(s["body"])
         self.after = ShutdownPolicy(limit_s=60.0 if self.simulated else None)
         self.reported, self.poses_then, self.ready = time.monotonic(), 0, False
         self.poses_from: float | None = None
@@ -124,7 +124,8 @@ class _ForwarderProcess:
         received = {f"capture {k}": v for k, v in self.capture.counts.items()}
         garbled = {f"link {k}": v for k, v in self.core.garbled.items()}
         flow = {"rate_hz": round(rate, 2), "poses": self.core.poses, "pose_age_ms": age_ms}
-        self.room.stats({**flow, **_latency(self.core.lateness), **dropped, **received, **garbled})
+        body = {"body_definition": self.capture.definition(self.body)}
+        self.room.stats({**flow, **_latency(self.core.lateness), **body, **dropped, **received, **garbled})
 
     def _report_diagnosis(self) -> None:
         """Report to the supervisor and the log why no poses arrive, each time the reason changes."""

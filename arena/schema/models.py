@@ -51,6 +51,7 @@ Speed = Annotated[
 ]
 Words = tuple[str, ...]
 Radio = Literal["required", "none"]
+AxesCheck = Literal["required", "none"]
 RestartMode = Literal["never", "on_failure", "always"]
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 
@@ -118,6 +119,8 @@ class Preflight(Strict):
     """Largest age of the last pose sent to the vehicle [s]."""
     battery: Annotated[float, Field(ge=0, le=1)] = 0.2
     """Lowest battery charge, from 0 to 1. Use 0 for a vehicle that does not measure its charge."""
+    axes_check: AxesCheck = "required"
+    """Identity and axes check of hardware by hand (`arena preflight`). `none`: it arms without; wrong axes are then not found."""
     params: bool = True
     """Which parameters hardware must have. true: all that `arena params push` writes; false: only those under `params`."""
 

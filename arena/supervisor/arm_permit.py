@@ -26,9 +26,13 @@ def check_permit(real: Mapping[str, bool], vehicles: Sequence[str]) -> None:
     if not vehicles:
         raise ValueError(f"got no vehicle, expected at least one of {', '.join(real)}")
     for vehicle in vehicles:
-        if vehicle not in real:
-            raise ValueError(f"got vehicle {vehicle!r}, expected a real vehicle: {', '.join(real)}")
-        if not real[vehicle]:
-            raise ValueError(
-                f"{vehicle}: no arm permit: link.{vehicle} is not ready. Is the vehicle switched on?"
-            )
+        check_vehicle(real, vehicle)
+
+
+def check_vehicle(real: Mapping[str, bool], vehicle: str) -> None:
+    """Raise ValueError if a vehicle is not real, or its link process is not ready."""
+    if vehicle not in real:
+        known = ", ".join(real) or "none, because all vehicles of this arena are simulated"
+        raise ValueError(f"got vehicle {vehicle!r}, expected a real vehicle: {known}")
+    if not real[vehicle]:
+        raise ValueError(f"{vehicle}: link.{vehicle} is not ready. Is the vehicle switched on?")

@@ -3,6 +3,7 @@
     {"do": "ps"}                       -> {"name": ..., "processes": {...}, "facts": {...}, ...}
     {"do": "restart", "name": "x", "yes": false}  -> {"ok": true}
     {"do": "arm_permit", "vehicles": ["uav1"], "by": "alice"}  -> {"ok": true}
+    {"do": "preflight", "vehicle": "uav1", "by": "alice", "stop": false}  -> {"ok": true}
     {"do": "forget", "vehicle": "uav1", "by": "name"}  -> {"ok": true}
     {"do": "down", "now": false}       -> {"ok": true}
     {"do": "subscribe"}                -> {"ok": true}, then {"say": "..."} for every line that the run shows, until its end

@@ -25,7 +25,8 @@ from typing import Any
 
 from arena.plan.model import Plan
 from arena.supervisor import child_process, run_end
-from arena.supervisor.arm_permit import check_permit, permit_request, real_vehicles
+from arena.supervisor.arm_permit import check_permit, check_vehicle, permit_request, real_vehicles
+from arena.supervisor.axes_check import body_requests, check_request
 from arena.supervisor.background_writer import BackgroundWriter
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
@@ -127,6 +128,8 @@ class Supervisor:
                 return {"ok": True}
             case "arm_permit":
                 return self._permit([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
+            case "preflight":
+                return self._preflight(request)
             case "forget":
                 self._shutdown.forget(str(request.get("vehicle")), str(request.get("by")), now)
                 return {"ok": True}
@@ -138,7 +141,7 @@ class Supervisor:
                 self._request_end(Cause.DOWN, hurry=at_once)
                 return {"ok": True}
         raise ValueError(
-            f"got request {request.get('do')!r}, expected ps, restart, release, arm_permit, forget, down or subscribe"
+            f"got request {request.get('do')!r}, expected ps, restart, release, arm_permit, preflight, forget, down or subscribe"
         )
 
     def status(self) -> dict[str, Any]:
@@ -177,6 +180,8 @@ class Supervisor:
             self._next_sample = now + 1.0
             self._processes.sample(now)
             self._report_operator(now)
+            for link, packet in body_requests(self.plan, self._processes.stats):
+                self._processes.request(packet, to=[link])
             if self.phase in (Phase.RUN, Phase.LAND):
                 self._real_time.sample(now)
         self._show.refresh(self.status, now)
@@ -292,6 +297,14 @@ class Supervisor:
             packet = {**permit_request(vehicle, by), "expires": time.monotonic() + CONFIRM_S}
             if self._processes.request(packet, to=[f"link.{vehicle}"]):
                 raise ValueError(f"{vehicle}: no arm permit: link.{vehicle} does not read its requests")
+        return {"ok": True}
+
+    def _preflight(self, request: dict[str, Any]) -> dict[str, Any]:
+        vehicle, stop = str(request.get("vehicle")), request.get("stop") is True
+        check_vehicle(real_vehicles(self.plan, self._processes.statuses), vehicle)
+        self._processes.request(
+            check_request(vehicle, str(request.get("by")), stop=stop), to=[f"link.{vehicle}"]
+        )
         return {"ok": True}
 
     # -- the end

@@ -35,7 +35,7 @@ def arena_yaml(folder: Path, address: str, server: str) -> Path:
         f"address: {address}",
         "world: {size: [14, 6, 3]}",
         f"mocap: {{source: natnet, server: {server}}}",
-        "preflight: {params: false}",
+        "preflight: {params: false, axes_check: none}",
         "copilot: {}",
         f"defaults: {{program: {{path: '{PROGRAMS / 'fly.py'}', args: [hovers]}}}}",
         "vehicles:",

@@ -97,3 +97,18 @@ def test_up_without_terminal_and_yes_starts_nothing(plan: Plan, tmp_path: Path, 
     )
     assert done.returncode == 2 and "stdin is not a terminal" in done.stderr and "--yes" in done.stderr
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(("keys", "repeated"), [("", False), ("preflight: {axes_check: none}", True)])
+def test_consent_repeats_that_there_is_no_axes_check(
+    keys: str,
+    repeated: bool,
+    plan: Plan,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # review fault 2
+    (tmp_path / "arena.yaml").write_text(f"{REAL}{keys}\n")
+    monkeypatch.setattr("sys.stdin", Terminal("yes\n"))
+    ask_consent(make_plan(load_arena(tmp_path / "arena.yaml")), yes=False)
+    assert ("uav2 needs no identity and axes check" in capsys.readouterr().out) is repeated

@@ -69,6 +69,7 @@ class Lab:
             "height_m": 0.1,
             "poses": True,
             "radio": [0],
+            "axes_check": False,
         }
         slice_ = {
             "name": "link.uav1",
@@ -82,6 +83,8 @@ class Lab:
             "params_file": "",
             "simulated": False,
             "uid": "",
+            "body": "uav1",
+            "capture": None,
             "wire_file": str(folder / "wire" / "uav1.json"),
         }
         link = {

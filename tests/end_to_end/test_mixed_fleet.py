@@ -29,6 +29,7 @@ name: mixed
 address: {hangar.address}
 world: {{size: [14, 6, 3]}}
 mocap: {{source: natnet, server: {server}}}
+preflight: {{axes_check: none}}
 defaults: {{program: {{path: '{program}', args: [{args}]}}, neighbours: [uav1, uav2]}}
 vehicles:
   uav1: {{autopilot: builtin, start: {{position: [3, 1, 0]}}}}

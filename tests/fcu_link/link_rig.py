@@ -42,6 +42,7 @@ def slice_of(address: str = "127.71.0.1", **changes: Any) -> dict[str, Any]:
         "height_m": 0.1,
         "poses": True,
         "radio": None,
+        "axes_check": False,
         **changes.pop("preflight", {}),
     }
     links = {
@@ -59,6 +60,8 @@ def slice_of(address: str = "127.71.0.1", **changes: Any) -> dict[str, Any]:
         "params": {},
         "params_file": "",
         "simulated": False,
+        "body": "uav7",
+        "capture": None,
         **changes,
     }
 

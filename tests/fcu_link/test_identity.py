@@ -187,7 +187,7 @@ def test_review_fault_4_a_stranger_gets_only_the_request_for_its_uid():
     for _ in range(100):  # 10 s without the vehicle, with a stranger that sends telemetry and no uid
         rig.now += 0.1
         stranger(rig, heartbeat(armed=True), sys_status(), attitude())
-        asked += [source for source, _ in rig.core.uid_requests(rig.now)]
+        asked += [source for source, _ in rig.core.own.uid_requests(rig.now)]
         rig.core.tick(rig.now)
     assert set(asked) == {B} and 20 <= len(asked) <= 41
     assert not any(rig.got.values()) and not rig.core.armed(rig.now) and not rig.core.alive(rig.now)
@@ -208,7 +208,7 @@ def test_review_fault_4_nothing_is_sent_before_the_uid_is_known():
         rig.send("vision", odometry())
     assert rig.out == []
     assert rig.core.counts["to the vehicle: not connected (panic)"] == 40
-    ((source, frame),) = rig.core.uid_requests(rig.now)
+    ((source, frame),) = rig.core.own.uid_requests(rig.now)
     (request,) = Codec(1, 1).parse(frame)
     assert (source, request.command, request.param1) == ("the vehicle", 512, 148.0)
 

@@ -29,6 +29,12 @@ class MocapClient(Protocol):
         now: time by the caller's clock [s].
         """
 
+    def definition(self, body: str) -> str:
+        """Return a text that changes when the rigid body is defined again, such as a hash of its markers; "" if unknown yet.
+
+        For a server that does not describe its bodies, return their names.
+        """
+
     def diagnosis(self) -> str:
         """Return one sentence on why poses are missing and what to check; "" if poses arrive.
 

@@ -91,6 +91,9 @@ class NatNetClient:
             self._sockets.send(self.core.echo_request(now))
         return frames
 
+    def definition(self, body: str) -> str:
+        return self.core.definition(body)
+
     def diagnosis(self) -> str:
         now, seen = time.monotonic(), self._reception
         if not self._sockets.error and seen.too_early(now):

@@ -146,16 +146,28 @@ def decode_server_info(data: bytes) -> ServerInfo:
 # -- model definitions -----------------------------------------------------------------------------------------------------
 
 
-def encode_models(bodies: Sequence[tuple[int, str]], version: Version) -> bytes:
-    """Return a MODELDEF packet with one description per rigid body, without markers. bodies: (streaming id,
-    name).
-    """
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BodyModel:
+    """Description of a rigid body. definition: its bytes from the streaming id on. markers: number of its markers."""
+
+    name: str
+    definition: bytes
+    markers: int
+
+
+def encode_models(
+    bodies: Sequence[tuple[int, str]],
+    version: Version,
+    markers: Sequence[tuple[float, float, float]] = (),
+) -> bytes:
+    """Return a MODELDEF packet. bodies: (streaming id, name). markers: positions of each body's markers [m] [body axes]."""
     out = [_COUNT.pack(len(bodies))]
     for streaming_id, name in bodies:
         description = name.encode() + b"\0" + struct.pack("<ii3f", streaming_id, -1, 0.0, 0.0, 0.0)
         if version >= (4, 2):
             description += struct.pack("<4f", 0.0, 0.0, 0.0, 1.0)
-        description += _COUNT.pack(0)  # markers
+        description += _COUNT.pack(len(markers)) + b"".join(struct.pack("<3f", *m) for m in markers)
+        description += bytes((5 if version >= (4, 0) else 4) * len(markers))  # labels, and empty names
         out.append(_COUNT.pack(1))
         if version >= (4, 1):
             out.append(_COUNT.pack(len(description)))
@@ -163,41 +175,48 @@ def encode_models(bodies: Sequence[tuple[int, str]], version: Version) -> bytes:
     return packet(MODELDEF, b"".join(out))
 
 
-def decode_models(data: bytes, version: Version) -> dict[int, str]:
-    """Decode a MODELDEF packet: streaming id -> name of each rigid body. Raises WireError.
+def decode_models(data: bytes, version: Version) -> dict[int, BodyModel]:
+    """Decode a MODELDEF packet: streaming id -> description of each rigid body. Raises WireError.
 
     From 4.1 on, descriptions other than rigid bodies are skipped. Older versions can be decoded only if
     nothing but marker sets precedes the rigid bodies.
     """
     reader = _Reader(payload_of(data, MODELDEF))
-    found: dict[int, str] = {}
+    found: dict[int, BodyModel] = {}
     for _ in range(reader.count("descriptions")):
         kind = reader.i32()
         if version >= (4, 1):
             part = _Reader(reader.section())
-            if kind == 1:  # the fields after the id differ between versions and are not needed
-                name = part.text()
-                found[part.i32()] = name
+            if kind == 1:
+                name, begin = part.text(), part.at
+                streaming_id, markers = part.i32(), 0
+                if len(part.data) >= (at := part.at + 16 + (16 if version >= (4, 2) else 0)) + 4:
+                    (markers,) = _COUNT.unpack_from(part.data, at)
+                found[streaming_id] = BodyModel(name=name, definition=part.data[begin:], markers=markers)
         elif kind == 0:
             reader.text()
             for _ in range(reader.count("markers")):
                 reader.text()
         elif kind == 1:
-            name = reader.text()
-            found[reader.i32()] = name
+            name, begin = reader.text(), reader.at
+            streaming_id = reader.i32()
             reader.skip(16)
-            _skip_marker_descriptions(reader, version)
+            markers = _skip_marker_descriptions(reader, version)
+            definition = reader.data[begin : reader.at]
+            found[streaming_id] = BodyModel(name=name, definition=definition, markers=markers)
         else:
             break
     return found
 
 
-def _skip_marker_descriptions(reader: _Reader, version: Version) -> None:
+def _skip_marker_descriptions(reader: _Reader, version: Version) -> int:
+    """Skip the markers of a rigid body and return their number."""
     markers = reader.count("markers")
     reader.skip(16 * markers)
     if version >= (4, 0):
         for _ in range(markers):
             reader.text()
+    return markers
 
 
 # -- frames of data --------------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ Invalid bytes are counted and dropped; they never raise.
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 from collections.abc import Mapping
 from math import isfinite, nan
@@ -34,6 +35,7 @@ class NatNetReceiver:
         self._version: codec.Version | None = None
         self._clock_hz = 0
         self._names: dict[int, str] = {}
+        self._models: dict[str, str] = {}  # requested body -> its definition
         self._name_counts: Counter[str] = Counter()  # name -> how many of the server's bodies bear it
         self._has_models = False
         self.info: codec.ServerInfo | None = None
@@ -82,7 +84,7 @@ class NatNetReceiver:
     def reset(self) -> None:
         """Start the handshake again, because after a restart of the server a streaming id may belong to another body."""
         self._version = None
-        self._names = {}
+        self._names, self._models = {}, {}
         self._has_models = False
         self._echo = None
         self._echoes_sent.clear()
@@ -135,16 +137,27 @@ class NatNetReceiver:
         else:
             self._version, self._clock_hz = info.version, info.clock_hz
 
-    def _on_models(self, found: Mapping[int, str]) -> None:
+    def definition(self, body: str) -> str:
+        """Return the definition of a body: a hash of its markers, or its name and streaming id if the server describes no
+        markers; "" before the server has described the body.
+        """
+        return self._models.get(body, "")
+
+    def _on_models(self, found: Mapping[int, codec.BodyModel]) -> None:
         """Store the streaming ids of the requested bodies. If two bodies have the same name, neither is used."""
-        counts = self._name_counts = Counter(found.values())
+        counts = self._name_counts = Counter(model.name for model in found.values())
         self._has_models = True
         if twice := sum(n > 1 for n in counts.values()):
             self.counts["duplicate names"] += twice
         wanted = self._wanted_names
         if wanted and not wanted <= set(counts):
             self.counts["unknown body"] += 1
-        self._names = {i: n for i, n in found.items() if counts[n] == 1 and (wanted is None or n in wanted)}
+        self._names = {
+            i: m.name
+            for i, m in found.items()
+            if counts[m.name] == 1 and (wanted is None or m.name in wanted)
+        }
+        self._models = {name: _definition(i, found[i]) for i, name in self._names.items()}
 
     def _frame(self, data: bytes) -> CapturedFrame | None:
         if self._version is None:
@@ -166,7 +179,7 @@ class NatNetReceiver:
         changed, self._changed = frame.models_changed and not self._changed, frame.models_changed
         if changed:
             # Streaming ids must be requested again; until then no id has a name.
-            self._names = {}
+            self._names, self._models = {}, {}
             self.counts["models changed"] += 1
             return None
         self.counts["frames"] += 1
@@ -188,3 +201,9 @@ class NatNetReceiver:
         exposed = frame.exposure_ticks / self._clock_hz
         sent = frame.transmit_ticks / self._clock_hz if frame.transmit_ticks else None
         return CapturedFrame(frame.number, exposed, tuple(poses), tuple(untracked), sent, self._echo)
+
+
+def _definition(streaming_id: int, model: codec.BodyModel) -> str:
+    if model.markers <= 0:
+        return f"name {model.name}, id {streaming_id}"
+    return f"markers {hashlib.sha256(model.name.encode() + model.definition).hexdigest()[:16]}"

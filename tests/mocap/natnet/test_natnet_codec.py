@@ -107,10 +107,23 @@ def test_only_wanted_bodies_of_a_frame_are_unpacked(version):
     again = natnet.decode_frame(data, version, wanted={7})
     assert [b.streaming_id for b in again.bodies] == [7]
     assert again.exposure_ticks == FRAME.exposure_ticks
-    assert natnet.decode_models(natnet.encode_models([(3, "a"), (4, "b")], version), version) == {
-        3: "a",
-        4: "b",
-    }
+    models = natnet.decode_models(natnet.encode_models([(3, "a"), (4, "b")], version), version)
+    assert {i: m.name for i, m in models.items()} == {3: "a", 4: "b"}
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_markers_of_a_body_belong_to_its_definition(version):
+    def models(*markers):
+        return natnet.decode_models(
+            natnet.encode_models([(1, "uav1"), (2, "uav2")], version, markers), version
+        )
+
+    first, moved = models((0.1, 0.0, 0.02), (0.0, 0.1, 0.02)), models((0.1, 0.0, 0.02), (0.0, 0.1, 0.03))
+    assert [m.markers for m in first.values()] == [2, 2] and [m.markers for m in models().values()] == [0, 0]
+    assert first == models((0.1, 0.0, 0.02), (0.0, 0.1, 0.02)) and first[1] != moved[1]
+    data = natnet.encode_models([(1, "uav1")], version, [(0.1, 0.0, 0.02)])
+    (peer,) = DataDescriptions.read_from_buffer(PacketBuffer(data[4:]), Version(*version)).rigid_bodies
+    assert peer.name == "uav1" and peer.markers[0].pos == pytest.approx((0.1, 0.0, 0.02))
 
 
 def test_other_sections_of_a_sized_frame_are_skipped():

@@ -121,3 +121,18 @@ def test_unanswered_echo_requests_are_forgotten():
     for i in range(1000):
         receiver.echo_request(float(i))
     assert len(receiver._echoes_sent) < 10
+
+
+def test_a_definition_changes_with_the_markers_of_its_body():
+    def definition(*markers, streaming_id=5):
+        receiver = NatNetReceiver(["uav1"])
+        assert receiver.definition("uav1") == ""
+        receiver.receive(INFO)
+        receiver.receive(natnet.encode_models([(streaming_id, "uav1"), (9, "wand")], (3, 1), markers))
+        assert receiver.definition("wand") == ""
+        return receiver.definition("uav1")
+
+    assert definition((0.1, 0.0, 0.0)).startswith("markers ")
+    assert definition((0.1, 0.0, 0.0)) == definition((0.1, 0.0, 0.0)) != definition((0.1, 0.0, 0.01))
+    assert definition() == "name uav1, id 5"
+    assert definition(streaming_id=6) != definition()

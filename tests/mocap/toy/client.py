@@ -37,6 +37,9 @@ class ToyClient:
         self._reception.update_frames(self.counts["frames"], frames, wall)
         return frames
 
+    def definition(self, body: str) -> str:
+        return f"name {body}"
+
     def diagnosis(self) -> str:
         now = time.monotonic()
         if not self._reception.streaming(now):

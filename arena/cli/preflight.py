@@ -1,0 +1,92 @@
+"""`arena preflight VEHICLE...`: guided check that the captured body of a real vehicle is its own, with the right axes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import typer
+
+from arena.cli._running import RunOption, connect, find, user_name
+from arena.errors import RunError
+from arena.supervisor import Control
+
+_ANSWER_S = 5.0
+_PERIOD_S = 0.1
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command `arena preflight` to the typer app."""
+
+    @app.command()
+    def preflight(
+        vehicles: Annotated[
+            list[str],
+            typer.Argument(metavar="VEHICLE...", help="real vehicles to check, one after the other"),
+        ],
+        run: RunOption = None,
+    ) -> None:
+        """Check by hand that a real vehicle is its captured body: lift it, tilt it nose down, then right side down.
+
+        The vehicle must be disarmed and cannot be armed during the check. Real vehicles need this check after each start of
+        their autopilot (`preflight.axes_check`). It also measures the delay of the poses and proposes EKF2_EV_DELAY.
+        """
+        arena = connect(find(run))
+        failed = [vehicle for vehicle in vehicles if not _check(arena, vehicle)]
+        if failed:
+            raise RunError(f"{', '.join(failed)}: the check has failed")
+
+
+def _check(arena: Control, vehicle: str) -> bool:
+    """Check one vehicle, and print what the person must do, and the result. Return whether the check has passed."""
+    by = f"{user_name()} (arena preflight)"
+    before = _status(arena, vehicle).get("number")
+    arena.ask(do="preflight", vehicle=vehicle, by=by)
+    status = _started(arena, vehicle, before)
+    try:
+        status = _guide(arena, vehicle, status)
+    except KeyboardInterrupt:
+        arena.ask(do="preflight", vehicle=vehicle, by=by, stop=True)
+        raise
+    print(f"{vehicle}: {status['state']}")
+    for line in status["lines"]:
+        print(f"{vehicle}:   {line}", flush=True)
+    return bool(status["state"] == "passed")
+
+
+def _started(arena: Control, vehicle: str, before: object) -> Mapping[str, Any]:
+    """Wait until link.<vehicle> reports a new check. before: number of the check before."""
+    deadline = time.monotonic() + _ANSWER_S
+    while time.monotonic() < deadline:
+        status = _status(arena, vehicle)
+        if status.get("number") not in (None, before):
+            return status
+        time.sleep(_PERIOD_S)
+    raise RunError(
+        f"{vehicle}: link.{vehicle} has not started the check within {_ANSWER_S:g} s: look at `arena ps`"
+    )
+
+
+def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Print each instruction until the check has ended. Return its last status."""
+    number, shown = status["number"], ""
+    while status["state"] == "running":
+        if status["text"] != shown:
+            shown = status["text"]
+            print(f"{vehicle}: {shown}", flush=True)
+        time.sleep(_PERIOD_S)
+        status = _status(arena, vehicle)
+        if status.get("number") != number:
+            raise RunError(
+                f"{vehicle}: the check was lost, because link.{vehicle} was restarted or another check was started"
+            )
+    return status
+
+
+def _status(arena: Control, vehicle: str) -> Mapping[str, Any]:
+    """Return the status of the vehicle's last check; empty before its link process has reported one."""
+    for row in arena.ask(do="ps")["processes"].values():
+        if row["kind"] == "link" and row["vehicle"] == vehicle:
+            return row["stats"].get("axes_check") or {}
+    return {}

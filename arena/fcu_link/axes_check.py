@@ -1,0 +1,233 @@
+"""Guided identity and axes check of a real vehicle, and the record without which it must not arm. Pure.
+
+`arena preflight` starts the check. It runs only while the vehicle is disarmed, and it never arms: while it runs, arming is
+refused, because a person holds the vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.fcu_link.axes_record import AxesRecord, BootTime
+from arena.fcu_link.axes_report import DELAY_PARAM, Measured, report_lines
+from arena.fcu_link.clock_offset import ClockOffset
+from arena.fcu_link.settings import Settings
+from arena.mocap.client import CapturedFrame
+from arena.mocap.client.lateness import Lateness
+from arena.motion_check.guided_check import GuidedCheck
+from arena.wire.mavlink_frame import AUTOPILOT
+
+IMU_HZ = 50.0
+"""Rate of HIGHRES_IMU during a check [Hz]."""
+_PARAM_S = 1.0
+_STALE_S = 0.1
+_ROOM_UNSEEN = (
+    "link.<vehicle> received no frames of the motion capture itself, so the other bodies of the room were not compared. "
+    "Check the firewall and `mocap.local`, then repeat the check"
+)
+
+
+class AxesCheck:
+    """Check of one vehicle, and its record.
+
+    record: last check that the vehicle has passed; None if there is none
+    running: a check is running
+    events: messages for the user; the caller takes them and empties the list
+    status: state of the last check, for `arena preflight`: `number` (differs for each check), `state` (idle, running,
+        passed or failed), `text` (what the person must do now), `lines` (result)
+    """
+
+    def __init__(self, settings: Settings, record: AxesRecord | None = None) -> None:
+        self._s, self._required = settings, settings.preflight.axes_check
+        self.record = record
+        self.events: list[str] = []
+        self.status: dict[str, Any] = {"number": 0, "state": "idle", "text": "", "lines": []}
+        self._check: GuidedCheck | None = None
+        self._by = self._definition = self._uid = ""
+        self._boot: BootTime | None = None
+        self._computer, self._suspended_s, self._date = "", 0.0, ""
+        self._clock, self._lateness = ClockOffset(), Lateness(_STALE_S)
+        self._delay_param: float | None = None
+        self._param_asked = -math.inf
+        self._room_seen = False
+
+    @property
+    def running(self) -> bool:
+        return self._check is not None
+
+    def reasons(self, uid: str) -> list[str]:
+        """Return why the vehicle must not be armed; empty if arming is allowed. uid: hardware uid of its autopilot."""
+        if self.running:
+            return ["the axes check is running"]
+        if not self._required:
+            return []
+        if self.record is None:
+            return [f"no axes check: run arena preflight {self._s.vehicle}"]
+        if not self._definition:
+            return ["definition of its body not received yet"]
+        if self._boot is None:
+            return ["boot time of the autopilot not received"]
+        changed = self.record.difference(uid, self._s.body, self._definition, self._boot)
+        return [f"{changed}: run arena preflight {self._s.vehicle}"] if changed else []
+
+    # -- requests
+
+    def on_request(
+        self, request: Mapping[str, Any], now: float, refusal: str, uid: str, *, armed: bool
+    ) -> None:
+        """Process a request of the supervisor for this vehicle (see `process_context`). refusal, uid: see `start`."""
+        match request.get("do"):
+            case "body":
+                self.on_definition(str(request.get("definition") or ""))
+            case "axes_check":
+                refusal = "it is armed: nobody must lift an armed vehicle" if armed else refusal
+                self.start(str(request.get("by")), now, refusal, uid)
+            case "stop_axes_check":
+                self.stop(f"stopped by {request.get('by')}")
+
+    def start(self, by: str, now: float, refusal: str, uid: str) -> None:
+        """Start a check. by: who asked for it. refusal: why it must not run; "" if it may. uid: hardware uid of the autopilot."""
+        if not self._s.preflight.poses:
+            refusal = refusal or "the vehicle gets no poses (forward: false), so there is nothing to compare"
+        elif not self._definition:
+            refusal = refusal or "the pose forwarder has not reported the definition of the rigid body yet"
+        elif self._boot is None:
+            refusal = refusal or "the autopilot has not sent its time since boot (SYSTEM_TIME) yet"
+        self.stop("another check was started")
+        self._by, self._uid = by, uid
+        self._clock, self._lateness = ClockOffset(), Lateness(_STALE_S)
+        self._delay_param, self._param_asked, self._room_seen = None, -math.inf, False
+        self.status = {"number": int(now * 1e3), "state": "running", "text": "", "lines": []}
+        self._check = GuidedCheck(self._s.body, self._s.preflight.tilt_deg, now)
+        if refusal:
+            self.stop(refusal)
+        else:
+            self.events.append(f"axes check started by {by}")
+            self._show()
+
+    def stop(self, why: str) -> None:
+        """End a running check without a result."""
+        if self._check is not None:
+            self._check.stop(why)
+            self._finish()
+
+    # -- the vehicle and its body
+
+    def set_time(self, computer: str, suspended_s: float, date: str) -> None:
+        """Set the id of this computer's start, the time for which it was suspended since then [s], and the time of day (UTC)."""
+        self._computer, self._suspended_s, self._date = computer, suspended_s, date
+
+    def on_definition(self, definition: str) -> None:
+        """Set the definition of the rigid body that the pose forwarder has reported; "" while it is unknown."""
+        if definition and self._definition and definition != self._definition:
+            self.stop("the rigid body was defined again during the check")
+            self.events.append("its rigid body was defined again: the axes check is not valid any more")
+        self._definition = definition
+
+    def on_boot_time(self, boot_s: float, now: float) -> None:
+        """Set the time since the autopilot's start [s]. now: time of arrival [s]."""
+        self._boot = BootTime(computer=self._computer, at_s=now + self._suspended_s - boot_s)
+
+    def on_reboot(self) -> None:
+        """Forget the start of the autopilot, because it has rebooted or is another one."""
+        self.stop("the autopilot has rebooted")
+        self._boot = None
+
+    def on_autopilot(self, m: Any, now: float) -> None:
+        """Process a HIGHRES_IMU, TIMESYNC or PARAM_VALUE message of the autopilot. Other messages are ignored."""
+        if self._check is None:
+            return
+        kind = m.get_type()
+        if kind == "HIGHRES_IMU":
+            accel, gyro = (m.xacc, m.yacc, m.zacc), (m.xgyro, m.ygyro, m.zgyro)
+            self._check.on_imu(accel, gyro, m.time_usec / 1e6, now)
+        elif kind == "TIMESYNC":
+            self._clock.on_timesync(m, now)
+
+    def on_param(self, name: str, value: float) -> None:
+        """Store the value of a parameter that the autopilot has sent."""
+        if name == DELAY_PARAM:
+            self._delay_param = value
+
+    def on_pose(self, m: Any, now: float) -> None:
+        """Process an ODOMETRY message that is sent to the vehicle."""
+        if self._check is not None:
+            self._check.on_pose(m.q, (m.x, m.y, m.z), now)
+
+    def on_frames(self, frames: Sequence[CapturedFrame], now: float) -> None:
+        """Process frames with all bodies of the room, which have arrived now."""
+        if self._check is None:
+            return
+        for frame in frames:
+            self._lateness.measure_frame(frame, now, flying=False)
+            for pose in frame.poses:
+                self._room_seen = self._room_seen or pose.body == self._s.body
+                self._check.on_other(pose.body, pose.q_nb, now)
+
+    # -- periodic
+
+    def tick(self, now: float) -> None:
+        """Advance the check. Call it about twenty times a second."""
+        if self._check is None:
+            return
+        self._check.tick(now, self._clock.offset_s)
+        if self._check.verdict is not None:
+            self._finish()
+        else:
+            self._show()
+
+    def due(self, now: float) -> list[Any]:
+        """Return the messages to send to the autopilot now."""
+        if self._check is None:
+            return []
+        due = [m] if (m := self._clock.request(now)) is not None else []
+        if self._delay_param is None and now - self._param_asked >= _PARAM_S:
+            self._param_asked = now
+            due.append(
+                mavlink.MAVLink_param_request_read_message(self._s.id, AUTOPILOT, DELAY_PARAM.encode(), -1)
+            )
+        return due
+
+    def _show(self) -> None:
+        assert self._check is not None
+        if self.status["text"] != self._check.text:
+            self.status = {**self.status, "text": self._check.text}
+
+    def _finish(self) -> None:
+        assert self._check is not None and self._check.verdict is not None
+        verdict, self._check = self._check.verdict, None
+        if verdict.passed and not self._room_seen:
+            verdict = replace(verdict, problems=(_ROOM_UNSEEN,))
+        lines = list(verdict.problems)
+        if verdict.passed:
+            measured = Measured(
+                latency_s=self._lateness.latency_s,
+                latency_error_s=self._lateness.clock_error_s,
+                round_trip_s=self._clock.round_trip_s,
+                delay_param=self._delay_param,
+                date=self._date[:10],
+            )
+            lines = report_lines(self._s.vehicle, verdict, self._s.preflight.tilt_deg, measured)
+            assert self._boot is not None and verdict.own is not None and verdict.axes is not None
+            self.record = AxesRecord(
+                vehicle=self._s.vehicle,
+                uid=self._uid,
+                body=self._s.body,
+                definition=self._definition,
+                boot=self._boot,
+                by=self._by,
+                when=self._date,
+                turned_deg=round(verdict.axes.turned_deg, 1),
+                correlation=round(verdict.own.correlation, 3),
+                delay_ms=None if verdict.delay_s is None else round(1e3 * verdict.delay_s, 1),
+            )
+        elif verdict.own is not None:  # the motion was complete and has shown something wrong
+            self.record = None
+        state = "passed" if verdict.passed else "failed"
+        self.status = {**self.status, "state": state, "text": "", "lines": lines}
+        self.events.append(f"axes check {state}: {'; '.join(line.strip() for line in lines)}")

@@ -1,0 +1,99 @@
+"""File preflight/<vehicle>.json in the folder of the arena's YAML: the last axes check that a vehicle has passed.
+
+It is valid until the rigid body is defined again, the autopilot is another one, or the autopilot or this computer has
+been started again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+BOOT_TOLERANCE_S = 5.0  # quartz clocks drift by up to 1 s in 3 h
+
+
+@dataclass(frozen=True, kw_only=True)
+class BootTime:
+    """Start of an autopilot. computer: id of this computer's start. at_s: time of the autopilot's start by this
+    computer's clock, which counts from the computer's start [s].
+    """
+
+    computer: str
+    at_s: float
+
+    def same_as(self, other: BootTime) -> bool:
+        """Return whether both are the same start of the autopilot."""
+        return self.computer == other.computer != "" and abs(self.at_s - other.at_s) <= BOOT_TOLERANCE_S
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxesRecord:
+    """A passed axes check. body: name of the rigid body. definition: its definition. by: who made the check. when: UTC."""
+
+    vehicle: str
+    uid: str
+    body: str
+    definition: str
+    boot: BootTime
+    by: str
+    when: str
+    turned_deg: float
+    correlation: float
+    delay_ms: float | None
+
+    def difference(self, uid: str, body: str, definition: str, boot: BootTime) -> str:
+        """Return what has changed since the check, such as `body changed`; "" if the record is valid."""
+        if (self.body, self.definition) != (body, definition):
+            return "body changed"
+        if self.uid != uid:
+            return "other autopilot"
+        return "" if self.boot.same_as(boot) else "has rebooted"
+
+
+def computer_start() -> str:
+    """Return an id that differs after each start of this computer; "" if the kernel gives none."""
+    with contextlib.suppress(OSError):
+        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    return ""
+
+
+class RecordFile:
+    """File of one vehicle's record. path: its path; "" if nothing is recorded."""
+
+    def __init__(self, path: str) -> None:
+        self._path = Path(path) if path else None
+
+    def read(self) -> AxesRecord | None:
+        """Return the record; None if there is none, or if it cannot be read."""
+        if self._path is not None:
+            with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+                return _record(json.loads(self._path.read_text()))
+        return None
+
+    def write(self, record: AxesRecord | None) -> None:
+        """Write the record, or delete the file if there is none. Raises OSError if this fails."""
+        if self._path is None:
+            return
+        if record is None:
+            self._path.unlink(missing_ok=True)
+            return
+        half = self._path.with_name(self._path.name + ".new")
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        half.write_text(json.dumps(asdict(record), indent=1) + "\n")
+        half.replace(self._path)
+
+
+def _record(raw: dict[str, Any]) -> AxesRecord:
+    boot = BootTime(computer=str(raw["boot"]["computer"]), at_s=float(raw["boot"]["at_s"]))
+    texts = {key: str(raw[key]) for key in ("vehicle", "uid", "body", "definition", "by", "when")}
+    delay = raw["delay_ms"]
+    return AxesRecord(
+        **texts,
+        boot=boot,
+        turned_deg=float(raw["turned_deg"]),
+        correlation=float(raw["correlation"]),
+        delay_ms=None if delay is None else float(delay),
+    )

@@ -1,0 +1,68 @@
+"""Guided identity and axes check of one vehicle: the motion, its recording and the verdict. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from arena.motion_check.guided_motion import GuidedMotion, Step
+from arena.motion_check.recording import Recording
+from arena.motion_check.verdict import Verdict, judge
+
+
+class GuidedCheck:
+    """Check of one vehicle. It ends with a verdict.
+
+    Pass in the data with `on_imu`, `on_pose` and `on_other`, and call `tick` a few times a second.
+    body: name of the vehicle's own rigid body
+    limit_deg: largest rotation between captured and measured axes [deg]
+    verdict: result; None while the check continues
+    """
+
+    def __init__(self, body: str, limit_deg: float, now: float) -> None:
+        self._body, self._limit_deg = body, limit_deg
+        self._motion, self._recorded = GuidedMotion(now), Recording()
+        self.verdict: Verdict | None = None
+
+    @property
+    def step(self) -> Step:
+        """Current step of the motion."""
+        return self._motion.step
+
+    @property
+    def text(self) -> str:
+        """Instruction for the person."""
+        return self._motion.text
+
+    def on_imu(self, accel_b: Sequence[float], gyro_b: Sequence[float], boot_s: float, now: float) -> None:
+        """Process a sample of the inertial sensors. boot_s: its time by the autopilot's clock [s]. now: time of arrival [s]."""
+        if self.verdict is None and all(map(math.isfinite, (*accel_b, *gyro_b))):
+            self._recorded.add_imu(now, boot_s, accel_b, gyro_b)
+            self._motion.on_imu(accel_b, gyro_b, now)
+
+    def on_pose(self, q_nb: Sequence[float], p_n: Sequence[float], now: float) -> None:
+        """Process a pose that is sent to the autopilot now."""
+        norm = math.sqrt(sum(x * x for x in q_nb))
+        if self.verdict is None and math.isfinite(norm) and norm > 0.5:
+            self._recorded.add_pose(now, tuple(x / norm for x in q_nb), tuple(p_n))
+            self._motion.on_pose(now)
+
+    def on_other(self, body: str, q_nb: Sequence[float], now: float) -> None:
+        """Process the attitude of another body, which has arrived now."""
+        if self.verdict is None and body != self._body:
+            self._recorded.add_other(body, now, q_nb)
+
+    def tick(self, now: float, offset_s: float | None) -> None:
+        """Find a motion that has failed or is complete, and judge it. offset_s: see `judge`."""
+        if self.verdict is not None:
+            return
+        self._motion.tick(now)
+        if self._motion.failure:
+            self.stop(self._motion.failure)
+        elif self._motion.step is Step.DONE:
+            self.verdict = judge(self._body, self._motion, self._recorded, offset_s, self._limit_deg)
+
+    def stop(self, why: str) -> None:
+        """End the check without a result."""
+        if self.verdict is None:
+            self.verdict = Verdict(problems=(why,))
