@@ -41,6 +41,8 @@ def world(job: Job) -> Json:
         "truth": TRUTH,
         "faults": _faults(arena, "world"),
         "wind_m_s": list(w.wind_m_s),
+        "gusts_m_s": w.gusts_m_s,
+        "downwash": w.downwash,
         "vehicles": [_body(job, v) for v in arena.simulated],
     }
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 
-from arena.schema.base import Address, Port, Positive, PositiveVector, Strict, Vector
+from arena.schema.base import Address, NotNegative, Port, Positive, PositiveVector, Strict, Vector
 from arena.schema.copilot import Copilot
 from arena.schema.failsafe import Failsafe, Geofence
 from arena.schema.hardware_uid import HardwareUid
@@ -82,6 +82,10 @@ class World(Strict):
     """Seed of all random noise that the world simulates."""
     wind_m_s: Vector = (0.0, 0.0, 0.0)
     """Steady wind: north, east, down [m/s]."""
+    gusts_m_s: NotNegative = 0.0
+    """Random gusts (Dryden, MIL-F-8785C): wind speed 6 m above the ground that makes them [m/s]. Light 8, moderate 15, severe 23."""
+    downwash: NotNegative = 1.0
+    """Factor of the downwash between simulated vehicles whose profile has `downwash` [-]. 0: none."""
 
 
 class Sim(Strict):

@@ -93,6 +93,23 @@ class GroundEffect(Strict):
     """Lift coefficient of the upwash (fountain effect) between the rotors [-]."""
 
 
+class Downwash(Strict):
+    """Downwash: the wind that this vehicle makes at vehicles below it. The model is a turbulent jet."""
+
+    rotor_radius_m: Positive
+    strength: NotNegative = 1.0
+    """Factor of the air speed [-]. 0: this vehicle makes no downwash."""
+
+
+class RotorInertia(Strict):
+    """Inertia of one rotor: its motor turns the body the other way while the rotor gains speed."""
+
+    moment_kg_m2: NotNegative
+    """Moment of inertia of rotor and propeller about the rotor's axis [kg m2]. 0: no torque."""
+    thrust_n_s2: Positive
+    """Thrust of one rotor divided by the square of its speed [N s2/rad2]."""
+
+
 class Battery(Strict):
     """Battery model: the voltage falls with the charge, and with the current through the internal resistance."""
 
@@ -133,6 +150,8 @@ class Profile(Strict):
     body_drag_kg_m: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
     """Quadratic drag of the body: force divided by the square of the airspeed, along x, y, z [N s2/m2] [FRD]."""
     ground_effect: GroundEffect | None = None
+    downwash: Downwash | None = None
+    rotor_inertia: RotorInertia | None = None
     sensors: Sensors
     battery: Battery
     params: dict[str, float] = Field(default_factory=dict)

@@ -38,7 +38,7 @@ class ScalarStep:
         """Move the bodies by one sensor period.
 
         motors: motor commands 0..1 [-] (V, R)
-        wind_n: wind at each vehicle [m/s] [NED] (V, 3)
+        wind_n: motion of the air at each vehicle [m/s] [NED] (V, 3)
         substeps: number of physics steps in the period
 
         Returns the mean specific force [m/s2] [FRD] (V, 3).

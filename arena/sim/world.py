@@ -19,6 +19,8 @@ from arena.errors import InputError
 from arena.sim.battery import Battery
 from arena.sim.bodies import Bodies
 from arena.sim.crash_detector import CrashDetector
+from arena.sim.downwash import Downwash
+from arena.sim.gusts import Gusts
 from arena.sim.scalar_step import MAX_SCALAR_VEHICLES, ScalarStep
 from arena.sim.sensors import SENSORS, GlobalOrigin, Motion, SensorSuite, Site
 from arena.sim.vehicle_arrays import Fleet, read_fleet
@@ -28,6 +30,8 @@ from arena.wire.truth_page import Truth
 Array = NDArray[np.float64]
 
 _G_N = np.array([0.0, 0.0, GRAVITY_M_S2])
+_DOWNWASH_S = 0.02
+"""Time for which the downwash is held [s]. At 2 m/s a vehicle moves by 4 cm, a fifth of the width of a jet."""
 
 
 class World:
@@ -35,7 +39,7 @@ class World:
 
     period_s: sensor period [s]
     steps: number of sensor periods so far
-    wind_n: wind at each vehicle [m/s] [NED] (V, 3)
+    wind_n: steady wind at each vehicle [m/s] [NED] (V, 3)
 
     Raises InputError if the settings are not valid.
     """
@@ -71,9 +75,20 @@ class World:
         )
         everywhere = settings.get("wind_m_s") or (0.0, 0.0, 0.0)
         self.wind_n: Array = np.array([v.get("wind_m_s") or everywhere for v in settings["vehicles"]], float)
+        self._gusts = self._gust_model(settings)
+        downwash = Downwash(self.fleet.profiles, strength=float(settings.get("downwash", 1.0)))
+        self._downwash = downwash if downwash.acts else None
+        self._downwash_steps = max(1, round(_DOWNWASH_S / self.period_s))
+        self._downwash_n: Array = np.zeros((self.fleet.size, 3))
         self.steps = self._observed_steps = 0
         # Before the first step every vehicle stands at its start, so its specific force is 1 g.
         self._accel_b = -(_G_N @ self.bodies.r_nb)
+
+    def _gust_model(self, settings: Mapping[str, Any]) -> Gusts | None:
+        wind_20ft = float(settings.get("gusts_m_s", 0.0))
+        if wind_20ft == 0.0:
+            return None
+        return Gusts(self.fleet.ids, seed=int(settings["seed"]), wind_20ft=wind_20ft, step_s=self.period_s)
 
     @property
     def now(self) -> float:
@@ -108,12 +123,13 @@ class World:
         motors = np.fmin(np.fmax(motors, 0.0), 1.0)
         if self._battery.is_weak:
             motors = motors * self._battery.strength
+        wind_n = self._wind()
         if self._scalar is not None:
-            self._accel_b = self._scalar.advance(motors, self.wind_n, self._substeps)
+            self._accel_b = self._scalar.advance(motors, wind_n, self._substeps)
         else:
-            accel_b = self._substep(motors)
+            accel_b = self._substep(motors, wind_n)
             for _ in range(self._substeps - 1):
-                accel_b += self._substep(motors)
+                accel_b += self._substep(motors, wind_n)
             self._accel_b = accel_b / self._substeps
         self.steps += 1
 
@@ -135,11 +151,23 @@ class World:
             others=contacts.others,
         )
 
-    def _substep(self, motors: Array) -> Array:
+    def _wind(self) -> Array:
+        """Return the motion of the air at each vehicle in this period: steady wind, gusts and downwash [m/s] [NED] (V, 3)."""
+        bodies, wind_n = self.bodies, self.wind_n
+        if self._gusts is not None:
+            wind_n = wind_n + self._gusts.step(-bodies.p_n[:, 2], bodies.v_n, self.wind_n)
+        if self._downwash is not None:
+            if self.steps % self._downwash_steps == 0:
+                thrust = self._dynamics.thrust()
+                self._downwash_n = self._downwash.wind(bodies.p_n, bodies.r_nb[:, :, 2], thrust)
+            wind_n = wind_n + self._downwash_n
+        return wind_n
+
+    def _substep(self, motors: Array, wind_n: Array) -> Array:
         """Make one physics step; return the specific force including contact forces [m/s2] [FRD] (V, 3)."""
         bodies = self.bodies
         r_nb, v_n = bodies.r_nb, bodies.v_n
-        force_b, torque_b = self._dynamics.step(motors, _b_from_n(r_nb, v_n - self.wind_n), -bodies.p_n[:, 2])
+        force_b, torque_b = self._dynamics.step(motors, _b_from_n(r_nb, v_n - wind_n), -bodies.p_n[:, 2])
         bodies.apply_wrenches(force_b, torque_b)
         bodies.step()
         return _b_from_n(r_nb, (bodies.v_n - v_n) / self._h - _G_N)
@@ -164,7 +192,7 @@ class World:
         self._battery.override_discharge(vehicle, empty_in_s)
 
     def set_wind(self, wind_n: Sequence[float]) -> None:
-        """Set the wind at every vehicle [m/s] [NED] (3,)."""
+        """Set the steady wind at every vehicle [m/s] [NED] (3,)."""
         self.wind_n = np.tile(np.array(wind_n, float), (self.fleet.size, 1))
 
     # -- results -----------------------------------------------------------------------------------------------------

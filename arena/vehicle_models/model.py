@@ -78,6 +78,10 @@ class Dynamics(Protocol):
         """
         ...
 
+    def thrust(self) -> Array:
+        """Return the thrust of each vehicle in still air far from the floor [N] (V,)."""
+        ...
+
     def scale_thrust(self, vehicle: int, rotor: int, share: float) -> None:
         """Scale thrust and torque of one rotor. The rotor speed still follows commands.
 

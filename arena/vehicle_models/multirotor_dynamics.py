@@ -18,9 +18,16 @@ that such a constant is accurate enough up to 5 m/s.
 
 Body drag: quadratic in the airspeed, along each body axis.
 
-Ground effect: thrust grows near the floor; see `ground_effect.py`.
+With the motors off the rotors stand still and have no linear drag: only the body drag remains.
 
-Not modelled: the rotors' own angular momentum, the wake of one vehicle on another, walls and ceilings.
+Rotor acceleration: a motor that turns its rotor faster turns the body the other way, with the torque J times
+the change of speed per time, J: moment of inertia of rotor and propeller. The speed is sqrt(T / k), T: static
+thrust. This torque is zero unless the profile has `rotor_inertia`.
+
+Ground effect: thrust grows near the floor; see `ground_effect.py`. The downwash of other vehicles is wind;
+see `arena/sim/downwash.py`.
+
+Not modelled: the gyroscopic torque of the rotors, walls and ceilings near the rotors.
 """
 
 from __future__ import annotations
@@ -64,6 +71,7 @@ class Rotors:
         self._wrench_intact = np.stack([wrench_matrix(p, self.rotors) for p in profiles])
         self.wrench: Array = self._wrench_intact.copy()
         self._read_motors(profiles, step_s)
+        self._read_inertia(profiles, step_s)
         self._read_drag(profiles)
         self._read_ground(profiles)
 
@@ -82,6 +90,16 @@ class Rotors:
         self._row = np.arange(self.size)[:, None] * (GRID + 1)
         self._speed_loss: Array = np.array([loss for _, loss in curves])  # share lost per airspeed [s/m]
         self._fades = bool(self._speed_loss.any())
+
+    def _read_inertia(self, profiles: Sequence[Profile], step_s: float) -> None:
+        given = [p.get("rotor_inertia") or {"moment_kg_m2": 0.0, "thrust_n_s2": 1.0} for p in profiles]
+        per_thrust = np.array([1.0 / g["thrust_n_s2"] for g in given])
+        speed = np.sqrt(self._table.reshape(self.size, -1) * per_thrust[:, None])  # [rad/s]
+        self._speed, self._speed_slope = speed.ravel(), np.diff(speed, axis=1, append=speed[:, -1:]).ravel()
+        moment = np.array([g["moment_kg_m2"] for g in given]) / step_s
+        # Torque about the body's z axis per change of speed in one step [N m s] (V, R).
+        self._spin_up: Array = moment[:, None] * np.stack([turning(p, self.rotors) for p in profiles])
+        self._has_inertia = bool(self._spin_up.any())
 
     def _read_drag(self, profiles: Sequence[Profile]) -> None:
         self._drag = -np.array([p.get("drag_kg_s", (0.2, 0.2, 0.2)) for p in profiles], float)
@@ -112,9 +130,14 @@ class Rotors:
 
         Returns force [N] and torque about the centre of mass [N m], both [FRD] (V, 3).
         """
-        gap = (np.minimum(motors * self.supply, 1.0) if self.voltage_matters else motors) - self.spin
-        self.spin = self.spin + gap * np.where(gap > 0.0, self._rise, self._fall)
+        before = self.spin
+        gap = (np.minimum(motors * self.supply, 1.0) if self.voltage_matters else motors) - before
+        self.spin = before + gap * np.where(gap > 0.0, self._rise, self._fall)
         wrench = (self.wrench @ self._thrust(air_b, height)[:, :, None])[:, :, 0]
+        if self._has_inertia:
+            gained = self._look_up(self.spin, self._speed, self._speed_slope)
+            gained -= self._look_up(before, self._speed, self._speed_slope)
+            wrench[:, 2] += (gained * self._spin_up).sum(1)
         lift = wrench[:, 3]
         force = air_b * self._drag
         force *= np.sqrt(lift * self._per_weight)[:, None]  # lift and per_weight are both negative
@@ -127,12 +150,21 @@ class Rotors:
         """Return the dynamics of one vehicle, computed in plain floats instead of arrays, because this is faster for few vehicles."""
         return ScalarRotors(self, vehicle)
 
-    def _thrust(self, air_b: Array, height: Array) -> Array:
-        """Return each rotor's thrust [N] (V, R)."""
-        place = self.spin * GRID
+    def thrust(self) -> Array:
+        """Return the thrust of all rotors of each vehicle in still air far from the floor [N] (V,)."""
+        each = self._look_up(self.spin, self._table, self._slope)
+        return np.asarray(-(self.wrench[:, 3] * each).sum(1))
+
+    def _look_up(self, spin: Array, table: Array, slope: Array) -> Array:
+        """Interpolate a table over the command, with its differences `slope`, at the states of the rotors (V, R)."""
+        place = spin * GRID
         cell = place.astype(np.intp)
         at = cell + self._row
-        thrust: Array = self._table.take(at) + (place - cell) * self._slope.take(at)
+        return np.asarray(table.take(at) + (place - cell) * slope.take(at))
+
+    def _thrust(self, air_b: Array, height: Array) -> Array:
+        """Return each rotor's thrust [N] (V, R)."""
+        thrust = self._look_up(self.spin, self._table, self._slope)
         if self._fades:
             lost = np.sqrt(np.add.reduce(air_b * air_b, 1)) * self._speed_loss
             thrust *= np.maximum(1.0 - lost, MIN_THRUST_SHARE)[:, None]
@@ -166,6 +198,8 @@ class ScalarRotors:
             tuple((-rotors._body_drag[i]).tolist()),
         )
         self._loss, self._per_weight = float(rotors._speed_loss[i]), float(rotors._per_weight[i])
+        self._spin_up: list[float] = rotors._spin_up[i].tolist() if rotors._spin_up[i].any() else []
+        self._speed: list[float] = rotors._speed[first : first + GRID + 1].tolist()
         self._ground: list[float] = rotors._ground[i * (CELLS + 1) : (i + 1) * (CELLS + 1)].tolist()
         self._scale, self._reach = float(rotors._ground_scale[i]), float(rotors._ground_reach[i])
         self.update()
@@ -190,6 +224,7 @@ class ScalarRotors:
         if height < self._reach:
             share *= self._ground_share(height)
         tx = ty = tz = fz = 0.0
+        before = spin.copy() if self._spin_up else spin
         for k, (command, (wx, wy, wz, wf)) in enumerate(zip(motors, self._wrench, strict=True)):
             gap = command - spin[k]
             spin[k] = at = spin[k] + gap * (self._rise if gap > 0.0 else self._fall)
@@ -197,10 +232,25 @@ class ScalarRotors:
             cell = int(place)
             thrust = (self._table[cell] + (place - cell) * self._slope[cell]) * share
             tx, ty, tz, fz = tx + wx * thrust, ty + wy * thrust, tz + wz * thrust, fz + wf * thrust
+        if self._spin_up:
+            tz += self._acceleration_torque(before, spin)
         (dx, dy, dz), (bx, by, bz) = self._drag, self._body_drag
         speed = math.sqrt(fz * self._per_weight)  # of the rotors, per that at hover
         dx, dy, dz = dx * speed + bx * abs(ax), dy * speed + by * abs(ay), dz * speed + bz * abs(az)
         return (-dx * ax, -dy * ay, fz - dz * az), (tx, ty, tz)
+
+    def _acceleration_torque(self, before: list[float], after: list[float]) -> float:
+        """Return the torque about the body's z axis [N m] of rotors whose states changed in one step."""
+        torque = 0.0
+        for each, u, v in zip(self._spin_up, before, after, strict=True):
+            torque += each * (self._speed_at(v) - self._speed_at(u))
+        return torque
+
+    def _speed_at(self, spin: float) -> float:
+        place = spin * GRID
+        cell = int(place)
+        low = self._speed[cell]
+        return low + (place - cell) * (self._speed[min(cell + 1, GRID)] - low)
 
     def _ground_share(self, height: float) -> float:
         place = max(height * self._scale, 0.0)
@@ -222,6 +272,16 @@ def actuator_effect(rotor: Mapping[str, Any], *, moment_ratio_m: float) -> tuple
     if rotor["direction"] not in _SPIN:
         raise InputError(f"direction: got {rotor['direction']!r}, expected cw or ccw")
     return -y, x, moment_ratio_m * _SPIN[rotor["direction"]], -1.0
+
+
+def turning(profile: Profile, columns: int) -> Array:
+    """Return the sense of the torque on the body about its z axis when a rotor gains speed: 1 for ccw, -1 for cw (columns,).
+
+    columns: number of columns, at least the number of rotors; the columns of missing rotors are zero
+    """
+    out = np.zeros(columns)
+    out[: len(profile["rotors"])] = [_SPIN[rotor["direction"]] for rotor in profile["rotors"]]
+    return out
 
 
 def wrench_matrix(profile: Profile, columns: int) -> Array:

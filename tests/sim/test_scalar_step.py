@@ -13,11 +13,12 @@ from arena.sim.world import World
 from .sim_slices import PROFILE, slice_of, vehicle
 
 CURVE = {"kind": "quadratic", "a": 34.068, "b": 7.1202, "fade_speed_m_s": 40.0}
+INERTIA = {"moment_kg_m2": 2.74e-5, "thrust_n_s2": 8.54858e-6}
 PACK = {**PROFILE["battery"], "thrust_at_v": 12.0}
 
 
 def flown(most: int, height_m: float, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Fly two tilted vehicles under changing commands in wind; return their true states, one row per step."""
+    """Fly two tilted vehicles, one above the other, in wind and gusts; return their true states, one row per step."""
     monkeypatch.setattr(module, "MAX_SCALAR_VEHICLES", most)
     fleet = [
         vehicle(
@@ -33,7 +34,11 @@ def flown(most: int, height_m: float, monkeypatch: pytest.MonkeyPatch) -> Any:
         )
         for k in (1, 2)
     ]
-    world, rng, seen = World(slice_of(*fleet, wind_m_s=[0.5, -0.2, 0.1])), np.random.default_rng(1), []
+    fleet[1]["position"] = [1.9, 0.2, -height_m - 0.6]
+    for each in fleet:
+        each["profile"] |= {"downwash": {"rotor_radius_m": 0.127}, "rotor_inertia": INERTIA}
+    settings = slice_of(*fleet, wind_m_s=[0.5, -0.2, 0.1], gusts_m_s=6.0, size_m=[12.0, 8.0, 8.0])
+    world, rng, seen = World(settings), np.random.default_rng(1), []
     assert (world._scalar is None) == (most == 0)
     for _ in range(200):
         world.step(world.hover[:, None] + 0.02 * rng.standard_normal((2, 4)))

@@ -1,0 +1,90 @@
+"""Downwash: the wind that the rotors of one vehicle make at the vehicles below it. Pure, batched over vehicles.
+
+Source: Bauersfeld, Koen Muller, Ziegler, Coletti and Scaramuzza, "Robotics meets fluid dynamics: a
+characterization of the induced airflow below a quadrotor as a turbulent jet", IEEE Robotics and Automation
+Letters, 2025 (measured below six quadrotors of different sizes). The air below a multirotor is a turbulent
+jet. At the distance s along the axis of the jet and r from the axis, in the length l between opposite motors:
+
+    U(s, r) = U_c / (1 + (sqrt(2) - 1) (r / r_half)^2)^2
+    U_c = 10.11 U_h / (s / l + 5.817)          speed on the axis
+    r_half = 0.07668 (s + 5.817 l)             distance at which U is half of U_c
+    U_h = sqrt(T / (2 rho A))                  induced speed of the rotors at the thrust T (momentum theory)
+
+A: area of all rotor discs. The axis points along the body's z axis.
+
+The paper's jet is valid from 2.5 l on. It is used nearer to the vehicle, too, where the single jets of the
+rotors have not merged. There it keeps the momentum of the flow but not its shape. Over the first rotor radius
+the speed grows from zero, so that vehicles at the same height do not cross a jump. The profile ends at six
+r_half (0.4 %), and this value is subtracted everywhere.
+
+A vehicle below feels the wind through its own drag and the loss of its thrust with airspeed. Its rotors, not
+its centre, are in the wind, so r is lengthened to sqrt(r^2 + c^2), c: distance of its rotors from its centre.
+
+Not modelled: the delay of the wind, its turbulence, its unequal effect on the rotors of one vehicle, the floor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+AIR_DENSITY_KG_M3 = 1.225
+"""Density of the standard atmosphere at sea level (ISO 2533)."""
+_SPEED, _SPREAD, _ORIGIN = 10.11, 0.07668, 5.817
+_SHAPE = math.sqrt(2.0) - 1.0
+_END = 6.0  # half radii
+_TAIL = 1.0 / (1.0 + _SHAPE * _END * _END) ** 2
+
+
+class Downwash:
+    """Downwash of V vehicles onto each other.
+
+    profiles: profiles of the vehicles; one without `downwash` makes no wind
+    strength: factor of every air speed [-]
+    """
+
+    def __init__(self, profiles: Sequence[Mapping[str, Any]], *, strength: float) -> None:
+        places = [np.array([r["position_m"] for r in p["rotors"]], float)[:, :2] for p in profiles]
+        jets = [p.get("downwash") or {"rotor_radius_m": math.inf} for p in profiles]
+        self._radius: Array = np.array([jet["rotor_radius_m"] for jet in jets], float)
+        area = np.pi * self._radius**2 * [len(each) for each in places]
+        factor = strength * np.array([jet.get("strength", 1.0) for jet in jets], float)
+        self._speed_per_root = _SPEED * factor / np.sqrt(2.0 * AIR_DENSITY_KG_M3 * area)
+        self._length: Array = np.array([_widest(each) for each in places])
+        self._rotors_out2: Array = np.array([(each**2).sum(1).mean() for each in places])
+        self.acts = len(profiles) > 1 and bool(self._speed_per_root.any())
+
+    def wind(self, p_n: Array, axis_n: Array, thrust: Array) -> Array:
+        """Return the wind that the vehicles make at each other [m/s] [NED] (V, 3).
+
+        p_n: position of the body origins [m] [NED] (V, 3)
+        axis_n: direction of the body's z axis [-] [NED] (V, 3)
+        thrust: thrust of each vehicle [N] (V,)
+        """
+        along = axis_n @ p_n.T  # (upper, lower)
+        along -= along.diagonal()[:, None].copy()
+        square = (p_n * p_n).sum(1)
+        apart2 = square[:, None] + square - 2.0 * (p_n @ p_n.T)
+        aside2 = np.maximum(apart2 - along * along, 0.0) + self._rotors_out2
+        half = _SPREAD * (along + (_ORIGIN * self._length)[:, None])
+        upper, lower = ((along > 0.0) & (aside2 < (_END * half) ** 2)).nonzero()
+        wind_n = np.zeros_like(p_n)
+        if upper.size == 0:
+            return wind_n
+        s, length = along[upper, lower], self._length[upper]
+        shape = 1.0 / (1.0 + _SHAPE * aside2[upper, lower] / half[upper, lower] ** 2) ** 2 - _TAIL
+        speed = self._speed_per_root[upper] * np.sqrt(np.maximum(thrust[upper], 0.0)) / (s / length + _ORIGIN)
+        speed *= shape * np.minimum(s / self._radius[upper], 1.0)
+        np.add.at(wind_n, lower, speed[:, None] * axis_n[upper])
+        return wind_n
+
+
+def _widest(places: Array) -> float:
+    """Return the largest distance between two rotors [m]. places: (R, 2)"""
+    return float(np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1)).max())
