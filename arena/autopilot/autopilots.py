@@ -9,6 +9,7 @@ then controllers, control allocation and telemetry.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -73,7 +74,15 @@ class Autopilots:
         self.takeoff = TakeoffRamp(self.params, n)
         self._radio_on = [bool(x.get("sticks", False)) for x in vehicles]
         self.vehicles = [
-            Vehicle(i, x["name"], x["id"], self.params, self.est, mav_type=_mav_type(x["profile"]))
+            Vehicle(
+                i,
+                x["name"],
+                x["id"],
+                self.params,
+                self.est,
+                mav_type=_mav_type(x["profile"]),
+                heading=math.radians(settings.get("heading_deg", 0.0)),
+            )
             for i, x in enumerate(vehicles)
         ]
         self.gates = [CommandGate(x["name"], x["id"], simulated=True) for x in vehicles if authority]

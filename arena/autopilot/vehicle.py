@@ -19,7 +19,7 @@ from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams, M
 from arena.autopilot.control.setpoints import OffboardSetpoint
 from arena.autopilot.estimation.estimator import Estimator, VisionSample
 from arena.autopilot.injected_failures import InjectedFailures
-from arena.autopilot.navigation.mission_items import local
+from arena.autopilot.navigation.mission_items import Origin, local
 from arena.autopilot.navigation.mission_store import MissionStore
 from arena.autopilot.param_table import Params
 from arena.geometry import yaw_from_quat
@@ -58,7 +58,8 @@ class Vehicle:
     vision: newest sample of external vision that is not fused yet
     offboard_setpoint, offboard_setpoint_at: newest offboard setpoint and its time [s]
     takeoff_target_d: height requested by NAV_TAKEOFF [m] [NED down], NaN for MIS_TAKEOFF_ALT
-    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame, None if not set
+    origin: place and direction of the local frame on Earth, None if not set
+    heading: direction of the local frame's north, clockwise from true north [rad]
     home_n, home_yaw: home position [m] [NED] (3,) and heading [rad]
     reposition_target: requested target to which the flight has not begun yet, None if there is none
     requested_speed: requested cruise speed [m/s]; NaN if none is requested, -1 for the default
@@ -67,9 +68,17 @@ class Vehicle:
     """
 
     def __init__(
-        self, row: int, name: str, system_id: int, params: Params, estimator: Estimator, *, mav_type: int = 2
+        self,
+        row: int,
+        name: str,
+        system_id: int,
+        params: Params,
+        estimator: Estimator,
+        *,
+        mav_type: int = 2,
+        heading: float = 0.0,
     ) -> None:
-        self.mav_type = mav_type
+        self.mav_type, self.heading = mav_type, heading
         self.row, self.system_id, self.params, self._estimator = row, system_id, params, estimator
         self.commander = Commander(name)
         self.inputs = CommanderInputs()
@@ -84,7 +93,7 @@ class Vehicle:
         self.offboard_setpoint: OffboardSetpoint | None = None
         self.offboard_setpoint_at = _NEVER
         self.takeoff_target_d = math.nan
-        self.origin: Point | None = None
+        self.origin: Origin | None = None
         self.home_n: list[float] | None = None
         self.home_yaw = 0.0
         self.missions = MissionStore()
@@ -120,7 +129,7 @@ class Vehicle:
         if self.origin is None:
             return None
         n, e = local(self.origin, lat, lon)
-        return n, e, self.origin[2] - alt
+        return n, e, self.origin.alt - alt
 
     # -- commands --------------------------------------------------------------------------------------------
 
@@ -156,7 +165,7 @@ class Vehicle:
         altitude: target altitude AMSL [m]; NaN or 0 for MIS_TAKEOFF_ALT
         """
         given = self.origin is not None and math.isfinite(altitude) and altitude != 0.0
-        self.takeoff_target_d = self.origin[2] - altitude if self.origin and given else math.nan
+        self.takeoff_target_d = self.origin.alt - altitude if self.origin and given else math.nan
         return self.request_mode(Mode.TAKEOFF)
 
     def request_reposition(self, target: RepositionTarget, speed: float) -> bool:
@@ -195,7 +204,7 @@ class Vehicle:
         """
         low, high = _ORIGIN_ALTITUDE_M
         if abs(lat) <= 90.0 and abs(lon) <= 180.0 and low < alt < high and not self.commander.armed:
-            self.origin = (lat, lon, alt)
+            self.origin = Origin(lat, lon, alt, self.heading)
 
     def inject_failure(self, p: Sequence[float]) -> int:
         """Run MAV_CMD_INJECT_FAILURE and return its MAV_RESULT.

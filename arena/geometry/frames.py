@@ -70,25 +70,41 @@ def xyzw_from_wxyz(quat_wxyz: ArrayLike) -> Array:
     return np.roll(np.asarray(quat_wxyz, float), -1, axis=-1)
 
 
-def globe_from_local(lat0_deg: Any, lon0_deg: Any, north: Any, east: Any) -> tuple[Any, Any]:
+def turn_horizontal(north: Any, east: Any, angle: Any) -> tuple[Any, Any]:
+    """Rotate a horizontal vector clockwise, seen from above. Return its north and east components.
+
+    angle: [rad]; with the heading of a local frame, the result is in true north and east
+    """
+    cos, sin = np.cos(angle), np.sin(angle)
+    return cos * north - sin * east, sin * north + cos * east
+
+
+def globe_from_local(
+    lat0_deg: Any, lon0_deg: Any, north: Any, east: Any, heading: Any = 0.0
+) -> tuple[Any, Any]:
     """Return the latitude and longitude [deg] of a local position. The longitude is not wrapped to +-180 deg.
 
     lat0_deg, lon0_deg: origin of the local frame [deg]
     north, east: position from the origin [m]
+    heading: direction of the frame's north, clockwise from true north [rad]
     """
+    north, east = turn_horizontal(north, east, heading)
     return lat0_deg + np.degrees(north / EARTH_M), lon0_deg + np.degrees(
         east / (EARTH_M * np.cos(np.radians(lat0_deg)))
     )
 
 
-def local_from_globe(lat0_deg: Any, lon0_deg: Any, lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
+def local_from_globe(
+    lat0_deg: Any, lon0_deg: Any, lat_deg: Any, lon_deg: Any, heading: Any = 0.0
+) -> tuple[Any, Any]:
     """Convert a latitude and longitude to a local position north, east [m]. East is measured along the
     shorter way round the Earth.
 
     lat0_deg, lon0_deg: origin of the local frame [deg]
     lat_deg, lon_deg: global position [deg]
+    heading: direction of the frame's north, clockwise from true north [rad]
     """
     east_deg = (lon_deg - lon0_deg + 180.0) % 360.0 - 180.0
-    return np.radians(lat_deg - lat0_deg) * EARTH_M, np.radians(east_deg) * np.cos(
-        np.radians(lat0_deg)
-    ) * EARTH_M
+    north = np.radians(lat_deg - lat0_deg) * EARTH_M
+    east = np.radians(east_deg) * np.cos(np.radians(lat0_deg)) * EARTH_M
+    return turn_horizontal(north, east, -heading)

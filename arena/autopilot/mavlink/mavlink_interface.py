@@ -162,8 +162,9 @@ class MavlinkInterface:
             self.vehicle.manual_control.receive("joystick", self.vehicle.now)
 
     def _on_global_target(self, link: MavlinkLink, m: Any) -> None:
-        home_d = self.vehicle.home_n[2] if self.vehicle.home_n else None
-        self._set_setpoint(offboard_setpoints.from_global_target(m, self.vehicle.local_from_global, home_d))
+        v = self.vehicle
+        home_d = v.home_n[2] if v.home_n else None
+        self._set_setpoint(offboard_setpoints.from_global_target(m, v.local_from_global, home_d, v.heading))
 
     def _on_attitude_target(self, link: MavlinkLink, m: Any) -> None:
         self._set_setpoint(offboard_setpoints.from_attitude_target(m))

@@ -47,13 +47,18 @@ def from_position_target(m: Any, q_nb: list[float]) -> OffboardSetpoint | str:
 
 
 def from_global_target(
-    m: Any, local: Callable[[float, float, float], Triple | None], home_d: float | None
+    m: Any,
+    local: Callable[[float, float, float], Triple | None],
+    home_d: float | None,
+    heading: float = 0.0,
 ) -> OffboardSetpoint | str:
     """Decode SET_POSITION_TARGET_GLOBAL_INT.
 
     local: converts latitude, longitude [deg], altitude AMSL [m] to p_n [m] [NED]; returns None without an
         origin
     home_d: height of home [m] [NED down], None if home is not set
+    heading: direction of the local frame's north, clockwise from true north [rad]. Velocity, acceleration and
+        yaw of the message count from true north.
     """
     mask, frame = m.type_mask, m.coordinate_frame
     p = _NOT_GIVEN
@@ -68,14 +73,15 @@ def from_global_target(
         elif frame != mavlink.MAV_FRAME_GLOBAL_INT:
             return f"coordinate frame {frame} is not supported"
         p = found
-    return _position_setpoint(
-        m, p, _given((m.vx, m.vy, m.vz), mask, 3), _given((m.afx, m.afy, m.afz), mask, 6)
-    )
+    v, a = _given((m.vx, m.vy, m.vz), mask, 3), _given((m.afx, m.afy, m.afz), mask, 6)
+    if heading:
+        v, a = _turn(v, -heading), _turn(a, -heading)
+    return _position_setpoint(m, p, v, a, heading)
 
 
-def _position_setpoint(m: Any, p: Triple, v: Triple, a: Triple) -> OffboardSetpoint | str:
+def _position_setpoint(m: Any, p: Triple, v: Triple, a: Triple, heading: float = 0.0) -> OffboardSetpoint | str:
     mask = m.type_mask
-    yaw = _NAN if mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE else m.yaw
+    yaw = _NAN if mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE else m.yaw - heading
     yaw_rate = _NAN if mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE else m.yaw_rate
     if any(abs(x) > _MAX_ABS for x in (*p, *v, *a, yaw, yaw_rate)):  # PX4 refuses infinite values only
         return "infinite value in setpoint"
@@ -139,10 +145,14 @@ def _given(values: Triple, mask: int, shift: int) -> Triple:
 
 
 def _rotate_by_yaw(q: list[float], v: Triple) -> Triple:
-    yaw = math.atan2(2 * (q[0] * q[3] + q[1] * q[2]), 1 - 2 * (q[2] * q[2] + q[3] * q[3]))
+    return _turn(v, math.atan2(2 * (q[0] * q[3] + q[1] * q[2]), 1 - 2 * (q[2] * q[2] + q[3] * q[3])))
+
+
+def _turn(v: Triple, angle: float) -> Triple:
+    """Rotate a vector about the down axis by an angle [rad]. NaN in one horizontal axis makes both NaN."""
     if any(math.isnan(x) for x in v[:2]):
         return _NAN, _NAN, v[2]
-    c, s = math.cos(yaw), math.sin(yaw)
+    c, s = math.cos(angle), math.sin(angle)
     return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
 
 

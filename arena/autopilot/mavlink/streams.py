@@ -110,7 +110,7 @@ def gps_global_origin(v: Vehicle, now: float) -> Any:
     """Return the message GPS_GLOBAL_ORIGIN, or None if no origin is set. now: time since boot [s]."""
     if v.origin is None:
         return None
-    lat, lon, alt = v.origin
+    lat, lon, alt, _ = v.origin
     return mavlink.MAVLink_gps_global_origin_message(
         round(lat * 1e7), round(lon * 1e7), _clamped(alt * 1e3, INT32), int(now * 1e6)
     )

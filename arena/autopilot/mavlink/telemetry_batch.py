@@ -21,7 +21,7 @@ from arena.autopilot.commander import Mode
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.vehicle import Vehicle
 from arena.constants import INT32_MAX, INT32_MIN
-from arena.geometry import globe_from_local
+from arena.geometry import globe_from_local, turn_horizontal
 from arena.wire import mavlink_records
 from arena.wire.mavlink_records import Records
 
@@ -86,11 +86,11 @@ def _encode(message: BatchedMessage, vehicles: dict[int, Vehicle], s: TelemetryS
 def global_position(origins: Array, p_n: Array) -> tuple[Array, Array, Array]:
     """Return latitude, longitude [1e-7 deg] and altitude [mm] of local positions, clamped to int32.
 
-    origins: latitude, longitude [deg], altitude AMSL [m] of the local frames (n, 3)
+    origins: latitude, longitude [deg], altitude AMSL [m], heading [rad] of the local frames (n, 4)
     p_n: positions [m] [NED] (n, 3)
     """
-    lat0, lon0, alt0 = origins.T
-    lat, lon = globe_from_local(lat0, lon0, p_n[:, 0], p_n[:, 1])
+    lat0, lon0, alt0, heading = origins.T
+    lat, lon = globe_from_local(lat0, lon0, p_n[:, 0], p_n[:, 1], heading)
     lat = np.minimum(np.maximum(lat, -90.0), 90.0)
     return (
         np.rint(lat * 1e7),
@@ -168,13 +168,15 @@ def _highres_imu(out: Records, rows: Rows) -> None:
 
 def _global_position(out: Records, rows: Rows) -> None:
     i, s = rows.i, rows.s
-    p_n = s.p_n[i]
+    p_n, v_n = s.p_n[i], s.v_n[i].copy()
+    origins = np.array([v.origin for v in rows.vehicles])
+    v_n[:, 0], v_n[:, 1] = turn_horizontal(v_n[:, 0], v_n[:, 1], origins[:, 3])
     home_d = np.array([v.home_n[2] if v.home_n else 0.0 for v in rows.vehicles])
     out["time_boot_ms"] = s.ms
-    out["lat"], out["lon"], out["alt"] = global_position(np.array([v.origin for v in rows.vehicles]), p_n)
+    out["lat"], out["lon"], out["alt"] = global_position(origins, p_n)
     out["relative_alt"] = _clamped((home_d - p_n[:, 2]) * 1e3, INT32)
-    out["v_n"] = _clamped(s.v_n[i] * 100.0, INT16)
-    out["heading"] = np.degrees(s.rpy[i, 2]) % 360.0 * 100.0 % 36000.0
+    out["v_n"] = _clamped(v_n * 100.0, INT16)
+    out["heading"] = np.degrees(s.rpy[i, 2] + origins[:, 3]) % 360.0 * 100.0 % 36000.0
 
 
 def _altitude(out: Records, rows: Rows) -> None:
@@ -182,7 +184,7 @@ def _altitude(out: Records, rows: Rows) -> None:
     heights = out["heights"]
     out["time_usec"] = rows.s.us
     heights[:, 0], heights[:, 2] = rows.s.baro_alt_m[rows.i], up
-    heights[:, 1] = up + [v.origin[2] if v.origin else _NAN for v in rows.vehicles]
+    heights[:, 1] = up + [v.origin.alt if v.origin else _NAN for v in rows.vehicles]
     heights[:, 3] = up + [v.home_n[2] if v.home_n else _NAN for v in rows.vehicles]
 
 
@@ -218,9 +220,10 @@ def _vfr_hud(out: Records, rows: Rows) -> None:
     i, s = rows.i, rows.s
     v = s.v_n[i]
     out["airspeed"] = out["groundspeed"] = np.hypot(v[:, 0], v[:, 1])
-    out["alt"] = [v.origin[2] if v.origin else 0.0 for v in rows.vehicles] - s.p_n[i, 2]
+    out["alt"] = [v.origin.alt if v.origin else 0.0 for v in rows.vehicles] - s.p_n[i, 2]
     out["climb"] = -v[:, 2]
-    out["heading"], out["throttle"] = np.degrees(s.rpy[i, 2]) % 360.0, 100.0 * s.thrust[i]
+    heading = [v.heading for v in rows.vehicles]
+    out["heading"], out["throttle"] = np.degrees(s.rpy[i, 2] + heading) % 360.0, 100.0 * s.thrust[i]
 
 
 def _extended_sys_state(out: Records, rows: Rows) -> None:

@@ -17,7 +17,7 @@ from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.navigation import mission_feasibility
 from arena.autopilot.navigation.geofence import Fence, read_areas, usable_areas
 from arena.autopilot.navigation.legs import Situation
-from arena.autopilot.navigation.mission_items import FENCE, MISSION, local
+from arena.autopilot.navigation.mission_items import FENCE, MISSION, Origin, local
 from arena.autopilot.navigation.navigator import Navigator
 from arena.autopilot.param_table import Params
 from arena.autopilot.vehicle import Point, Vehicle
@@ -102,18 +102,18 @@ class AutoModes:
             return
         given = math.isfinite(target.lat) and math.isfinite(target.lon)
         to = local(s.origin, target.lat, target.lon) if given else s.p_n[:2]
-        d = s.origin[2] - target.alt if math.isfinite(target.alt) else s.p_n[2]
+        d = s.origin.alt - target.alt if math.isfinite(target.alt) else s.p_n[2]
         if self._checked[v.row].fence.breach((to[0], to[1], d)):
             s.report(CRITICAL, "Reposition is outside geofence")
             to, d = s.p_n[:2], s.p_n[2]
-        n.reposition((to[0], to[1], d), target.yaw, s)
+        n.reposition((to[0], to[1], d), target.yaw - s.origin.heading, s)
 
     def _navigator(self, v: Vehicle) -> Navigator:
         if v.row not in self._navigators:
             self._navigators[v.row] = Navigator(v.row, self.params, v.missions)
         return self._navigators[v.row]
 
-    def _situation(self, v: Vehicle, s: CommanderInputs, origin: Point, home: list[float]) -> Situation:
+    def _situation(self, v: Vehicle, s: CommanderInputs, origin: Origin, home: list[float]) -> Situation:
         p, velocity = self.est.p_n[v.row].tolist(), self.est.v_n[v.row].tolist()
         return Situation(
             now=s.now,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.navigation.mission_items import FENCE_COMMANDS, POLYGONS, Item, local
+from arena.autopilot.navigation.mission_items import FENCE_COMMANDS, POLYGONS, Item, Origin, local
 
 Point = tuple[float, float]
 _INCLUSIONS = (mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION)
@@ -46,10 +46,10 @@ class Area:
         return crossings % 2 == 1
 
 
-def read_areas(items: Sequence[Item], origin: tuple[float, float, float]) -> list[Area]:
+def read_areas(items: Sequence[Item], origin: Origin) -> list[Area]:
     """Return the areas of an uploaded fence. If corners of a polygon are missing, use the received corners.
 
-    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
+    origin: place and direction of the local frame on Earth
     """
     found, k = [], 0
     while k < len(items):

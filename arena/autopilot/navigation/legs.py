@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from arena.autopilot.control.flight_tasks import landing_speed
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.control.trajectory import Trajectory, TrajectoryLimits, wrap_angle
+from arena.autopilot.navigation.mission_items import Origin
 from arena.autopilot.param_table import Params
 
 Point = tuple[float, float, float]
@@ -22,7 +23,7 @@ class Situation:
     p_n, v_n, yaw: estimated position [m] [NED], velocity [m/s] [NED] and heading [rad]
     landed: True if the vehicle is on the ground
     flying: True if the take-off is complete
-    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
+    origin: place and direction of the local frame on Earth
     home_n, home_yaw: home position [m] [NED] and heading [rad]
     report: function that sends a text to the user, called with MAV_SEVERITY and text
     """
@@ -33,7 +34,7 @@ class Situation:
     yaw: float
     landed: bool
     flying: bool
-    origin: Point
+    origin: Origin
     home_n: Point
     home_yaw: float
     report: Callable[[int, str], None]

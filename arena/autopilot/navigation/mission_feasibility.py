@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.navigation.geofence import Fence
-from arena.autopilot.navigation.mission_items import Item, position_of
+from arena.autopilot.navigation.mission_items import Item, Origin, position_of
 
 _VTOL = (mavlink.MAV_CMD_NAV_VTOL_TAKEOFF, mavlink.MAV_CMD_NAV_VTOL_LAND, mavlink.MAV_CMD_DO_VTOL_TRANSITION)
 # PX4 accepts these in an upload but rejects the mission.
@@ -34,7 +34,7 @@ def moves(item: Item) -> bool:
 
 def why_infeasible(
     items: Sequence[Item],
-    origin: tuple[float, float, float],
+    origin: Origin,
     home_n: tuple[float, float, float],
     fence: Fence,
     *,
@@ -45,7 +45,7 @@ def why_infeasible(
     """Return the first reason to reject a mission; "" if the mission is feasible.
 
     items: items of the mission
-    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
+    origin: place and direction of the local frame on Earth
     home_n: home position [m] [NED]
     fence: active geofence
     landed: whether the vehicle is on the ground
@@ -62,7 +62,7 @@ def why_infeasible(
 
 def _items(
     items: Sequence[Item],
-    origin: tuple[float, float, float],
+    origin: Origin,
     home_n: tuple[float, float, float],
     *,
     landed: bool,
@@ -94,7 +94,7 @@ def _item(item: Item, k: int, height: float, *, landed: bool, positioned: bool) 
 
 def _distance(
     items: Sequence[Item],
-    origin: tuple[float, float, float],
+    origin: Origin,
     home_n: tuple[float, float, float],
     most_m: float,
 ) -> str:
@@ -125,7 +125,7 @@ def _required(items: Sequence[Item], wanted: int) -> str:
 
 def _fenced(
     items: Sequence[Item],
-    origin: tuple[float, float, float],
+    origin: Origin,
     home_n: tuple[float, float, float],
     fence: Fence,
 ) -> str:

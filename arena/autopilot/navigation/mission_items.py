@@ -11,7 +11,7 @@ import math
 import struct
 import zlib
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -94,6 +94,20 @@ _WITHOUT_POSITION = {
     mavlink.MAV_CMD_DO_SET_ACTUATOR,
     *_ROI,
 }
+
+
+class Origin(NamedTuple):
+    """Place and direction of the local frame on Earth.
+
+    lat, lon: latitude, longitude [deg]
+    alt: altitude AMSL [m]
+    heading: direction of the local frame's north, clockwise from true north [rad]
+    """
+
+    lat: float
+    lon: float
+    alt: float
+    heading: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -207,19 +221,18 @@ def item_crc(m: Any, before: int, *, ints: bool) -> int:
     return zlib.crc32(raw, before ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
-def position_of(item: Item, origin: tuple[float, float, float], home_d: float) -> tuple[float, float, float]:
+def position_of(item: Item, origin: Origin, home_d: float) -> tuple[float, float, float]:
     """Return the position of an item [m] [NED].
 
-    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
     home_d: height of home [m] [NED down]
     """
     n, e = local(origin, item.x, item.y)
-    return n, e, home_d - item.z if item.relative else origin[2] - item.z
+    return n, e, home_d - item.z if item.relative else origin.alt - item.z
 
 
-def local(origin: tuple[float, float, float], lat: float, lon: float) -> tuple[float, float]:
+def local(origin: Origin, lat: float, lon: float) -> tuple[float, float]:
     """Return the north, east [m] of a latitude, longitude [deg], computed on a spherical earth as in PX4."""
-    n, e = local_from_globe(origin[0], origin[1], lat, lon)
+    n, e = local_from_globe(origin.lat, origin.lon, lat, lon, origin.heading)
     return float(n), float(e)
 
 

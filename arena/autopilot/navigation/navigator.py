@@ -176,7 +176,7 @@ class Navigator:
             )
         if item.command == mavlink.MAV_CMD_NAV_LAND:
             return self._landing_leg(to, s, stage)
-        return self._leg_to(item, to)
+        return self._leg_to(item, to, s)
 
     def _landing_leg(self, to: Point, s: Situation, stage: str) -> Leg:
         away = math.dist(to[:2], s.p_n[:2])
@@ -187,8 +187,9 @@ class Navigator:
             )
         return Leg(kind="land", to=to)
 
-    def _leg_to(self, item: Item, to: Point) -> Leg:
-        within, hold, yaw, kind = self._param("NAV_ACC_RAD"), 0.0, math.radians(item.params[3]), "go"
+    def _leg_to(self, item: Item, to: Point, s: Situation) -> Leg:
+        within, hold, kind = self._param("NAV_ACC_RAD"), 0.0, "go"
+        yaw = math.radians(item.params[3]) - s.origin.heading
         if item.command == mavlink.MAV_CMD_NAV_WAYPOINT:
             within = item.params[1] if item.params[1] > 1e-6 else within
             hold = item.params[0] if item.params[0] > 0 else 0.0
@@ -258,7 +259,7 @@ class Navigator:
         above = self._destination[2] - d
         s.report(
             INFO,
-            f"RTL: start return at {math.ceil(s.origin[2] - d)} m ({math.ceil(above)} m above destination)",
+            f"RTL: start return at {math.ceil(s.origin.alt - d)} m ({math.ceil(above)} m above destination)",
         )
         if s.p_n[2] > d:
             self._follower.set_leg(Leg(kind="climb", to=(s.p_n[0], s.p_n[1], d), yaw=s.yaw, then="climbed"))
