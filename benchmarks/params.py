@@ -26,7 +26,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from statistics import mean
 
-from arena.autopilot.param_table import SPECS
+from arena.builtin_parameters import SPECS
 from arena.params.transfer.session import PushReport, push
 from arena.params.transfer.transports import ParamTarget
 from arena.plan import make_plan

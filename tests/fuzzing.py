@@ -17,7 +17,7 @@ from fastcrc import crc16
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.mavlink.command_handlers import COMMANDS
-from arena.autopilot.param_table import SPECS
+from arena.builtin_parameters import SPECS
 
 HUGE = 3.4028234663852886e38  # the largest float32
 FLOATS = (

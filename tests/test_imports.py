@@ -12,6 +12,7 @@ ROOT = Path(__file__).parents[1] / "arena"
 
 GROUND = {
     "authority",
+    "builtin_parameters",
     "constants",
     "errors",
     "fault_injection",
@@ -29,6 +30,7 @@ GROUND = {
 }
 MAY: dict[str, set[str]] = {
     "authority": {"constants", "transport", "wire"},
+    "builtin_parameters": {"constants"},
     "constants": set(),
     "errors": set(),
     "thrust_curve": {"errors"},

@@ -25,6 +25,7 @@ from arena.autopilot.control.flight_tasks import FlightTask, stop_motors
 from arena.autopilot.control.setpoints import Level, Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.estimation.land_detector import LandDetector, TakeoffRamp, climb_requested
+from arena.autopilot.estimation.vision_input import vision_batch
 from arena.autopilot.mavlink import telemetry_batch
 from arena.autopilot.mavlink.mavlink_interface import MavlinkInterface
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
@@ -188,14 +189,13 @@ class Autopilots:
     # -- estimator -------------------------------------------------------------------------------------------
 
     def _fuse(self, now: float, sensors: Mapping[str, Array]) -> None:
-        fresh = [v for v in self.vehicles if v.vision is not None and not v.failures.vision]
-        if fresh:
-            samples = [v.vision for v in fresh if v.vision]
-            p, q = np.array([s.p_n for s in samples]), np.array([s.q_nb for s in samples])
-            var_p, var_yaw = np.array([s.var_p for s in samples]), np.array([s.var_yaw for s in samples])
-            for v in fresh:
-                v.vision = None
-            self.est.fuse_vision(np.array([v.row for v in fresh]), p, q, var_p, var_yaw, now)
+        samples = {v.row: v.vision for v in self.vehicles if v.vision is not None and not v.failures.vision}
+        if samples:
+            for row in samples:
+                self.vehicles[row].vision = None
+            batch = vision_batch(samples, self.params, self.est.q_nb)
+            if batch is not None:
+                self.est.fuse_vision(*batch, now)
         if self._steps % self._decide_every == min(1, self._decide_every - 1):
             failed = np.array([v.failures.baro for v in self.vehicles])
             self.est.fuse_baro(np.where(failed, np.nan, sensors["baro_alt_m"]), now)

@@ -146,7 +146,7 @@ class Commander:
             (s.aligned and not s.yaw_valid, "Heading not valid: vision yaw rejected"),
             (offboard and s.offboard_age > params.com_of_loss_t, "No offboard signal"),
             (self.mode in _NOT_ARMABLE, f"Mode {self.mode.label} does not allow arming"),
-            (s.battery <= params.bat_crit_thr, f"Battery too low: {100 * s.battery:.0f} %"),
+            (_battery_too_low(s, params), f"Battery too low: {100 * s.battery:.0f} %"),
             (s.tilt_rad > params.fd_fail_rad, f"Attitude: tilted by {57.3 * s.tilt_rad:.0f} degrees"),
             (params.nav_dll_act > 0 and _gcs_lost(s, params), "No connection to the ground control station"),
             (self.mode is Mode.MISSION and not s.mission_ok, "No valid mission available"),
@@ -218,15 +218,19 @@ class Commander:
     def _check_attitude(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Terminate the flight if the tilt stays above its limit (FD_FAIL_R or FD_FAIL_P) for FD_FAIL_R_TTRI [s].
 
+        In the first seconds after arming (COM_LKDOWN_TKO) the vehicle disarms instead, for any value of
+        CBRK_FLIGHTTERM: it has tipped over at the take-off.
+
         The delay prevents a termination when the tilt exceeds the limit only for a moment.
         """
-        beyond = s.tilt_rad > params.fd_fail_rad and self.took_off
+        begins = s.now - self.armed_since < params.lockdown_s
+        beyond = s.tilt_rad > params.fd_fail_rad and (self.took_off or begins)
         self._tilted_since = (self._tilted_since or s.now) if beyond else None
-        if (
-            params.cbrk_flightterm == 0
-            and self._tilted_since is not None
-            and s.now - self._tilted_since >= params.fd_fail_s
-        ):
+        if self._tilted_since is None or s.now - self._tilted_since < params.fd_fail_s:
+            return
+        if begins:
+            self._disarm_by_failsafe(s, "attitude failure")
+        elif params.cbrk_flightterm == 0:
             self.terminate("attitude failure")
 
     def _check_position(self, s: CommanderInputs, params: CommanderParams) -> None:
@@ -370,6 +374,13 @@ class Commander:
 def _home_or_land(s: CommanderInputs) -> Mode:
     """Return mode RTL if the position, the home position and the origin are valid, else LAND."""
     return Mode.RTL if s.global_ok and s.home_ok and s.position_ok else Mode.LAND
+
+
+def _battery_too_low(s: CommanderInputs, params: CommanderParams) -> bool:
+    """Return whether the charge prevents arming: below COM_ARM_BAT_MIN, or critical if that is negative."""
+    if params.com_arm_bat_min >= 0.0:
+        return s.battery < params.com_arm_bat_min
+    return s.battery <= params.bat_crit_thr
 
 
 def _gcs_lost(s: CommanderInputs, params: CommanderParams) -> bool:

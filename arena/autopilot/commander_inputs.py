@@ -68,6 +68,7 @@ class CommanderParams:
 
     fd_fail_rad: the smaller of FD_FAIL_R and FD_FAIL_P that is not 0 [rad], infinite if both are 0
     fd_fail_s: FD_FAIL_R_TTRI [s]
+    lockdown_s: time after arming in which an attitude failure disarms, COM_LKDOWN_TKO + COM_SPOOLUP_TIME [s]
     """
 
     com_of_loss_t: float
@@ -90,6 +91,8 @@ class CommanderParams:
     com_rcl_except: int = 0
     com_rc_in_mode: int = 3
     com_rc_loss_t: float = 0.5
+    com_arm_bat_min: float = -1.0
+    lockdown_s: float = 0.0
 
     @classmethod
     def read(cls, params: Params, row: int) -> CommanderParams:
@@ -120,6 +123,8 @@ class CommanderParams:
             com_rcl_except=int(get("COM_RCL_EXCEPT")),
             com_rc_in_mode=int(get("COM_RC_IN_MODE")),
             com_rc_loss_t=get("COM_RC_LOSS_T"),
+            com_arm_bat_min=get("COM_ARM_BAT_MIN"),
+            lockdown_s=get("COM_LKDOWN_TKO") + get("COM_SPOOLUP_TIME"),
         )
 
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from arena.builtin_parameters import effect_problem
+
 if TYPE_CHECKING:
     from arena.plan import Plan
     from arena.schema import Arena
@@ -49,7 +51,7 @@ def what_would_run(arena: Arena, plan: Plan) -> list[str]:
     from arena.plan.open_ports import open_lines
 
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
-    lines += not_possible(arena) + copilot_notes(arena) + open_lines(plan)
+    lines += not_possible(arena) + without_effect(arena) + copilot_notes(arena) + open_lines(plan)
     programs = sum(p.kind == "program" for p in plan.processes)
     return [*lines, f"{len(plan.processes)} processes, {programs} of them user programs"]
 
@@ -61,6 +63,28 @@ def not_possible(arena: Arena) -> list[str]:
     return [
         f"{name}: not possible: {x}" for name, each in all_firmware(arena).items() for x in each.not_possible
     ]
+
+
+def without_effect(arena: Arena) -> list[str]:
+    """Return a line for each written parameter that a vehicle's built-in autopilot does not have or does not use.
+
+    The parameters of a `params_file` are only counted, because such a file holds those of a whole PX4.
+    """
+    found = []
+    for v in arena.vehicles:
+        counted = 0
+        for name, value in v.own_params.items() if v.autopilot == "builtin" else ():
+            why = effect_problem(name, value)
+            if why and arena.source.given(arena.source.layer(v.name, "params", name)):
+                source = arena.origins[f"vehicles.{v.name}.params.{name}"].source
+                found.append(f"{v.name}: {name} has no effect ({source}): {why}")
+            elif why:
+                counted += 1
+        if counted:
+            found.append(
+                f"{v.name}: {counted} parameters of its params_file have no effect in the built-in autopilot"
+            )
+    return found
 
 
 def copilot_notes(arena: Arena) -> list[str]:

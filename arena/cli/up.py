@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from arena.cli._arena import at_free_address, copilot_notes, not_possible
+from arena.cli._arena import at_free_address, copilot_notes, not_possible, without_effect
 from arena.cli._consent import ask_consent
 from arena.cli._running import user_name
 from arena.errors import EXIT_FAILED, EXIT_OK, InputError, RunError
@@ -160,7 +160,7 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
     from arena.schema import load_arena
 
     arena = load_arena(file, overrides)
-    for line in (*not_possible(arena), *copilot_notes(arena)):
+    for line in (*not_possible(arena), *without_effect(arena), *copilot_notes(arena)):
         print(line, file=sys.stderr)
     plan = make_plan(arena)
     sweep_all(_say, plan.address)

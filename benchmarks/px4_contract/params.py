@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.param_table import SPECS
+from arena.builtin_parameters import SPECS
 from px4_contract.cases import case
 from px4_contract.rig import Rig
 from px4_contract.transcript import Transcript

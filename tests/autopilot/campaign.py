@@ -24,7 +24,7 @@ from flight import Flight
 from fuzzing import KINDS, Fuzz, read, v2
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.param_table import SPECS
+from arena.builtin_parameters import SPECS
 
 LIMITS = {"MPC_XY_VEL_MAX": 3.0, "MPC_Z_VEL_MAX_UP": 2.0, "MPC_Z_VEL_MAX_DN": 1.5, "MPC_TILTMAX_AIR": 35.0}
 WIDE = {"size_m": [2000.0, 2000.0, 400.0]}

@@ -313,3 +313,31 @@ def test_short_tilt_is_no_attitude_failure():
         assert c.mode is Mode.OFFBOARD
     c.update(inputs(now=106.65, tilt_rad=1.3, **up), opened)
     assert c.mode is Mode.TERMINATE and c.armed
+
+
+def test_attitude_failure_after_arming_disarms_despite_the_breaker():
+    c = Commander("uav1")
+    begins = params(lockdown_s=4.0, fd_fail_s=0.3)
+    assert c.arm(inputs(now=100.0), begins) == ""
+    for now in (101.0, 101.2):
+        c.update(inputs(now=now, tilt_rad=1.3), begins)
+        assert c.armed
+    c.update(inputs(now=101.35, tilt_rad=1.3), begins)
+    assert not c.armed and any("attitude failure: disarming" in text for _, text in c.texts)
+
+
+def test_attitude_failure_on_the_ground_is_ignored_after_the_lockdown_time():
+    c = Commander("uav1")
+    later = params(lockdown_s=4.0, fd_fail_s=0.0, com_disarm_prflt=-1.0, cbrk_flightterm=0)
+    assert c.arm(inputs(now=100.0), later) == ""
+    c.update(inputs(now=104.5, tilt_rad=1.3), later)
+    assert c.armed and c.mode is Mode.HOLD
+
+
+@pytest.mark.parametrize(
+    ("least", "battery", "refused"),
+    [(-1.0, 0.07, True), (-1.0, 0.08, False), (0.5, 0.49, True), (0.5, 0.51, False), (0.0, 0.05, False)],
+)
+def test_com_arm_bat_min_replaces_the_critical_charge(least, battery, refused):
+    reasons = Commander("uav1").arm_checks(inputs(battery=battery), params(com_arm_bat_min=least))
+    assert any("Battery too low" in reason for reason in reasons) is refused

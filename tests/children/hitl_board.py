@@ -19,8 +19,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.param_table import SPECS
 from arena.autopilot.sitl_standin import StandIn
+from arena.builtin_parameters import SPECS
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Stream
 from arena.wire.qgc_params import parse_params

@@ -41,6 +41,19 @@ def test_check_says_ok_and_what_would_run(folder: Path, capsys: pytest.CaptureFi
     assert "6 processes, 1 of them user programs" in out
 
 
+def test_check_names_parameters_that_the_builtin_autopilot_does_not_use(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "other.params").write_text("1\t1\tSENS_BOARD_ROT\t0\t6\n1\t1\tMPC_XY_P\t0.9\t9\n")
+    written = "vehicles.uav1.params={MC_AIRMODE: 1, MPC_XY_P: 0.8, EKF2_HGT_REF: 1, SENS_EN_SF1XX: 2}"
+    _, out, _ = run("check", "--set", written, "--set", "vehicles.uav1.params_file=other.params", capsys=capsys)
+    assert "uav1: MC_AIRMODE has no effect (--set): the built-in autopilot does not use MC_AIRMODE: " in out
+    assert "uav1: SENS_EN_SF1XX has no effect (--set): the built-in autopilot has no SENS_EN_SF1XX" in out
+    assert "uav1: 1 parameters of its params_file have no effect" in out
+    assert "MPC_XY_P has no effect" not in out and "EKF2_HGT_REF has no effect" not in out
+    assert "has no effect" not in run("check", capsys=capsys)[1]
+
+
 def test_check_prints_all_problems_and_exits_with_2(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, err = run("check", "--set", "mocap.latency_ms=1", "--set", "vehicles.uav1.id=0", capsys=capsys)
     assert (code, out) == (2, "") and len(err.splitlines()) == 2 and "Traceback" not in err

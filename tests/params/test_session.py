@@ -23,7 +23,7 @@ from fake_autopilot import INT32, REQUEST, FakeAutopilot
 from served import Connection, LossyLink, SerialDevice, Served, UdpPort, let_pass
 from signing_autopilot import SigningAutopilot
 
-from arena.autopilot.param_table import SPECS
+from arena.builtin_parameters import SPECS
 from arena.errors import InputError
 from arena.params.transfer.push_record import PushRecord
 from arena.params.transfer.session import PushReport, pull, push, reboot

@@ -16,7 +16,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.authority import MESSAGES, CommandGate, role_on_link
-from arena.autopilot.commander import CRITICAL
+from arena.autopilot.commander import CRITICAL, WARNING
 from arena.autopilot.control.setpoints import OffboardSetpoint
 from arena.autopilot.mavlink import (
     command_handlers,
@@ -209,6 +209,9 @@ class MavlinkInterface:
         for reason in self.param_server.refused:
             self.vehicle.commander.report(CRITICAL, reason)
         self.param_server.refused.clear()
+        for reason in self.param_server.without_effect:
+            self.vehicle.commander.report(WARNING, reason)
+        self.param_server.without_effect.clear()
 
     def _on_command(self, link: MavlinkLink, m: Any) -> None:
         self._run_command(link, m, m.command, command_handlers.parameters_of(m))

@@ -79,7 +79,9 @@ def from_global_target(
     return _position_setpoint(m, p, v, a, heading)
 
 
-def _position_setpoint(m: Any, p: Triple, v: Triple, a: Triple, heading: float = 0.0) -> OffboardSetpoint | str:
+def _position_setpoint(
+    m: Any, p: Triple, v: Triple, a: Triple, heading: float = 0.0
+) -> OffboardSetpoint | str:
     mask = m.type_mask
     yaw = _NAN if mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE else m.yaw - heading
     yaw_rate = _NAN if mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE else m.yaw_rate

@@ -17,7 +17,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.param_table import SPECS, Params
+from arena.autopilot.param_table import Params
+from arena.builtin_parameters import SPECS, effect_problem
 
 HASH_NAME = "_HASH_CHECK"
 _VALUES_PER_STEP = 8
@@ -40,6 +41,7 @@ class ParamServer:
     row: int
     params: Params
     refused: list[str] = field(default_factory=list)
+    without_effect: list[str] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
     _to_list: dict[str, deque[str]] = field(default_factory=dict)
 
@@ -114,9 +116,13 @@ class ParamServer:
             else m.param_value
         )
         try:
+            changed = value != self.params[m.param_id][self.row]
             self.params.set(self.row, m.param_id, value)
         except ValueError as error:
             self.refused.append(str(error))
+        else:
+            if changed and (why := effect_problem(m.param_id, value)):
+                self.without_effect.append(why)
         return [self.value(m.param_id)]
 
 
