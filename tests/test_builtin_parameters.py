@@ -28,7 +28,9 @@ def read_names() -> set[str]:
     for folder in ("autopilot", "sim"):
         for file in (ROOT / folder).rglob("*.py"):
             tree = ast.parse(file.read_text())
-            found |= {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)}
+            found |= {
+                n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)
+            }
     gains = {f"MC_{axis}RATE_{term}" for axis in ("ROLL", "PITCH", "YAW") for term in "PIDK"}
     return found | gains
 

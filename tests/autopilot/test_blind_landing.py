@@ -261,7 +261,9 @@ def test_landing_takes_the_trigger_time():
 
 def standing(params: Params | None = None) -> tuple[Estimator, Callable[[float, float, bool], float]]:
     """Return an estimator after 3 s on the ground, and a function that continues: (seconds, north, poses) -> time."""
-    est = Estimator(params or Params(1), 1, 0.004)
+    params = params or Params(1)
+    params.set(0, "EKF2_EV_CTRL", 15)
+    est = Estimator(params, 1, 0.004)
     steps = 0
 
     def go_on(seconds: float, north: float, poses: bool = True, yaw: float = 0.0) -> float:

@@ -134,7 +134,9 @@ def test_long_campaign_of_hard_flights_and_false_poses():
 
 def hovering() -> Estimator:
     """Return an estimator after 3 s at rest."""
-    est = Estimator(Params(1), 1, 0.004)
+    params = Params(1)
+    params.set(0, "EKF2_EV_CTRL", 15)
+    est = Estimator(params, 1, 0.004)
     for k in range(750):
         est.predict(np.array([[0.0, 0.0, -GRAVITY_M_S2]]), np.zeros((1, 3)))
         if k % 4 == 0:

@@ -46,7 +46,9 @@ def test_check_names_parameters_that_the_builtin_autopilot_does_not_use(
 ) -> None:
     (folder / "other.params").write_text("1\t1\tSENS_BOARD_ROT\t0\t6\n1\t1\tMPC_XY_P\t0.9\t9\n")
     written = "vehicles.uav1.params={MC_AIRMODE: 1, MPC_XY_P: 0.8, EKF2_HGT_REF: 1, SENS_EN_SF1XX: 2}"
-    _, out, _ = run("check", "--set", written, "--set", "vehicles.uav1.params_file=other.params", capsys=capsys)
+    _, out, _ = run(
+        "check", "--set", written, "--set", "vehicles.uav1.params_file=other.params", capsys=capsys
+    )
     assert "uav1: MC_AIRMODE has no effect (--set): the built-in autopilot does not use MC_AIRMODE: " in out
     assert "uav1: SENS_EN_SF1XX has no effect (--set): the built-in autopilot has no SENS_EN_SF1XX" in out
     assert "uav1: 1 parameters of its params_file have no effect" in out
