@@ -9,7 +9,8 @@ import pytest
 
 from arena.autopilot.estimation.covariance import samples_per_prediction
 from arena.autopilot.estimation.estimator import Estimator
-from arena.autopilot.param_table import SPECS, Params
+from arena.autopilot.param_table import Params
+from arena.builtin_parameters import SPECS
 from arena.constants import GRAVITY_M_S2
 
 LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
@@ -17,7 +18,7 @@ LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
 
 def estimator(hz: float, **params: float) -> Estimator:
     table = Params(1)
-    for name, value in params.items():
+    for name, value in {"EKF2_EV_CTRL": 15, **params}.items():
         table.set(0, name, value)
     return Estimator(table, 1, 1.0 / hz)
 

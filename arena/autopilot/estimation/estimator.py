@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.autopilot.estimation.covariance import CovariancePrediction, repaired
-from arena.autopilot.param_table import SPECS, Params
+from arena.autopilot.param_table import Params
+from arena.builtin_parameters import SPECS
 from arena.constants import GRAVITY_M_S2
 from arena.geometry import (
     matrix_from_quat,
