@@ -16,21 +16,19 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from arena.emergency.direct_link import DirectLink
+from arena.emergency.first_commands import component_for
 from arena.emergency.identity_check import IdentityCheck
 from arena.emergency.landing_sequence import Action, LandingSequence
 from arena.emergency.run_record import recorded_down
 from arena.emergency.targets import Target
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from arena.transport import open_udp, receive_datagrams
-from arena.wire.mavlink_minimal import own_component
 
 _TURN_S = 0.05
 # A simulated vehicle whose run records a crash, or the end of its PX4, is tried for this time: it may fly on after a collision.
 _TRY_DOWN_S, _TRY_SILENT_S = 15.0, 3.0
 _READ_RECORD_S = 1.0
 _REBIND_S = 0.5
-# A vehicle that signs knows at most 16 senders until its next start, so each land-all must be the same sender.
-SIGNED_COMPONENT = 190
 
 Say = Callable[[str], None]
 
@@ -145,13 +143,11 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
     """
     _raise_file_limit()
     began = time.monotonic()
-    component = own_component()
     all_connections: list[TargetConnections] = []
     isolated = _Isolation(say)
     for t in targets:
         with isolated(t.name):
-            signs = t.direct is not None and t.direct.key_file
-            number = SIGNED_COMPONENT if signs else component
+            number = component_for(t)
             landing = LandingSequence(
                 name=t.name, system=t.id, component=number, action=action, now=began, radio=t.radio
             )

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from arena.emergency.active_runs import active_runs, user_name
-from arena.emergency.dispatch import bring_down
+from arena.emergency.first_commands import send_first_commands
 from arena.emergency.landing_sequence import Action
 from arena.emergency.other_users import start_for_others
 from arena.emergency.run_record import record_command
@@ -119,6 +119,9 @@ def _command_of_user(action: Action, selection: Selection, uid: int, report: Cal
 
 
 def _command_found(action: Action, selection: Selection, found: Found, targets: tuple[Target, ...]) -> int:
+    send_first_commands(targets, action)
+    from arena.emergency.dispatch import bring_down  # imported late: loading it delays the first command
+
     what = "landing" if action == "land" else "STOPPING THE MOTORS of"
     _say(f"{what} {', '.join(t.name for t in targets)} (addresses from {found.source})")
     _record(f"{action}-all", targets)

@@ -80,7 +80,7 @@ def _import_late_modules() -> None:
     Root does this before the processes of other users start, because these users may not be able to read the files of
     the modules.
     """
-    for name in ("yaml", "serial"):
+    for name in ("yaml", "serial", "arena.emergency.dispatch"):
         with contextlib.suppress(ImportError):
             importlib.import_module(name)
 

@@ -18,9 +18,10 @@ from fake_autopilot import ARM, FORCE, SET_MODE
 from served import let_pass, until
 
 from arena.emergency import dispatch, landing_sequence
-from arena.emergency.dispatch import TargetConnections, bring_down, own_component
+from arena.emergency.dispatch import TargetConnections, bring_down
 from arena.emergency.run_record import recorded_down
 from arena.emergency.targets import Target
+from arena.wire.mavlink_minimal import own_component
 
 
 def land(targets, timeout_s=20.0, action="land"):

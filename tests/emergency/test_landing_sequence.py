@@ -322,3 +322,21 @@ def test_manual_mode_without_radio_is_commanded_until_stick_positions_arrive():
     scene.receive(2.0, rc_channels(), heartbeat(armed=True, mode=POSCTL))
     assert MODE not in scene.commands(2.1)
     assert "pilot has control (POSCTL)" in scene.line(2.1)
+
+
+@pytest.mark.parametrize("result", [0, 1, 2, 4])
+def test_replies_to_another_land_all_with_the_same_id_change_no_command(result):
+    """Two processes may have the same component id (190 + pid modulo 60), and receive each other's acknowledgements."""
+    alone, shared = Scene(), Scene()
+    for step in range(40):
+        now = 0.25 * step
+        telemetry = (
+            heartbeat(armed=step < 30, mode=LAND if step > 4 else OFFBOARD),
+            place(AIR if step < 20 else GROUND),
+        )
+        for scene in (alone, shared):
+            scene.receive(now, *telemetry)
+        shared.receive(now, *(ack(command, result) for command in (MODE, NAV_LAND, ARM, INTERVAL)))
+        assert shared.commands(now) == alone.commands(now)
+        assert shared.landing.confirmed is alone.landing.confirmed
+    assert shared.landing.confirmed

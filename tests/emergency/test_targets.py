@@ -158,7 +158,7 @@ def test_an_unreadable_plan_does_not_stop_other_landings(runtime):
 def test_an_unread_run_is_reported_and_fails_the_command(runtime, monkeypatch, capsys):
     (runtime("a", plan((1,))) / "plan.json").write_text("{")
     runtime("b", plan((2,), host="127.54.20.2"))
-    monkeypatch.setattr("arena.emergency.land_all.bring_down", lambda *_, **__: 0)
+    monkeypatch.setattr("arena.emergency.dispatch.bring_down", lambda *_, **__: 0)
     assert land_all() == 1
     assert "NOT COMMANDED" in capsys.readouterr().out.splitlines()[-1]
 

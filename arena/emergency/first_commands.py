@@ -1,0 +1,52 @@
+"""First command of `land-all` and `kill-all` to all vehicles, sent before the modules that check the landing are loaded.
+
+Loading these modules takes tens of milliseconds, and much longer on a busy computer. `dispatch` repeats the commands and
+reads the telemetry. It imports few modules, so that it starts fast.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from collections.abc import Sequence
+
+from arena.emergency.landing_sequence import Action, LandingSequence
+from arena.emergency.targets import Target
+from arena.wire.mavlink_minimal import own_component
+
+# A vehicle that signs knows at most 16 senders until its next start, so each land-all must be the same sender.
+SIGNED_COMPONENT = 190
+
+
+def component_for(target: Target) -> int:
+    """Return the MAVLink component id with which this process commands a vehicle."""
+    return SIGNED_COMPONENT if target.direct is not None and target.direct.key_file else own_component()
+
+
+def send_first_commands(targets: Sequence[Target], action: Action) -> None:
+    """Send one command to each vehicle, on its panic link and through its router. Errors are ignored, because the
+    commands are repeated.
+    """
+    sockets: dict[str, socket.socket] = {}
+    now = time.monotonic()
+    for target in targets:
+        landing = LandingSequence(
+            name=target.name, system=target.id, component=component_for(target), action=action, now=now
+        )
+        with contextlib.suppress(OSError):
+            sender = sockets.get(target.partner[0]) or _open(sockets, target.partner[0])
+            for frame in landing.due(now):
+                for receiver in (target.autopilot, target.tools):
+                    with contextlib.suppress(OSError):
+                        sender.sendto(frame, receiver)
+    for sender in sockets.values():
+        sender.close()
+
+
+def _open(sockets: dict[str, socket.socket], host: str) -> socket.socket:
+    """Open a socket at this address of the computer, because the hardware link drops datagrams from other addresses."""
+    sender = sockets[host] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sender.setblocking(False)
+    sender.bind((host, 0))
+    return sender
