@@ -14,6 +14,7 @@ from arena.supervisor import Control
 
 _ANSWER_S = 5.0
 _PERIOD_S = 0.1
+_UNCHANGED_S = 90.0  # the check itself allows 60 s for a step
 
 
 def register(app: typer.Typer) -> None:
@@ -29,11 +30,15 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Check by hand that a real vehicle is its captured body: lift it, tilt it nose down, then right side down.
 
-        The vehicle must be disarmed and cannot be armed during the check. Real vehicles need this check after each start of
+        The vehicle must be disarmed and cannot be armed during the check. It needs a new arm permit afterwards, because somebody
+        stood beside it. Real vehicles need this check after each start of
         their autopilot (`preflight.axes_check`). It also measures the delay of the poses and proposes EKF2_EV_DELAY.
         """
         arena = connect(find(run))
-        failed = [vehicle for vehicle in vehicles if not _check(arena, vehicle)]
+        results = {vehicle: _check(arena, vehicle) for vehicle in vehicles}
+        if passed := [vehicle for vehicle, good in results.items() if good]:
+            print(f"Leave the room, then run `arena arm-permit {' '.join(passed)}`", flush=True)
+        failed = [vehicle for vehicle, good in results.items() if not good]
         if failed:
             raise RunError(f"{', '.join(failed)}: the check has failed")
 
@@ -70,11 +75,15 @@ def _started(arena: Control, vehicle: str, before: object) -> Mapping[str, Any]:
 
 def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[str, Any]:
     """Print each instruction until the check has ended. Return its last status."""
-    number, shown = status["number"], ""
+    number, shown, since = status["number"], "", time.monotonic()
     while status["state"] == "running":
         if status["text"] != shown:
-            shown = status["text"]
+            shown, since = status["text"], time.monotonic()
             print(f"{vehicle}: {shown}", flush=True)
+        if time.monotonic() - since > _UNCHANGED_S:
+            raise RunError(
+                f"{vehicle}: link.{vehicle} has reported nothing new for {_UNCHANGED_S:g} s: look at `arena ps`"
+            )
         time.sleep(_PERIOD_S)
         status = _status(arena, vehicle)
         if status.get("number") != number:

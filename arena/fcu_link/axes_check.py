@@ -26,6 +26,7 @@ IMU_HZ = 50.0
 """Rate of HIGHRES_IMU during a check [Hz]."""
 _PARAM_S = 1.0
 _STALE_S = 0.1
+_MISSING_S = 10.0
 _ROOM_UNSEEN = (
     "link.<vehicle> received no frames of the motion capture itself, so the other bodies of the room were not compared. "
     "Check the firewall and `mocap.local`, then repeat the check"
@@ -53,7 +54,7 @@ class AxesCheck:
         self._computer, self._suspended_s, self._date = "", 0.0, ""
         self._clock, self._lateness = ClockOffset(), Lateness(_STALE_S)
         self._delay_param: float | None = None
-        self._param_asked = -math.inf
+        self._param_asked = self._started = -math.inf
         self._room_seen = False
 
     @property
@@ -94,12 +95,8 @@ class AxesCheck:
         """Start a check. by: who asked for it. refusal: why it must not run; "" if it may. uid: hardware uid of the autopilot."""
         if not self._s.preflight.poses:
             refusal = refusal or "the vehicle gets no poses (forward: false), so there is nothing to compare"
-        elif not self._definition:
-            refusal = refusal or "the pose forwarder has not reported the definition of the rigid body yet"
-        elif self._boot is None:
-            refusal = refusal or "the autopilot has not sent its time since boot (SYSTEM_TIME) yet"
         self.stop("another check was started")
-        self._by, self._uid = by, uid
+        self._by, self._uid, self._started = by, uid, now
         self._clock, self._lateness = ClockOffset(), Lateness(_STALE_S)
         self._delay_param, self._param_asked, self._room_seen = None, -math.inf, False
         self.status = {"number": int(now * 1e3), "state": "running", "text": "", "lines": []}
@@ -175,6 +172,10 @@ class AxesCheck:
         """Advance the check. Call it about twenty times a second."""
         if self._check is None:
             return
+        if self._missing:
+            if now - self._started > _MISSING_S:
+                self.stop(f"{self._missing} for {_MISSING_S:g} s")
+            return
         self._check.tick(now, self._clock.offset_s)
         if self._check.verdict is not None:
             self._finish()
@@ -193,10 +194,18 @@ class AxesCheck:
             )
         return due
 
+    @property
+    def _missing(self) -> str:
+        """Data that the record of a check needs and that were not received yet; "" if nothing is missing."""
+        if not self._definition:
+            return "the pose forwarder has not reported the definition of the rigid body"
+        return "the autopilot has not sent its time since boot (SYSTEM_TIME)" if self._boot is None else ""
+
     def _show(self) -> None:
         assert self._check is not None
-        if self.status["text"] != self._check.text:
-            self.status = {**self.status, "text": self._check.text}
+        text = self._missing or self._check.text
+        if self.status["text"] != text:
+            self.status = {**self.status, "text": text}
 
     def _finish(self) -> None:
         assert self._check is not None and self._check.verdict is not None

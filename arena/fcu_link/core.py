@@ -118,9 +118,7 @@ class FcuLink:
     def from_vehicle(
         self, data: Buffer, found: ParsedFrames, now: float, source: Source = "the vehicle"
     ) -> Out:
-        """Process data that have arrived from a source. Return (link or "simulator", datagram) for each
-        receiver; nothing if the source is not the vehicle.
-        """
+        """Process data of a source. Return (link or "simulator", datagram) for each receiver; nothing if it is not the vehicle."""
         self._silence.on_data(data, found)
         if not self._is_vehicle(source, data, found, now):
             self.counts["from the vehicle: unknown sender"] += 1
@@ -149,9 +147,7 @@ class FcuLink:
         self._silence.on_data(data, found)
 
     def _is_vehicle(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> bool:
-        """Return whether data come from the vehicle. If the vehicle now sends from another address or device, drop
-        the frames that wait to be sent.
-        """
+        """Return whether data come from the vehicle. Drop the frames that wait to be sent if its address or device has changed."""
         before, uid = self.identity.source, self.identity.uid
         accepted = self.identity.accepts(source, data, found.frames, now)
         if self.identity.source != before:
@@ -376,6 +372,8 @@ class FcuLink:
         connected = self._connected(now)
         refusal = "" if connected else self.identity.problem(now) or "the vehicle is not connected"
         self.axes.on_request(request, now, refusal, self.identity.uid, armed=self.armed(now))
+        if self.axes.running:
+            self.permit.on_interruption("somebody carries it for its axes check")
         if request.get("do") == "permit":
             self.permit.grant(str(request.get("by")), connected=connected)
             if self.permit.by:

@@ -123,7 +123,9 @@ class GuidedMotion:
         if self.step is Step.REST:
             self.note = self._missing(now)
         if now > self._deadline:
-            why = self.note or f"the vehicle did not move as required in the step '{self.step}'"
+            still = self.step in (Step.REST, Step.PUT_DOWN)
+            missed = "was not level and at rest" if still else "did not move as required"
+            why = self.note or f"the vehicle {missed} in the step '{self.step}'"
             self._fail(f"{why} (limit {STEP_TIMEOUT_S:g} s)")
 
     def _missing(self, now: float) -> str:

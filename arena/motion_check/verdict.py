@@ -16,7 +16,7 @@ from arena.motion_check.rotation import LARGEST_DELAY_S, captured_rates, compare
 
 RISE_M = 0.15
 DELAY_ERROR_S = 0.005
-"""Error of a delay from one motion, as tests measure it [s]."""
+"""Error of a delay with little sensor noise, as tests measure it [s]. The spread between both tilts is added."""
 _STILL_SHARE = 0.2
 _AGREES = 0.9
 _SPAN_S = 0.1
@@ -171,7 +171,7 @@ def _delay(
     delays = [p.delay_s for p in parts if p is not None and p.gyro_rad_s > 0.1 * FAST_RAD_S]
     if parts[0] is None or len(delays) < 2 or abs(parts[0].delay_s) >= LARGEST_DELAY_S - 0.02:
         return None
-    return parts[0].delay_s, max(DELAY_ERROR_S, *(abs(d - parts[0].delay_s) for d in delays))
+    return parts[0].delay_s, DELAY_ERROR_S + max(abs(d - parts[0].delay_s) for d in delays)
 
 
 def _within(series: tuple[Array, Array], begin: float, end: float) -> tuple[Array, Array]:

@@ -11,10 +11,11 @@ import pytest
 from carried import axes
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.fcu_link.arm_permit import ArmPermit
 from arena.fcu_link.axes_record import AxesRecord, BootTime, RecordFile
 from arena.mocap.client import CapturedFrame
 
-from .carried_rig import COMPUTER, DATE, STANDING, Captured, CarriedRig, Motion
+from .carried_rig import COMMAND, COMPUTER, DATE, STANDING, Captured, CarriedRig, Motion
 from .link_rig import UID, Rig, arm, heartbeat
 
 NEEDED = "no axes check: run arena preflight uav7"
@@ -35,6 +36,19 @@ def checked(**keys: Any) -> tuple[CarriedRig, dict[str, Any]]:
     rig.carry(4.0)
     rig.start()
     return rig, rig.until_checked()
+
+
+@pytest.fixture(scope="module")
+def passed() -> tuple[CarriedRig, dict[str, Any]]:
+    """Return a vehicle that has passed its check, and the status of the check. Its poses arrive 45 ms after the motion."""
+    return checked(late_s=0.045)
+
+
+@pytest.fixture(scope="module")
+def record(passed: tuple[CarriedRig, dict[str, Any]]) -> AxesRecord:
+    found = passed[0].core.axes.record
+    assert found is not None
+    return found
 
 
 def test_a_vehicle_arms_only_after_its_check():
@@ -82,25 +96,24 @@ def test_a_wrong_body_does_not_arm(body, words):
     assert not rig.arming_passed()
 
 
-def test_a_failed_check_ends_an_earlier_record():
-    motion = moving(30.0, yaw_deg=0.0)
-    good, _ = checked()
-    rig = CarriedRig(motion, body=Captured(moves=STANDING), record=good.core.axes.record)
-    rig.carry(26.0)
+def test_a_failed_check_ends_an_earlier_record(record):
+    rig = CarriedRig(moving(7.0), body=Captured(moves=STANDING), record=record)
+    rig.carry(4.0)
     rig.start()
     rig.until_checked()
     assert rig.core.axes.record is None
 
 
-def test_a_check_that_was_not_carried_out_keeps_the_record():
-    rig, _ = checked()
+def test_a_check_that_was_not_carried_out_keeps_the_record(record):
+    rig = CarriedRig(STANDING, record=record)
+    rig.carry(4.0)
     rig.start()
     rig.core.on_request({"do": "stop_axes_check", "vehicle": "uav7", "by": "eva"}, rig.now)
     assert rig.core.axes.status["lines"] == ["stopped by eva"] and rig.reasons() == []
 
 
-def test_latency_and_delay_are_measured_and_a_delay_is_proposed():
-    rig, status = checked(late_s=0.045)
+def test_latency_and_delay_are_measured_and_a_delay_is_proposed(passed):
+    rig, status = passed
     lines = "\n".join(status["lines"])
     assert "latency: frames arrive 8 ms after their exposure" in lines
     assert "EKF2_EV_DELAY is 0" in lines and "arena params push uav7" in lines
@@ -111,28 +124,21 @@ def test_latency_and_delay_are_measured_and_a_delay_is_proposed():
     assert not [m for m in rig.sent("PARAM_SET")]
 
 
-def test_the_rate_of_the_inertial_sensors_is_raised_for_the_check_only():
-    rig, _ = checked()
+def test_the_rate_of_the_inertial_sensors_is_raised_for_the_check_only(passed):
+    rig, _ = passed
     rig.carry(1.0)
     imu = [hz for msgid, hz in rig.rates if msgid == mavlink.MAVLINK_MSG_ID_HIGHRES_IMU]
     assert imu == [pytest.approx(50.0), pytest.approx(30.0)]
 
 
-def test_answers_to_the_check_do_not_reach_the_router():
-    rig, _ = checked()
+def test_answers_to_the_check_do_not_reach_the_router(passed):
+    rig, _ = passed
     assert rig.received("router", "TIMESYNC") == []
     rig.receive(mavlink.MAVLink_timesync_message(0, 5))
     assert len(rig.received("router", "TIMESYNC")) == 1
 
 
 # -- validity of a record ---------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def record() -> AxesRecord:
-    found = checked()[0].core.axes.record
-    assert found is not None
-    return found
 
 
 def standing(record: AxesRecord, **keys: Any) -> CarriedRig:
@@ -200,7 +206,20 @@ def test_the_definition_of_the_body_must_be_known(record):
     rig.carry(4.0)
     assert "definition of its body not received yet" in reasons(rig)
     rig.start()
-    assert rig.core.axes.status["state"] == "failed"
+    assert "has not reported the definition" in rig.core.axes.status["text"]
+    rig.carry(11.0)
+    assert rig.core.axes.status["lines"] == [
+        "the pose forwarder has not reported the definition of the rigid body for 10 s"
+    ]
+
+
+def test_a_check_waits_for_the_definition_of_the_body():
+    rig = CarriedRig(moving(9.0), definition="")
+    rig.carry(1.0)
+    rig.start()
+    rig.carry(2.0)
+    rig.definition = "markers 1"
+    assert rig.until_checked()["state"] == "passed"
 
 
 def test_a_vehicle_without_the_check_arms():
@@ -218,6 +237,17 @@ def test_an_armed_vehicle_is_not_checked():
     rig.carry(4.0)
     rig.start()
     assert rig.core.axes.status["lines"] == ["it is armed: nobody must lift an armed vehicle"]
+
+
+def test_a_program_cannot_arm_while_somebody_stands_beside_the_vehicle():
+    rig = CarriedRig(moving(7.0))
+    rig.core.permit = ArmPermit("uav7", needed=True)
+    rig.carry(4.0)
+    rig.core.on_request({"do": "permit", **COMMAND}, rig.now)
+    assert "arm permit" not in reasons(rig)
+    rig.start()
+    assert rig.until_checked()["state"] == "passed"
+    assert rig.reasons() == ["no arm permit: run arena arm-permit uav7"]
 
 
 def test_arming_by_the_pilot_ends_a_check():

@@ -18,11 +18,15 @@ BOOT_S = 812.3  # the autopilot's clock is ahead of this computer's clock by thi
 class Bench:
     """A vehicle, its captured body and the other bodies of the room. Times are in simulated seconds.
 
+    rough: factor on noise and bias of the inertial sensors
     late_s: time from a motion to the arrival of its pose at the autopilot
     telemetry_s: time from a sample of the inertial sensors to its arrival at this computer
     """
 
-    def __init__(self, vehicle, body=None, *, late_s=0.03, telemetry_s=0.01, offset=True, **others):
+    def __init__(
+        self, vehicle, body=None, *, late_s=0.03, telemetry_s=0.01, offset=True, rough=1.0, **others
+    ):
+        self._rough = rough
         self.vehicle, self.body, self.others = vehicle, body or Captured(moves=vehicle), others
         self.late_s, self.telemetry_s = late_s, telemetry_s
         self.offset_s = -BOOT_S if offset else None
@@ -51,8 +55,8 @@ class Bench:
 
     def _imu(self, now):
         force, rate = self.vehicle.imu(now - self.telemetry_s)
-        force = force + self._rng.normal(0.0, 0.05, 3)
-        rate = rate + self._rng.normal(0.0, 0.01, 3)
+        force = force + self._rough * self._rng.normal(0.03, 0.05, 3)
+        rate = rate + self._rough * self._rng.normal(0.003, 0.01, 3)
         self.check.on_imu(force, rate, now - self.telemetry_s + BOOT_S, now)
 
     def _poses(self, now):
@@ -78,6 +82,15 @@ def test_the_delay_of_the_poses_is_measured(late_s):
     assert verdict.passed
     assert verdict.delay_s == pytest.approx(late_s, abs=0.005)
     assert 0.005 <= verdict.delay_error_s < 0.02
+
+
+@pytest.mark.parametrize(("yaw_deg", "passes"), [(0.0, True), (15.0, False)])
+def test_noisy_sensors_and_markers_do_not_change_the_verdict(yaw_deg, passes):
+    vehicle = Motion(pace=0.8)
+    body = Captured(moves=vehicle, axes=axes(yaw_deg=yaw_deg), noise_deg=0.3)
+    verdict = Bench(vehicle, body, rough=3.0).run()
+    assert verdict.passed is passes, verdict.problems
+    assert not passes or abs(verdict.delay_s - 0.03) <= verdict.delay_error_s
 
 
 def test_without_the_autopilots_clock_the_telemetry_delay_is_missing_from_the_result():
@@ -137,11 +150,7 @@ def test_a_body_that_nothing_moves_with_is_named():
 def test_wrong_axes_are_named(wrong, words):
     vehicle = Motion()
     (problem,) = Bench(vehicle, Captured(moves=vehicle, axes=wrong)).run().problems
-    first, _, rest = problem.partition("deg")
-    assert words.partition("deg")[2] in "deg" + rest or words in problem, problem
-    said = float(first.split()[-1]) if "by" in words else 0.0
-    assert said == pytest.approx(float(words.split(" deg")[0].split()[-1]) if "by" in words else 0.0, abs=3.0)
-    assert "define the rigid body again" in problem
+    assert words in problem and "define the rigid body again" in problem
 
 
 @pytest.mark.parametrize(("yaw_deg", "passes"), [(6.0, True), (14.0, False)])
