@@ -5,11 +5,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from arena.errors import InputError
+from arena.geomagnetism import magnetic_field
 from arena.params.checks.check import check_written
 from arena.params.checks.findings import Finding
 from arena.params.facts.parameter_table import Version
@@ -136,6 +138,7 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
         simulated=v.simulated,
         hover=v.profile.hover_command,
         gps=v.gps,
+        declination_deg=_declination_deg(arena, v),
         sticks=v.has_rc,
         vision_delay_ms=arena.mocap.latency_ms + FORWARDING_MS if v.forward else None,
         failsafe=requirements_failsafe(arena.failsafe, has_sticks=v.has_rc),
@@ -149,6 +152,17 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
         measured=frozenset(v.measured),
         reasons=_reasons(arena, v),
     )
+
+
+def _declination_deg(arena: Arena, v: Vehicle) -> float | None:
+    """Return the declination of the simulated magnetic field [deg]; None if PX4 uses no simulated magnetometer.
+
+    With poses PX4 takes the heading from them.
+    """
+    if not v.simulated or not v.gps or v.forward:
+        return None
+    at = arena.world.origin
+    return math.degrees(magnetic_field(at.lat_deg, at.lon_deg, at.alt_m).declination_rad)
 
 
 def _held(required: Requirements, autopilot: str) -> Requirements:
@@ -192,6 +206,7 @@ def _reasons(arena: Arena, v: Vehicle) -> dict[str, str]:
         "ceiling_m": "below the ceiling: 0.6 of the room's height",
         "vision": "arena's default with motion capture",
         "vision_delay_ms": "mocap.latency_ms + 1 ms of forwarding",
+        "declination_deg": "world.origin, by the World Magnetic Model",
     }
     for key, given in (("gps", v.gps), ("sticks", v.sticks)):
         found[key] = f"{key}: true" if given else "arena's default"

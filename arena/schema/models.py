@@ -77,7 +77,7 @@ class World(Strict):
     heading_deg: Degrees = 0.0
     """Direction of the arena's north axis, clockwise from true north [deg]; affects magnetometer, GPS and global position only."""
     origin: Origin = Origin()
-    """Global position of the floor's centre."""
+    """Global position of the floor's centre. It also determines the magnetic field."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
     """Seed of all random noise that the world simulates."""
     wind_m_s: Vector = (0.0, 0.0, 0.0)

@@ -47,22 +47,31 @@ class TangentCurve(Strict):
 
 
 class Imu(Strict):
-    """Inertial measurement unit. Noise and bias are rms values per axis (at 250 Hz); the bias is random and constant in a flight."""
+    """Inertial measurement unit. Noise and bias are rms values per axis. The noise is that of one sample at 250 Hz: its density
+    is this value divided by the square root of 250 Hz, at every `sim.sensor_hz`. The bias is random."""
 
     accel_noise_m_s2: NotNegative
     accel_bias_m_s2: NotNegative
     gyro_noise_rad_s: NotNegative
     gyro_bias_rad_s: NotNegative
+    accel_bias_walk_m_s2_per_sqrt_s: NotNegative = 0.0
+    """Random walk of the bias: rms change per axis after 1 s; it grows with the square root of the time."""
+    gyro_bias_walk_rad_s_per_sqrt_s: NotNegative = 0.0
+    accel_vibration_m_s2: NotNegative = 0.0
+    """Vibration in hover: rms of a sine per axis. It grows with the square of the rotor speed, as the force of an imbalance does."""
+    gyro_vibration_rad_s: NotNegative = 0.0
+    vibration_hz: NotNegative = 100.0
+    """Frequency of the vibration in hover [Hz]: revolutions of a rotor per second."""
 
 
 class Baro(Strict):
-    """Barometer: rms noise of the height."""
+    """Barometer: rms noise of the height, of one sample at 250 Hz as for the IMU."""
 
     noise_m: NotNegative
 
 
 class Mag(Strict):
-    """Magnetometer: rms noise per axis."""
+    """Magnetometer: rms noise per axis, of one sample at 250 Hz as for the IMU."""
 
     noise_gauss: NotNegative
 

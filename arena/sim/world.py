@@ -72,6 +72,7 @@ class World:
             self.fleet.ids,
             seed=int(settings["seed"]),
             site=Site(heading_rad=heading, origin=GlobalOrigin(**origin) if origin else None),
+            period_s=self.period_s,
         )
         everywhere = settings.get("wind_m_s") or (0.0, 0.0, 0.0)
         self.wind_n: Array = np.array([v.get("wind_m_s") or everywhere for v in settings["vehicles"]], float)
@@ -221,7 +222,13 @@ class World:
         """
         bodies, battery = self.bodies, self._battery
         motion = Motion(
-            accel_b=self._accel_b, omega_b=bodies.omega_b, r_nb=bodies.r_nb, p_n=bodies.p_n, v_n=bodies.v_n
+            accel_b=self._accel_b,
+            omega_b=bodies.omega_b,
+            r_nb=bodies.r_nb,
+            p_n=bodies.p_n,
+            v_n=bodies.v_n,
+            spin=self._dynamics.spin,
+            hover=self._dynamics.hover,
         )
         found = self._sensors.sample(motion, requested)
         found["battery_v"], found["battery_current_a"] = battery.voltage, battery.current

@@ -122,6 +122,17 @@ def test_vehicle_without_poses_gets_no_fence_and_a_sentence() -> None:
     assert any("geofence: " in words and "no home" in words for words in made.not_possible)
 
 
+def test_declination_is_that_of_the_magnetic_field_at_the_origin() -> None:
+    arena = load(
+        "world: {origin: {lat_deg: 38.7, lon_deg: -9.1, alt_m: 100}}\n"
+        "px4: {home: stand-in}\n"
+        "defaults: {autopilot: px4, gps: true}\n"
+        "vehicles:\n  uav1: {forward: false}\n  uav2: {start: {position: [2, 0, 0]}}\n"
+    )
+    assert values(arena)["EKF2_MAG_DECL"] == pytest.approx(-1.15)
+    assert "EKF2_MAG_DECL" not in values(arena, "uav2"), "the heading comes from poses"
+
+
 def test_rotor_geometry_is_left_to_hardware_and_to_the_builtin_autopilot() -> None:
     text = f"{NATNET}vehicles:\n  uav1: {HARDWARE}, px4_version: '1.14'}}\n  uav2: {{autopilot: builtin}}\n"
     arena = load(text)

@@ -24,13 +24,14 @@ QUIET = {
 }
 
 
-def sensors(*vehicles, seed=1, heading_deg=0.0, origin=None, table=SENSORS):
+def sensors(*vehicles, seed=1, heading_deg=0.0, origin=None, table=SENSORS, hz=250):
     return SensorSuite(
         table,
         [v["profile"] for v in vehicles],
         [v["id"] for v in vehicles],
         seed=seed,
         site=Site(heading_rad=np.radians(heading_deg), origin=origin),
+        period_s=1 / hz,
     )
 
 
@@ -38,7 +39,9 @@ def motion(vehicles=1, **changes):
     """Vehicles that stand level and fall freely, with some values changed."""
     zero = np.zeros((vehicles, 3))
     level = np.broadcast_to(np.eye(3), (vehicles, 3, 3))
-    return Motion(**{"accel_b": zero, "omega_b": zero, "r_nb": level, "p_n": zero, "v_n": zero, **changes})
+    rotors = {"spin": np.zeros((vehicles, 4)), "hover": np.full(vehicles, 0.5)}
+    vectors = {"accel_b": zero, "omega_b": zero, "p_n": zero, "v_n": zero}
+    return Motion(**{**vectors, **rotors, "r_nb": level, **changes})
 
 
 def still(made, count, vehicles=1):
@@ -58,6 +61,53 @@ def test_white_noise_has_the_profiles_deviation_and_bias():
     assert drawn["baro_alt_m"].std() == pytest.approx(0.1, rel=0.05)
     lag_one = np.corrcoef(drawn["gyro_b"][:-1, 0, 0], drawn["gyro_b"][1:, 0, 0])[0, 1]
     assert abs(lag_one) < 0.05
+
+
+@pytest.mark.parametrize("hz", [50, 250, 1000])
+def test_density_of_the_noise_does_not_depend_on_the_sensor_rate(hz):
+    drawn = still(sensors(vehicle(), hz=hz), N)
+    densities = {
+        key: drawn[key].std(axis=0).mean() / hz**0.5 for key in ("accel_b", "gyro_b", "baro_alt_m", "mag_b")
+    }
+    at_250 = {"accel_b": 0.03, "gyro_b": 0.003, "baro_alt_m": 0.1, "mag_b": 0.004}
+    assert densities == pytest.approx({key: sigma / 250**0.5 for key, sigma in at_250.items()}, rel=0.05)
+
+
+@pytest.mark.parametrize("hz", [250, 1000])
+def test_bias_walks_with_the_square_root_of_the_time(hz):
+    walk = {"accel_bias_walk_m_s2_per_sqrt_s": 0.02, "gyro_bias_walk_rad_s_per_sqrt_s": 0.001}
+    fleet = [vehicle(f"uav{k}", k, sensors=QUIET | {"imu": NO_IMU | walk}) for k in range(1, 101)]
+    drawn = still(sensors(*fleet, hz=hz), 4 * hz, len(fleet))
+    for key, each in (("accel_b", 0.02), ("gyro_b", 0.001)):
+        assert drawn[key][-1].std() == pytest.approx(2.0 * each, rel=0.2)  # after 4 s
+        assert drawn[key][hz - 1].std() == pytest.approx(each, rel=0.2)
+
+
+def test_walking_bias_of_one_vehicle_changes_no_other_noise():
+    walk = {"accel_bias_walk_m_s2_per_sqrt_s": 0.02}
+    own = vehicle()["profile"]["sensors"]
+    walking = vehicle(sensors=own | {"imu": own["imu"] | walk})
+    quiet, walked = (still(sensors(v, vehicle("b", 2)), 600, 2) for v in (vehicle(), walking))
+    for key in quiet:
+        same = quiet[key] == walked[key]
+        assert same[:, 1].all()
+        assert same[:, 0].all() == (key != "accel_b")
+
+
+def test_rotors_vibrate_with_the_square_of_their_speed():
+    keys = {"accel_vibration_m_s2": 2.0, "gyro_vibration_rad_s": 0.1, "vibration_hz": 40.0}
+    own = vehicle(sensors=QUIET | {"imu": NO_IMU | keys})
+    rms = {}
+    for share in (0.0, 1.0, 0.5):
+        made, spin = sensors(own, hz=1000), np.full((1, 4), 0.5 * share)
+        drawn = [made.sample(motion(spin=spin)) for _ in range(1000)]
+        accel, gyro = (np.array([d[key][0] for d in drawn]) for key in ("accel_b", "gyro_b"))
+        rms[share] = [*accel.std(axis=0), *gyro.std(axis=0)]
+        spectrum = np.abs(np.fft.rfft(accel[:, 0]))
+        assert share == 0.0 or np.argmax(spectrum) == 40.0 * share  # Hz: the series is 1 s long
+    assert rms[0.0] == [0.0] * 6
+    assert rms[1.0] == pytest.approx([2.0] * 3 + [0.1] * 3, rel=1e-3)
+    assert rms[0.5] == pytest.approx([0.5] * 3 + [0.025] * 3, rel=1e-3)
 
 
 def test_biases_over_many_seeds_have_the_profiles_deviation():
@@ -97,7 +147,20 @@ def test_magnetometer_yaw_is_body_yaw_plus_heading(heading_deg):
     true_yaw = np.arctan2(-level[1], level[0])
     assert np.exp(1j * true_yaw) == pytest.approx(np.exp(1j * (yaw + np.radians(heading_deg))))
     assert level[2] > 0, "the field dips down in the northern hemisphere"
-    assert np.linalg.norm(mag_b) == pytest.approx(0.48)
+    assert np.linalg.norm(mag_b) == pytest.approx(0.48, abs=1e-3)
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 90.0])
+def test_magnetic_field_is_that_of_the_origin(heading_deg):
+    """In Lisbon the field points 1.2 deg west of true north and 52.6 deg down, with 0.44 gauss; in Sydney up."""
+    made = sensors(vehicle(sensors=QUIET), heading_deg=heading_deg, origin=LISBON)
+    field = made.sample(motion())["mag_b"][0]
+    declination = np.degrees(np.arctan2(field[1], field[0])) + heading_deg
+    assert declination == pytest.approx(-1.15, abs=0.02)
+    assert np.degrees(np.arctan2(field[2], np.hypot(*field[:2]))) == pytest.approx(52.6, abs=0.1)
+    assert np.linalg.norm(field) == pytest.approx(0.440, abs=1e-3)
+    sydney = GlobalOrigin(lat_deg=-33.9, lon_deg=151.2, alt_m=20.0)
+    assert sensors(vehicle(sensors=QUIET), origin=sydney).sample(motion())["mag_b"][0, 2] < -0.5
 
 
 def test_global_position_follows_origin_and_heading():
@@ -127,14 +190,14 @@ def test_without_an_origin_there_is_no_gps():
 class Rangefinder(Sensor):
     """A sensor that this project does not have: height above the floor [m]."""
 
-    stream = 3
+    stream = 5
     channels = (Channel(axes=1, noise="noise_m", default_noise=0.01, range="range_m", default_range=4.0),)
     readings = ("range_m",)
     on_request = False
     log_columns = ()
     hil = HilMessage(name="range", every=5, reading="range_m", pack=lambda *_: b"")
 
-    def __init__(self, profiles, site):
+    def __init__(self, profiles, site, period_s):
         pass
 
     def sample(self, noise, motion):
@@ -158,8 +221,12 @@ def test_every_sensor_has_its_profile_keys_and_log_columns():
     assert set(keys) == set(SENSORS)
     log = columns(simulated=True)
     for name, sensor in SENSORS.items():
-        assert set(keys[name]) - {"rate_hz"} <= {
-            key for c in sensor.channels for key in (c.noise, c.bias, c.range) if key
+        vibration = (
+            {"accel_vibration_m_s2", "gyro_vibration_rad_s", "vibration_hz"} if name == "imu" else set()
+        )
+        assert set(keys[name]) - {"rate_hz"} - vibration <= {
+            key for c in sensor.channels for key in (c.noise, c.bias, c.walk, c.range) if key
         }
         for column in sensor.log_columns:
             assert any(each.startswith(f"{column}.") for each in log), column
+    assert len({sensor.stream for sensor in SENSORS.values()}) == len(SENSORS), "one random stream each"

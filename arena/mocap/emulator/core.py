@@ -1,8 +1,9 @@
 """Emulated cameras, without sockets or clocks: compute measured frames from the true poses.
 
-Frame k is exposed at k / rate and sent one latency later. Every frame has new noise. An occluded body is
-still sent, with its last pose and marked as not tracked, because real systems do so. An injected delay is
-added to the latency. It does not change frames that are already exposed, and frames keep their order.
+Frame k is exposed at k / rate and sent one latency later. Every frame has new noise. Each body has its own random stream,
+so another body does not change its noise. An occluded body is still sent, with its last pose and marked as not tracked,
+because real systems do so. An injected delay is added to the latency. It does not change frames that are already exposed,
+and frames keep their order.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arena.geometry import (
     q_wf_from_q_nb,
@@ -26,8 +28,12 @@ from arena.geometry import (
 from arena.mocap.emulator.interface import MeasuredBody, MeasuredFrame
 from arena.wire.truth_page import Truth
 
+Array = NDArray[np.float64]
+
 # The conversions are linear, so each is the matrix of its action on a basis: one product a frame instead of a dozen calls.
 _W_N, _XYZW_NB = world_from_ned(np.eye(3)), xyzw_from_wxyz(q_wf_from_q_nb(np.eye(4)))
+_STREAM = 180  # distinguishes these random streams from others with the same seed
+_BLOCK = 64  # frames drawn at once
 _CLOCK_STEP_S = 1e-6  # a clock that wakes by steps may return a time a little before the one requested
 
 
@@ -53,7 +59,10 @@ class EmulatedCameras:
         self._waiting: deque[MeasuredFrame] = deque()
         self._sigma_m = float(settings["noise"]["position_m"])
         self._sigma_rad = math.radians(float(settings["noise"]["rotation_deg"]))
-        self._rng = np.random.default_rng([int(settings["seed"]), 180])
+        seed = int(settings["seed"])
+        self._streams = [np.random.default_rng([seed, _STREAM, int(b["number"])]) for b in self._bodies]
+        self._noise: Array = np.zeros((_BLOCK, len(self._bodies), 6))
+        self._frames_left = 0
         self._occluded: set[str] = set()
         self._frozen: set[str] = set()
         self._last: dict[str, MeasuredBody] = {}
@@ -97,17 +106,25 @@ class EmulatedCameras:
 
     def measure(self, number: int, truth: Truth) -> MeasuredFrame:
         """Return frame `number`, with noise and injected faults. truth: true poses at the exposure."""
-        count = len(self._rows)
-        p_n = truth.p_n[self._shown_rows] + self._rng.normal(0.0, self._sigma_m, (count, 3))
-        q_nb = quat_multiply(
-            truth.q_nb[self._shown_rows], quat_exp(self._rng.normal(0.0, self._sigma_rad, (count, 3)))
-        )
+        noise = self._draw()
+        p_n = truth.p_n[self._shown_rows] + self._sigma_m * noise[:, :3]
+        q_nb = quat_multiply(truth.q_nb[self._shown_rows], quat_exp(self._sigma_rad * noise[:, 3:]))
         if self._has_offset:
             p_n, q_nb = p_n + self._offset_n, quat_multiply(self._rotation, q_nb)
         places, quats = (p_n @ _W_N).tolist(), (q_nb @ _XYZW_NB).tolist()
         bodies = tuple(self._body(b, p, q) for b, p, q in zip(self._bodies, places, quats, strict=True))
         self._last = {b["name"]: body for b, body in zip(self._bodies, bodies, strict=True)}
         return MeasuredFrame(number=number, exposed_s=self.exposure(number), bodies=bodies)
+
+    def _draw(self) -> Array:
+        """Return standard normal noise of one frame: position and rotation of each body (B, 6)."""
+        if not self._frames_left:
+            for i, stream in enumerate(self._streams):
+                self._noise[:, i] = stream.standard_normal((_BLOCK, 6))
+            self._frames_left = _BLOCK
+        self._frames_left -= 1
+        row: Array = self._noise[_BLOCK - 1 - self._frames_left]
+        return row
 
     def _body(self, body: Mapping[str, Any], position: list[float], quat_xyzw: list[float]) -> MeasuredBody:
         name = body["name"]

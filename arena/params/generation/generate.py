@@ -91,6 +91,14 @@ def _sensors(w: LineWriter) -> Iterator[Line]:
         yield w.line("SYS_HAS_GPS", int(gps), "a GPS receiver" if gps else "no GPS receiver", "gps")
     elif not gps:
         yield w.line("COM_ARM_WO_GPS", 1, "arming without GPS is allowed", "gps")
+    if w.required.declination_deg is not None:
+        declination = round(w.required.declination_deg, 2)
+        yield w.line(
+            "EKF2_MAG_DECL",
+            declination,
+            "declination of the simulated magnetic field [deg]",
+            "declination_deg",
+        )
     mode = rc_input_mode("radio" if rc else "none", w.version)
     yield w.line("COM_RC_IN_MODE", mode, "manual control by RC" if rc else "no manual control", "sticks")
     if rc and w.required.channels and w.required.simulated:

@@ -80,6 +80,7 @@ class Requirements:
     hover: thrust command in hover, 0 to 1 [-].
     vision_delay_ms: delay from the camera exposure to the arrival of a pose at the autopilot [ms]; None: no external vision.
     gps: whether the vehicle has a GPS receiver.
+    declination_deg: declination of the simulated magnetic field [deg]; None: the vehicle keeps its own.
     sticks: whether the vehicle has an RC transmitter.
     channels: number of RC channels; 0 keeps the vehicle's own mapping.
     failsafe: reactions to failures and lost connections.
@@ -99,6 +100,7 @@ class Requirements:
     hover: float
     vision_delay_ms: float | None
     gps: bool = False
+    declination_deg: float | None = None
     sticks: bool = False
     channels: int = 8
     failsafe: Failsafe

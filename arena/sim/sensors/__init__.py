@@ -18,7 +18,7 @@ from arena.wire.hil import HilOutput
 __all__ = ["SENSORS", "Channel", "GlobalOrigin", "Motion", "Sensor", "SensorSuite", "Site", "hil_outputs"]
 
 SENSORS: dict[str, type[Sensor]] = {"imu": Imu, "mag": Magnetometer, "baro": Barometer, "gps": Gps}
-"""Sensors by profile key. Sensors with the same random stream draw from it in the order of this table."""
+"""Sensors by profile key."""
 
 
 def hil_outputs() -> list[HilOutput]:

@@ -21,14 +21,14 @@ def _hil_values(sensors: Mapping[str, Array], row: int) -> tuple[float, float, f
 class Barometer(Sensor):
     """Barometer. It measures the altitude above mean sea level [m] (V,)."""
 
-    stream = 1
+    stream = 4
     channels = (Channel(axes=1, noise="noise_m", default_noise=0.05, bias="bias_m", default_bias=0.2),)
     readings = ("baro_alt_m",)
     on_request = False
     log_columns = ("baro",)
     hil = HilFields(bits=0x1A00, every=5, first=9, values=_hil_values)
 
-    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site) -> None:
+    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site, period_s: float) -> None:
         self._altitude_m = site.origin.alt_m if site.origin else 0.0
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:

@@ -42,7 +42,7 @@ class Gps(Sensor):
     log_columns = ()
     hil = HilMessage(name="gps", every=25, reading="lat_deg", pack=_hil_message)
 
-    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site) -> None:
+    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site, period_s: float) -> None:
         self._origin, self._heading = site.origin, site.heading_rad
         rate_hz = np.array(
             [p.get("sensors", {}).get("gps", {}).get("rate_hz", _DEFAULT_RATE_HZ) for p in profiles], float

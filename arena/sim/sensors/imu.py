@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
+from arena.sim.sensors.vibration import Vibration
 from arena.wire.hil import HilFields
 
 
@@ -20,6 +21,7 @@ class Imu(Sensor):
             default_noise=0.05,
             bias="accel_bias_m_s2",
             default_bias=0.03,
+            walk="accel_bias_walk_m_s2_per_sqrt_s",
             range="accel_range_m_s2",
             default_range=156.9,
         ),
@@ -29,6 +31,7 @@ class Imu(Sensor):
             default_noise=0.003,
             bias="gyro_bias_rad_s",
             default_bias=0.002,
+            walk="gyro_bias_walk_rad_s_per_sqrt_s",
             range="gyro_range_rad_s",
             default_range=34.9,
         ),
@@ -43,12 +46,14 @@ class Imu(Sensor):
         values=lambda sensors, row: (*sensors["accel_b"][row].tolist(), *sensors["gyro_b"][row].tolist()),
     )
 
-    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site) -> None:
-        pass
+    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site, period_s: float) -> None:
+        self._vibration = Vibration(profiles, period_s)
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
         """Return accel_b [m/s2] and gyro_b [rad/s], both [FRD] (V, 3)."""
         accel_b, gyro_b = noise[:, 0:3], noise[:, 3:6]
         accel_b += motion.accel_b
         gyro_b += motion.omega_b
+        if self._vibration.on:
+            noise += self._vibration.sample(motion.spin, motion.hover)
         return {"accel_b": accel_b, "gyro_b": gyro_b}

@@ -1,4 +1,4 @@
-"""Magnetometer. The simulated field is typical of mid-northern latitudes and is rotated by the arena's
+"""Magnetometer. The simulated field is the field of the Earth at the arena's origin, rotated by the arena's
 heading.
 """
 
@@ -10,17 +10,19 @@ from typing import Any
 
 import numpy as np
 
+from arena.geomagnetism import MagneticField, magnetic_field
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
 from arena.wire.hil import HilFields
 
-# Mid-northern latitudes: a field of 0.48 gauss that dips 64 degrees; the declination is assumed to be zero.
-_FIELD_GAUSS, _DIP_RAD = 0.48, math.radians(64.0)
+_WITHOUT_ORIGIN = MagneticField(
+    north=0.2104, east=0.0, down=0.4314
+)  # mid-northern latitudes, declination zero
 
 
 class Magnetometer(Sensor):
     """Magnetometer: measures the magnetic field [gauss] [FRD] (V, 3)."""
 
-    stream = 1
+    stream = 3
     channels = (
         Channel(axes=3, noise="noise_gauss", default_noise=0.002, bias="bias_gauss", default_bias=0.002),
     )
@@ -29,10 +31,14 @@ class Magnetometer(Sensor):
     log_columns = ("imu.mag",)
     hil = HilFields(bits=0x1C0, every=3, first=6, values=lambda sensors, row: sensors["mag_b"][row].tolist())
 
-    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site) -> None:
-        level, down = math.cos(_DIP_RAD) * _FIELD_GAUSS, math.sin(_DIP_RAD) * _FIELD_GAUSS
-        heading = site.heading_rad
-        self._field_n = np.array([level * math.cos(heading), -level * math.sin(heading), down])
+    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site, period_s: float) -> None:
+        at = site.origin
+        field = magnetic_field(at.lat_deg, at.lon_deg, at.alt_m) if at is not None else _WITHOUT_ORIGIN
+        c, s = math.cos(site.heading_rad), math.sin(site.heading_rad)
+        # from true north to the arena's north
+        self._field_n = np.array(
+            [c * field.north + s * field.east, c * field.east - s * field.north, field.down]
+        )
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
         """Return mag_b [gauss] [FRD] (V, 3)."""

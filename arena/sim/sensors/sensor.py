@@ -14,14 +14,20 @@ from arena.wire.hil import HilOutput
 
 Array = NDArray[np.float64]
 
+NOISE_HZ = 250.0
+"""Sensor rate at which the profiles give the noise of one sample [Hz]. The density of white noise is the noise divided by the
+square root of this rate. At another rate the noise of a sample is larger by the square root of the ratio."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
     """Error model (noise, bias, range) of a group of sensor axes: which keys of the profile set the errors, and the default values.
 
     axes: number of axes
-    noise: key of the standard deviation of one sample
+    noise: key of the standard deviation of one sample: at NOISE_HZ for a sensor that is sampled at every step, at the
+        sensor's own rate for one on request
     bias: key of the standard deviation of the bias, drawn once per flight; "" for no bias
+    walk: key of the random walk of the bias: standard deviation after one second; "" for none. The default is zero
     range: key of the largest absolute value that can be measured; "" for no limit
     """
 
@@ -30,6 +36,7 @@ class Channel:
     default_noise: float
     bias: str = ""
     default_bias: float = 0.0
+    walk: str = ""
     range: str = ""
     default_range: float = math.inf
 
@@ -64,6 +71,8 @@ class Motion:
     r_nb: rotation from body to NED [-] (V, 3, 3)
     p_n: position of the body origin [m] [NED] (V, 3)
     v_n: velocity [m/s] [NED] (V, 3)
+    spin: rotor state, about proportional to the rotor speed, 0..1 [-] (V, R)
+    hover: rotor state in hover [-] (V,)
     """
 
     accel_b: Array
@@ -71,13 +80,14 @@ class Motion:
     r_nb: Array
     p_n: Array
     v_n: Array
+    spin: Array
+    hover: Array
 
 
 class Sensor(Protocol):
     """Interface of one kind of sensor, such as the barometer, simulated for all V vehicles at once.
 
-    stream: number of its random stream. Sensors with the same number draw from one stream in turn. Give a new
-        sensor a new number, so that the noise of the other sensors does not change.
+    stream: number of its random streams, one for each vehicle. Each sensor has another number.
     channels: its errors and their profile keys
     readings: names of the arrays that `sample` returns
     on_request: True if it is sampled only when an autopilot requests it, else it is sampled at every step
@@ -92,10 +102,11 @@ class Sensor(Protocol):
     hil: ClassVar[HilOutput]
     log_columns: ClassVar[tuple[str, ...]]
 
-    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site) -> None:
+    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site, period_s: float) -> None:
         """Read the sensor's parameters from the profile of each vehicle.
 
         profiles: of the vehicles; the keys are under `sensors:` and the sensor's name in the table
+        period_s: period of the sensor steps [s]
         """
         ...
 

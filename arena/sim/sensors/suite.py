@@ -1,7 +1,8 @@
 """All sensors of a fleet: seeded noise, biases and ranges. One call per step samples all of them.
 
-Every vehicle has its own random streams, seeded by the arena's seed and the vehicle's id. So adding a vehicle
-does not change the noise of the others. Each sample has white noise; biases are drawn once.
+Every sensor of every vehicle has its own random stream, seeded by the arena's seed, the vehicle's id and the number of
+the sensor. So another vehicle or another sensor does not change the noise of the others. Each sample has white noise, whose
+density does not depend on the sensor rate. Biases are drawn once per flight, and can walk.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
+from arena.sim.sensors.sensor import NOISE_HZ, Array, Channel, Motion, Sensor, Site
 
+_WALK = 1  # purpose of the random streams of walking biases
 _BLOCK = 256  # samples drawn at once: the cost of a draw is per call
 
 
@@ -23,6 +25,7 @@ class SensorSuite:
     table: key under the profiles' `sensors:` -> class of the sensor
     profiles, ids: profiles and system ids of the vehicles
     seed: seed of the arena
+    period_s: period of the sensor steps [s]
     """
 
     def __init__(
@@ -33,18 +36,15 @@ class SensorSuite:
         *,
         seed: int,
         site: Site,
+        period_s: float,
     ) -> None:
-        groups: dict[tuple[int, bool], list[str]] = {}
-        for name, sensor in table.items():
-            groups.setdefault((sensor.stream, sensor.on_request), []).append(name)
-        self._every_step: list[_Group] = []
-        self._on_request: dict[str, _Group] = {}
-        for (_, on_request), names in groups.items():
-            group = _Group({n: table[n] for n in names}, profiles, ids, seed=seed, site=site)
-            if on_request:
-                self._on_request |= dict.fromkeys(names, group)
-            else:
-                self._every_step.append(group)
+        def group(names: list[str]) -> _Group:
+            chosen = {name: table[name] for name in names}
+            return _Group(chosen, profiles, ids, seed=seed, site=site, period_s=period_s)
+
+        always = [name for name, sensor in table.items() if not sensor.on_request]
+        self._every_step = [group(always)] if always else []
+        self._on_request = {name: group([name]) for name in table if name not in always}
 
     def sample(self, motion: Motion, requested: Collection[str] = ()) -> dict[str, Array]:
         """Return one sample of every sensor, as measured quantity -> values (V,) or (V, axes). Call this once
@@ -68,7 +68,7 @@ class SensorSuite:
 
 
 class _Group:
-    """Sensors whose noise is drawn together, from one random generator per vehicle. Its arrays have one column per sensor axis."""
+    """Sensors that are sampled together. Its arrays have one column per sensor axis."""
 
     def __init__(
         self,
@@ -78,23 +78,23 @@ class _Group:
         *,
         seed: int,
         site: Site,
+        period_s: float,
     ) -> None:
         self._sensors: list[tuple[str, Sensor, slice]] = []
         begin = 0
         for name, make in table.items():
             width = sum(channel.axes for channel in make.channels)
-            self._sensors.append((name, make(profiles, site), slice(begin, begin + width)))
+            self._sensors.append((name, make(profiles, site, period_s), slice(begin, begin + width)))
             begin += width
-        self._width = begin
-        stream = next(iter(table.values())).stream
-        self._streams = [np.random.default_rng([seed, vehicle, stream]) for vehicle in ids]
-        self._sigma = _figures(table, profiles, "noise")
+        self._noise = _RandomStreams(table, ids, seed)
+        on_request = any(sensor.on_request for sensor in table.values())
+        self._sigma = _figures(table, profiles, "noise") * (1.0 if on_request else _noise_ratio(period_s))
+        self._walk = _figures(table, profiles, "walk") * math.sqrt(period_s)
+        self._walk_noise = _RandomStreams(table, ids, seed, _WALK) if self._walk.any() else None
         self._range = _figures(table, profiles, "range")
         self._limited = bool(np.isfinite(self._range).any())
-        self._bias: Array = np.zeros((len(ids), self._width))
-        if any(channel.bias for sensor in table.values() for channel in sensor.channels):
-            drawn = np.array([stream.standard_normal(self._width) for stream in self._streams])
-            self._bias = drawn * _figures(table, profiles, "bias")
+        self._bias: Array = self._noise.draw(1)[0] * _figures(table, profiles, "bias")
+        self._block: Array = np.zeros((0, len(ids), begin))
         self._next = _BLOCK
 
     def sample(self, motion: Motion) -> dict[str, Array]:
@@ -110,19 +110,56 @@ class _Group:
     def biases(self) -> dict[str, Array]:
         return {name: self._bias[:, columns] for name, _, columns in self._sensors}
 
+    def _walked(self, count: int) -> Array:
+        """Return the biases of the next `count` samples (count, V, width), or (V, width) if they are constant."""
+        if self._walk_noise is None:
+            return self._bias
+        biases: Array = self._bias + np.cumsum(self._walk_noise.draw(count) * self._walk, axis=0)
+        self._bias = biases[-1]
+        return biases
+
     def _draw(self) -> Array:
         """Return noise plus bias for the next sample (V, width)."""
         if self._next == _BLOCK:
-            drawn = np.stack([s.standard_normal((_BLOCK, self._width)) for s in self._streams], axis=1)
-            self._block, self._next = drawn * self._sigma + self._bias, 0
+            self._block, self._next = self._noise.draw(_BLOCK) * self._sigma + self._walked(_BLOCK), 0
         self._next += 1
-        return np.array(self._block[self._next - 1])
+        row: Array = self._block[self._next - 1].copy()
+        return row
+
+
+class _RandomStreams:
+    """Random streams of standard normal numbers, one for each vehicle and sensor.
+
+    purpose: numbers that distinguish several streams of one sensor
+    """
+
+    def __init__(
+        self, table: Mapping[str, type[Sensor]], ids: Sequence[int], seed: int, *purpose: int
+    ) -> None:
+        widths = [(sensor.stream, sum(c.axes for c in sensor.channels)) for sensor in table.values()]
+        self._streams = [
+            [(np.random.default_rng([seed, vehicle, stream, *purpose]), width) for stream, width in widths]
+            for vehicle in ids
+        ]
+
+    def draw(self, count: int) -> Array:
+        """Return the next `count` numbers of each sensor axis (count, V, width)."""
+        rows = [
+            np.concatenate([rng.standard_normal((count, width)) for rng, width in each], axis=1)
+            for each in self._streams
+        ]
+        return np.stack(rows, axis=1)
+
+
+def _noise_ratio(period_s: float) -> float:
+    """Return the noise of one sample divided by that at NOISE_HZ, for white noise of constant density [-]."""
+    return math.sqrt(1.0 / (NOISE_HZ * period_s))
 
 
 def _figures(table: Mapping[str, type[Sensor]], profiles: Sequence[Mapping[str, Any]], what: str) -> Array:
     """Return one property of every sensor axis, such as the noise, from the profiles of the vehicles (V, width).
 
-    what: name of the property: noise, bias or range
+    what: name of the property: noise, bias, walk or range
     """
     rows = [
         [
@@ -137,5 +174,5 @@ def _figures(table: Mapping[str, type[Sensor]], profiles: Sequence[Mapping[str, 
 
 
 def _figure(keys: Mapping[str, Any], channel: Channel, what: str) -> float:
-    key, default = getattr(channel, what), getattr(channel, f"default_{what}")
+    key, default = getattr(channel, what), getattr(channel, f"default_{what}", 0.0)
     return float(keys.get(key, default)) if key else (math.inf if what == "range" else 0.0)

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from arena.mocap.emulator.core import EmulatedCameras
 from arena.mocap.natnet import codec as natnet
 from arena.wire.truth_page import Truth
 
 from ..rig import NatNetRig, settings
 
 
-def still() -> Truth:
-    z = np.zeros((1, 3))
+def still(bodies: int = 1) -> Truth:
+    z = np.zeros((bodies, 3))
     return Truth(
         time_s=0.0,
         p_n=z + 1.0,
-        q_nb=np.array([[1.0, 0, 0, 0]]),
+        q_nb=np.tile([1.0, 0, 0, 0], (bodies, 1)),
         v_n=z,
         omega_b=z,
         accel_b=z,
-        motors=np.zeros((1, 4)),
+        motors=np.zeros((bodies, 4)),
     )
 
 
@@ -40,6 +41,17 @@ def test_same_seed_gives_the_same_frames():
     a, b = NatNetRig(settings()), NatNetRig(settings())
     assert [a.packet(n, still()) for n in range(5)] == [b.packet(n, still()) for n in range(5)]
     assert NatNetRig(settings(seed=2)).packet(0, still()) != NatNetRig(settings()).packet(0, still())
+
+
+def test_another_body_does_not_change_the_noise_of_a_body():
+    first, own = {"name": "uav0", "number": 2, "index": 0}, {"name": "uav1", "number": 4, "index": 1}
+    alone = EmulatedCameras(settings(bodies=[own]))
+    among = EmulatedCameras(settings(bodies=[first, own, {"name": "uav2", "number": 9, "index": 2}]))
+    for n in range(200):
+        (measured,) = alone.measure(n, still(3)).bodies
+        others = among.measure(n, still(3)).bodies
+        assert others[1] == measured
+        assert len({body.position_w for body in others}) == 3
 
 
 def test_occluded_body_is_sent_at_its_last_pose_as_not_tracked():
