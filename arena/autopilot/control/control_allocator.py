@@ -44,6 +44,24 @@ class ControlAllocator:
         room = np.minimum(1.0, np.maximum(lift, 0.0) / np.maximum(-low * fit, 1e-9))
         base = np.maximum(lift, 0.0)[:, None] + tilt * room[:, None]
         yaw = self._yaw_rows * torque[:, 2:]
+        u = base + yaw
+        yaw_fit: Array | float = 1.0
+        if u.min() < 0.0 or u.max() > 1.0:
+            fit_yaw = self._yaw_fit(base, yaw)
+            yaw_fit, u = fit_yaw, base + yaw * fit_yaw[:, None]
+            u -= np.maximum(u.max(1, keepdims=True) - 1.0, 0.0)
+            u = np.minimum(np.maximum(u, 0.0), 1.0)
+        u *= self.present
+        kept = np.empty_like(torque)
+        kept[:, 0] = kept[:, 1] = fit * room
+        kept[:, 2] = yaw_fit
+        return u, np.sign(torque) * (kept < 0.999)
+
+    def _yaw_fit(self, base: Array, yaw: Array) -> Array:
+        """Return the share of the yaw torque that the motors can deliver 0..1 (V,).
+
+        base, yaw: motor commands without yaw, and their change for yaw [-] (V, R)
+        """
         rises = yaw > 0
         # The motors that yaw speeds up and slows down get the same room: thrust is reduced by half the difference.
         fastest = np.where(rises, base, 0.0).max(1)
@@ -52,11 +70,4 @@ class ControlAllocator:
         # A rotor without a share in yaw has size 0 and does not limit the yaw.
         size = np.abs(yaw)
         left = np.where(size > 0, np.where(rises, 1.0 + less - base, base - less), np.inf)
-        yaw_fit = np.maximum((left / np.maximum(size, 1e-9)).min(1, initial=1.0), 0.0)
-        u = base + yaw * yaw_fit[:, None]
-        u -= np.maximum(u.max(1, keepdims=True) - 1.0, 0.0)
-        u = np.minimum(np.maximum(u, 0.0), 1.0) * self.present
-        kept = np.empty_like(torque)
-        kept[:, 0] = kept[:, 1] = fit * room
-        kept[:, 2] = yaw_fit
-        return u, np.sign(torque) * (kept < 0.999)
+        return np.asarray(np.maximum((left / np.maximum(size, 1e-9)).min(1, initial=1.0), 0.0))

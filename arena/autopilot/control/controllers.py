@@ -93,7 +93,10 @@ class PositionControl:
         has_p, has_v = np.isfinite(wanted), np.isfinite(sp.v_n)
         from_p, feed = np.where(has_p, wanted, 0.0), np.where(has_v, sp.v_n, 0.0)
         v = from_p + feed
-        v[:, :2] = _add_within(from_p[:, :2], feed[:, :2], self._xy_max)
+        over = v[:, 0] ** 2 + v[:, 1] ** 2 > self._xy_max**2
+        if over.any():
+            limited = _add_within(from_p[:, :2], feed[:, :2], self._xy_max)
+            v[:, :2] = np.where(over[:, None], limited, v[:, :2])
         v[:, 2] = np.maximum(np.minimum(v[:, 2], self._down_max), -np.minimum(self._up_max, self.speed_up))
         return np.where(has_p | has_v, v, np.nan)
 
@@ -279,15 +282,11 @@ def _limit_length(v: Array, most: Array) -> Array:
 
 
 def _add_within(first: Array, second: Array, most: Array) -> Array:
-    """Return the sum of two vectors (V, 2), limited in length to `most` (V,).
+    """Return the sum of two vectors (V, 2) that is longer than `most` (V,), shortened to `most`.
 
     The first vector has priority: it is kept up to the limit, and the second vector is shortened. The sum ends
     where the ray from `first` along `second` leaves the circle of radius `most`.
     """
-    total = first + second
-    over = np.hypot(total[:, 0], total[:, 1]) > most
-    if not over.any():
-        return np.asarray(total)
     kept = _limit_length(first, most)
     length = np.hypot(second[:, 0], second[:, 1])
     along = second / np.maximum(length, 1e-9)[:, None]
@@ -295,7 +294,7 @@ def _add_within(first: Array, second: Array, most: Array) -> Array:
     left = most * most - (kept * kept).sum(1)
     share = np.sqrt(ahead * ahead + np.maximum(left, 0.0)) - ahead
     share *= left > 1e-9  # the first vector alone reaches the limit
-    return np.where(over[:, None], kept + along * share[:, None], total)
+    return np.asarray(kept + along * share[:, None])
 
 
 def _length(v: Array) -> Array:
