@@ -18,6 +18,7 @@ from arena.process_context import ProcessContext, ShutdownPolicy, run_process
 from arena.transport import listen_udp
 
 _TICK_S = 0.2
+_REFRESH_S = 5.0
 _FIRST_MESSAGE_S = 0.3  # a running autopilot sends EXTENDED_SYS_STATE five times a second
 
 
@@ -70,6 +71,7 @@ class _ForwarderProcess:
         self.vehicle, self.body = str(s["vehicle"]), str(s["body"])
         self.after = ShutdownPolicy(limit_s=60.0 if self.simulated else None)
         self.reported, self.poses_then, self.ready = time.monotonic(), 0, False
+        self.refreshed = self.reported
         self.poses_from: float | None = None
         self.gap_sleep = _PoseGapSleep(1.0 / float(s["rate_hz"]))
 
@@ -108,10 +110,17 @@ class _ForwarderProcess:
         if wall - self.reported >= 1.0:
             self._report(now, wall)
             self._report_diagnosis()
+        self._refresh_definition(wall)
         a = self.core.autopilot
         # A silent simulated autopilot has ended; a silent real one may be flying with a lost radio link.
         armed = a.armed and (now - a.last_heartbeat < 5.0 or not self.simulated)
         return self.after.over(orphaned=self.room.orphaned, any_armed=armed, now=wall)
+
+    def _refresh_definition(self, wall: float) -> None:
+        """Request the definition of a real vehicle's body regularly while the vehicle is disarmed, because its axes check depends on it."""
+        if not self.simulated and not self.core.autopilot.armed and wall - self.refreshed >= _REFRESH_S:
+            self.refreshed = wall
+            self.capture.refresh_definitions()
 
     def _report(self, now: float, wall: float) -> None:
         if self.poses_from is None and self.core.poses:

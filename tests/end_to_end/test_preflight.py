@@ -103,7 +103,7 @@ def test_a_carried_vehicle_passes_and_stays_checked_until_its_battery_is_changed
     assert "Tilt it right side down" in out and "next best 'uav2'" in out and "EKF2_EV_DELAY is 0" in out
     assert "Leave the room, then run `arena arm-permit uav1`" in out
     lab.until("axes check", said=False)
-    assert json.loads(lab.record.read_text())["body"] == "uav1"
+    assert json.loads(lab.record.read_text())["definition"] == "name uav1, id 1"
     assert not lab.vehicle.armed and not lab.vehicle.written_names
     assert lab.flight.cli("restart", "link.uav1").returncode == 0
     lab.until("no arm permit", said=True)

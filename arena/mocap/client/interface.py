@@ -35,6 +35,9 @@ class MocapClient(Protocol):
         For a server that does not describe its bodies, return their names.
         """
 
+    def refresh_definitions(self) -> None:
+        """Request the descriptions of the bodies again, because a server may change them without notice."""
+
     def diagnosis(self) -> str:
         """Return one sentence on why poses are missing and what to check; "" if poses arrive.
 

@@ -94,6 +94,10 @@ class NatNetClient:
     def definition(self, body: str) -> str:
         return self.core.definition(body)
 
+    def refresh_definitions(self) -> None:
+        if self.core.is_connected:
+            self._sockets.send(self.core.next_request())
+
     def diagnosis(self) -> str:
         now, seen = time.monotonic(), self._reception
         if not self._sockets.error and seen.too_early(now):

@@ -104,6 +104,18 @@ def test_second_request_follows_the_first_answer_at_once(server):
     capture.close()
 
 
+def test_a_body_that_is_defined_again_without_notice_is_found(server):
+    capture = open_client(server.settings())
+    sender = server.handshake(capture)
+    before = capture.definition("uav1")
+    capture.refresh_definitions()
+    server.wait_for(natnet.REQUEST_MODELDEF)
+    server.socket.sendto(natnet.encode_models([(1, "uav1")], V, [(0.1, 0.0, 0.0)]), sender)
+    until(capture, lambda: capture.definition("uav1") != before)
+    assert capture.definition("uav1").startswith("markers ") and capture.core.is_connected
+    capture.close()
+
+
 def test_unanswered_request_is_repeated_without_blocking(server):
     capture = open_client(server.settings())
     server.wait_for(natnet.CONNECT)

@@ -40,6 +40,9 @@ class ToyClient:
     def definition(self, body: str) -> str:
         return f"name {body}"
 
+    def refresh_definitions(self) -> None:
+        """Do nothing: the toy never changes."""
+
     def diagnosis(self) -> str:
         now = time.monotonic()
         if not self._reception.streaming(now):
