@@ -25,6 +25,7 @@ End of file on the socket means that the supervisor has died. Without ARENA_FD a
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import io
 import json
@@ -35,10 +36,12 @@ import sys
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from arena.background_writer import BackgroundWriter, write_all
 from arena.errors import ArenaError, InputError
 
 SOCKET_VARIABLE = "ARENA_FD"
@@ -48,6 +51,7 @@ SUPERVISOR_LOST = {"do": "refuse_arming", "why": "the supervisor has ended"}
 OPERATOR_TIMEOUT_S = 5.0
 """An operator counts as absent this long after the supervisor's last report of the presence [s]."""
 _PACKET_BYTES = 1 << 16
+_MAX_LOG_WRITES, _FLUSH_S = 5000, 1.0
 
 
 class ProcessContext:
@@ -88,7 +92,7 @@ class ProcessContext:
             raise InputError(f"{arguments[0]}: {error}") from error
         context = cls(str(settings["name"]), settings, supervisor_socket())
         if context.supervised:
-            _drop_output_errors()
+            _write_output_in_background()
         _set_title(f"arena:{context.name}")
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, context._stop)
@@ -267,18 +271,31 @@ class ShutdownPolicy:
 
 
 class _LogFile(io.FileIO):
-    """Log file of a process. A write that fails, for example on a full disk, is dropped: printing must not end a flight."""
+    """Log file of a process, written by a thread, because printing must not end or delay a flight.
+
+    A write that fails, for example on a full disk, is dropped. Writes to a disk that does not respond wait in a queue.
+    """
+
+    def __init__(self, number: int, writer: BackgroundWriter) -> None:
+        super().__init__(number, "w", closefd=False)
+        self._writer = writer
 
     def write(self, data: Any, /) -> int:
+        copied = bytes(data)
+        self._writer.submit(partial(self._write, copied))
+        return len(copied)
+
+    def _write(self, data: bytes) -> None:
         with contextlib.suppress(OSError):
-            return super().write(data) or 0
-        return memoryview(data).nbytes
+            write_all(self.fileno(), data)
 
 
-def _drop_output_errors() -> None:
-    """Replace stdout and stderr by streams whose writes never raise."""
+def _write_output_in_background() -> None:
+    """Replace stdout and stderr by streams whose writes never raise and never block."""
+    writer = BackgroundWriter("log", _MAX_LOG_WRITES)
+    atexit.register(writer.flush, _FLUSH_S)
     for name, number in (("stdout", 1), ("stderr", 2)):
-        raw = io.BufferedWriter(_LogFile(number, "w", closefd=False))
+        raw = io.BufferedWriter(_LogFile(number, writer))
         setattr(sys, name, io.TextIOWrapper(raw, errors="backslashreplace", line_buffering=True))
 
 

@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[1] / "arena"
 GROUND = {
     "authority",
     "builtin_parameters",
+    "background_writer",
     "constants",
     "errors",
     "fault_injection",
@@ -32,6 +33,7 @@ GROUND = {
 MAY: dict[str, set[str]] = {
     "authority": {"constants", "transport", "wire"},
     "builtin_parameters": {"constants"},
+    "background_writer": set(),
     "constants": set(),
     "errors": set(),
     "thrust_curve": {"errors"},
@@ -40,7 +42,7 @@ MAY: dict[str, set[str]] = {
     "geometry": {"errors"},
     "motion_check": {"constants", "geometry"},
     "clock": {"errors"},
-    "process_context": {"errors"},
+    "process_context": {"background_writer", "errors"},
     "run_dirs": set(),
     "signing_key": {"errors", "wire"},
     "atmosphere": set(),

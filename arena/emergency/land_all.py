@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from arena.background_writer import BackgroundWriter, write_to
 from arena.emergency.active_runs import active_runs, user_name
 from arena.emergency.first_commands import send_first_commands
 from arena.emergency.landing_sequence import Action
@@ -21,6 +22,9 @@ from arena.emergency.targets import Found, Target, choose, find, of_runs
 from arena.errors import EXIT_FAILED, EXIT_OK, ArenaError, InputError
 
 LAND_TIMEOUT_S, KILL_TIMEOUT_S = 60.0, 10.0
+_OUTPUT = BackgroundWriter("output", 10_000)
+"""Thread that prints and records, because a frozen terminal or a disk that does not respond must not delay a landing."""
+_FLUSH_S = 2.0
 _RESULT_S = 5.0  # a process for another user must end within this time after the timeout
 
 
@@ -89,6 +93,7 @@ def _command_all(action: Action, selection: Selection) -> int:
         code = EXIT_OK
     finally:
         codes = [one.wait(max(0.0, end - time.monotonic()), _say) for one in others]
+        _OUTPUT.flush(_FLUSH_S)
     return code or next(filter(None, codes), EXIT_OK)
 
 
@@ -104,6 +109,13 @@ def _command_own(action: Action, selection: Selection, elsewhere: Callable[[], b
 
 def _command_of_user(action: Action, selection: Selection, uid: int, report: Callable[[bool], None]) -> int:
     """Command the vehicles of another user, in a process with the rights of this user. Return the exit code."""
+    try:
+        return _command_runs_of(action, selection, uid, report)
+    finally:
+        _OUTPUT.flush(_FLUSH_S)
+
+
+def _command_runs_of(action: Action, selection: Selection, uid: int, report: Callable[[bool], None]) -> int:
     found = of_runs(active_runs(), selection.arena)
     names_found = {target.name for target in found.targets} if found is not None else set()
     only = [name for name in selection.only if name in names_found]
@@ -130,7 +142,8 @@ def _command_found(action: Action, selection: Selection, found: Found, targets: 
 
 def _record(command: str, targets: Sequence[Target]) -> None:
     for folder in {t.run for t in targets if t.run is not None}:
-        record_command(folder, command, [t.name for t in targets if t.run == folder])
+        names_in_run = [t.name for t in targets if t.run == folder]
+        _OUTPUT.submit(partial(record_command, folder, command, names_in_run))
 
 
 def _worst(found: Found, code: int) -> int:
@@ -172,8 +185,13 @@ def command(verb: str, arguments: Sequence[str], prog: str = "arena") -> int:
 
 
 def _say(line: str) -> None:
+    """Print a line. Does not wait until it is printed."""
+    _OUTPUT.submit(partial(_print, line))
+
+
+def _print(line: str) -> None:
     with contextlib.suppress(OSError, ValueError):  # the terminal is gone: continue the landing
-        print(line, flush=True)
+        write_to(sys.stdout, f"{line}\n")
 
 
 @contextlib.contextmanager

@@ -10,8 +10,12 @@ import select
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 
+from arena.background_writer import BackgroundWriter
 from arena.errors import ArenaError
 from arena.fcu_link.axes_record import RecordFile, computer_start
 from arena.fcu_link.core import SIMULATOR, FcuLink, Out
@@ -28,6 +32,7 @@ from arena.wire.qgc_params import format_params
 
 _TICK_S = 0.05
 _SECOND_S = 1.0
+_MAX_FILES, _FLUSH_S = 100, 1.0
 _HEADER = (
     "Parameters required for {vehicle}. In QGroundControl: Vehicle Setup > Parameters > Tools > Load from file, then reboot.",
     "Load it twice: some parameters appear only after others are set.",
@@ -71,6 +76,7 @@ class FcuLinkShell:
         self._permit = ""
         self._computer = computer_start()
         self._set_time(now)
+        self._files, self._file_errors = BackgroundWriter("files", _MAX_FILES), SimpleQueue[str]()
         self._write_params()
 
     def run(self) -> None:
@@ -102,6 +108,7 @@ class FcuLinkShell:
         return [self._s.vehicle] if armed else []
 
     def close(self) -> None:
+        self._files.flush(_FLUSH_S)
         self._transport.close()
         self._room.close()
         if self._simulator is not None:
@@ -227,6 +234,8 @@ class FcuLinkShell:
             events.clear()
         for text in self._core.events():
             self._say(text)
+        while not self._file_errors.empty():
+            self._say(self._file_errors.get())
         if self._core.permit.by != self._permit:
             self._permit = self._core.permit.by
             self._process.stats({"arm_permit": self._permit})
@@ -260,10 +269,9 @@ class FcuLinkShell:
     def _write_last_address(self) -> None:
         """Write the vehicle's address and uid to a file for land-all, which needs this file if the link process ends or hangs."""
         uid = self._core.identity.uid
-        try:
-            self._record.write(self._transport.last_address() | {"uid": "" if uid == NO_UID else uid})
-        except OSError as error:
-            self._say(f"{self._s.vehicle}: cannot write {self._s.wire_file}: {error.strerror}")
+        address = self._transport.last_address() | {"uid": "" if uid == NO_UID else uid}
+        if self._record.is_new(address):
+            self._save(self._s.wire_file, partial(self._record.write, address))
 
     def _write_params(self) -> None:
         """Write the file of required parameters, which the user loads with QGroundControl: at the start, and again
@@ -274,12 +282,24 @@ class FcuLinkShell:
         types = self._core.params.types
         self._types_written = bool(types) and self._core.params.complete
         header = [line.format(vehicle=self._s.vehicle) for line in _HEADER]
-        path = Path(self._s.params_file)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(format_params(self._s.params, self._s.id, header=header, types=types))
-        except OSError as error:
-            self._say(f"{self._s.vehicle}: cannot write {path}: {error.strerror}")
+        text = format_params(self._s.params, self._s.id, header=header, types=types)
+        self._save(self._s.params_file, partial(_write_text, Path(self._s.params_file), text))
+
+    def _save(self, path: str, write: Callable[[], None]) -> None:
+        """Write a file in a thread, because a disk that does not respond must not stop the link. An error is reported."""
+
+        def save() -> None:
+            try:
+                write()
+            except OSError as error:
+                self._file_errors.put(f"{self._s.vehicle}: cannot write {path}: {error.strerror}")
+
+        self._files.submit(save)
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
 
 
 def main(argv: list[str] | None = None) -> int:

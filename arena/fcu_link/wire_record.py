@@ -32,11 +32,15 @@ class WireRecord:
                 return uid, (str(host), int(port))
         return "", None
 
+    def is_new(self, address: dict[str, Any]) -> bool:
+        """Return whether the record must be written, because the address or the uid has changed since the last call."""
+        before, self._last = self._last, address
+        return self._path is not None and address != before
+
     def write(self, address: dict[str, Any]) -> None:
-        """Write the record to the file if its content has changed. Raises OSError if the file cannot be written."""
-        if self._path is None or address == self._last:
+        """Write the record. Raises OSError if the file cannot be written."""
+        if self._path is None:
             return
-        self._last = address
         half = self._path.with_name(self._path.name + ".new")
         self._path.parent.mkdir(parents=True, exist_ok=True)
         half.write_text(json.dumps(address))

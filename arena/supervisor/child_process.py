@@ -13,12 +13,15 @@ import json
 import os
 import signal
 import socket
+import stat
 import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from arena.background_writer import within
 from arena.plan.model import ProcessSpec
 from arena.process_context import SOCKET_VARIABLE
 from arena.supervisor import proc_fs
@@ -26,6 +29,7 @@ from arena.supervisor.process_state import Exit
 
 LOG_LIMIT_BYTES = 64 << 20
 LOG_KEPT_BYTES = 1 << 20
+OPEN_TIMEOUT_S = 0.5
 RUN, PROCESS = "ARENA_RUN", "ARENA_PROCESS"
 _PACKET_BYTES = 1 << 18
 _PACKETS_PER_CALL = 64
@@ -42,6 +46,7 @@ class Child:
     pid: also the number of its process group and session.  start_s: when the kernel started it [s since boot].
     channel: the supervisor's end of the status socket; None once the other end is closed.
     garbage: number of packets that were not JSON objects.
+    log: its log file; /dev/null if the file could not be opened, so that nobody waits for its disk.
     cut: how often the log file was shortened.
     cpu_s: CPU time of the process and its children [s]; 0 until `reap` returns an Exit.
     stopped: name of the signal that paused it, found by the last `reap`; "" if not paused. A pause by a debugger does
@@ -151,11 +156,12 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
 
     spec: the process, with all placeholders filled; its `env` is added to the supervisor's environment.
     log: file to which the output of the process is appended. If it cannot be opened, the output is dropped, because a process
-        that vehicles need must start also with a full disk.
+        that vehicles need must start also with a disk that is full or does not respond.
     run: path of the run folder, for the environment variable ARENA_RUN.
     """
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     output = _open_log(log)
+    is_file = stat.S_ISREG(os.fstat(output).st_mode)
     variables = {SOCKET_VARIABLE: str(theirs.fileno()), RUN: run, PROCESS: spec.name}
     try:
         ours.setblocking(False)
@@ -180,20 +186,30 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
         spec=spec,
         pid=popen.pid,
         start_s=proc_fs.start_time(popen.pid) or 0.0,
-        log=log,
+        log=log if is_file else Path(os.devnull),
         channel=ours,
         _popen=popen,
     )
 
 
 def _open_log(log: Path) -> int:
-    """Open a log file for appending, or /dev/null if that fails. If the folder of the file was deleted, it is created again."""
+    """Open a log file for appending, or /dev/null if that fails, or if the disk does not respond in OPEN_TIMEOUT_S."""
+    opened = within(OPEN_TIMEOUT_S, partial(_open_or_null, log), discard=os.close)
+    return _open_null() if opened is None else opened
+
+
+def _open_or_null(log: Path) -> int:
+    """Open a log file for appending, or /dev/null if that fails. Its folder is created if it was deleted."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
     with contextlib.suppress(OSError):
         return os.open(log, flags, 0o644)
     with contextlib.suppress(OSError):
         log.parent.mkdir()
         return os.open(log, flags, 0o644)
+    return _open_null()
+
+
+def _open_null() -> int:
     return os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
 
 

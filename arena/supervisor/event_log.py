@@ -13,7 +13,7 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 
-from arena.supervisor.background_writer import BackgroundWriter
+from arena.background_writer import BackgroundWriter
 from arena.supervisor.messages import Level, Message, event_level, transition_text
 from arena.supervisor.process_state import State
 

@@ -23,11 +23,11 @@ from enum import StrEnum
 from functools import partial
 from typing import Any
 
+from arena.background_writer import BackgroundWriter
 from arena.plan.model import Plan
 from arena.supervisor import child_process, run_end
 from arena.supervisor.arm_permit import check_permit, check_vehicle, permit_request, real_vehicles
 from arena.supervisor.axes_check import body_requests, check_request
-from arena.supervisor.background_writer import BackgroundWriter
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
 from arena.supervisor.messages import Level, Message
@@ -80,8 +80,8 @@ class Supervisor:
         self._processes = ProcessSet(plan, folder, self._log, self._selector)
         self._orders = Orders()
         self._shutdown = Shutdown(plan, folder, self._processes, self._orders, self._log)
-        self._result = RunResult(plan, folder, self._processes, self._log, self._real_time)
         self._release = ReleaseTask(plan, self._processes)
+        self._result = RunResult(plan, folder, self._processes, self._log, self._real_time, self._files)
         self._operator = OperatorPresence()
         self._end: End | None = None
         self._began = time.monotonic()
@@ -204,7 +204,7 @@ class Supervisor:
             case Phase.STOP:
                 self._stop(now)
             case Phase.REPORT:
-                if self._result.report_ended(now):
+                if self._result.step(now):
                     self.phase = Phase.OVER
         settled = all(s.state in ENDED | {State.READY} for s in self._processes.statuses.values())
         self._next_round = now + (_CALM_ROUND_S if settled and self.phase is Phase.RUN else _BUSY_ROUND_S)
@@ -343,7 +343,7 @@ class Supervisor:
             self.phase = Phase.LAND
         elif self._shutdown.stop(now):
             self._result.write(self._end, self._shutdown.landing, self.options.until_done, now)
-            self.phase = Phase.REPORT if self._result.begin_report(now) else Phase.OVER
+            self.phase = Phase.REPORT
 
     # -- in every phase
 

@@ -18,11 +18,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from arena.background_writer import within
 from arena.errors import RunError
 from arena.plan.model import Plan, ProcessSpec
 from arena.run_dirs import RUNTIME_DIR_VARIABLE, pointers, runtime_bases
 from arena.supervisor import lab_group, proc_fs
 
+RESTORE_TIMEOUT_S = 0.5
 _SOCKET_PATH_BYTES = 107
 _LONGEST_SOCKET = "/router.faults"
 
@@ -142,8 +144,11 @@ class RunFolder:
         """Write the plan and the configuration files again if somebody has deleted them, because the land task and
         restarted processes read these files.
 
-        Files that cannot be written are left out.
+        Files that cannot be written are left out. Waits at most RESTORE_TIMEOUT_S for a disk that does not respond.
         """
+        within(RESTORE_TIMEOUT_S, partial(self._restore, plan))
+
+    def _restore(self, plan: Plan) -> None:
         files = {self.path / "plan.json": plan.to_json}
         for name, slice_ in plan.slices.items():
             files[_slice_path(self.path, name)] = partial(_slice_text, self, slice_)

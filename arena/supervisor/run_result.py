@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import time
 from datetime import datetime
+from functools import partial
 
+from arena.background_writer import BackgroundWriter
 from arena.errors import EXIT_OK
 from arena.plan.model import Plan
 from arena.supervisor import run_end
@@ -19,27 +21,38 @@ from arena.supervisor.run_end import End
 from arena.supervisor.run_folder import RunFolder, write_whole
 from arena.supervisor.side_task import SideTask
 
+OUTCOME_TIMEOUT_S = 5.0
 REPORT_TIMEOUT_S = 120.0
 
 
 class RunResult:
     """Determines the result of one run at its end: writes outcome.json, sets `exit_code`, and runs the report task.
 
+    Call `write` once, then `step` until it returns True.
+    writer: thread that writes outcome.json, because the disk may not respond.
     exit_code: exit code of the run; valid after `write`.
     task: the running report task, or None.
     """
 
     def __init__(
-        self, plan: Plan, folder: RunFolder, processes: ProcessSet, log: EventLog, real_time: RealTimeMeter
+        self,
+        plan: Plan,
+        folder: RunFolder,
+        processes: ProcessSet,
+        log: EventLog,
+        real_time: RealTimeMeter,
+        writer: BackgroundWriter,
     ) -> None:
         self._plan, self._folder, self._processes = plan, folder, processes
-        self._log, self._real_time = log, real_time
+        self._log, self._real_time, self._writer = log, real_time, writer
+        self._saved: str | None = None
+        self._deadline: float | None = None
         self._began, self._began_wall = time.monotonic(), datetime.now().astimezone()
         self.exit_code = EXIT_OK
         self.task: SideTask | None = None
 
     def write(self, end: End, landing: LandingTask, until_done: bool, now: float) -> None:
-        """Write outcome.json and log every failure. A file that cannot be written is reported; the exit code is still valid."""
+        """Determine the exit code, log every failure, and begin to write outcome.json. now: monotonic [s]."""
         p = self._processes
         failed = run_end.failures(self._plan, end, p.statuses, p.stats, landing.landed, until_done)
         self.exit_code = run_end.exit_code(end, failed, landing.landed)
@@ -57,12 +70,39 @@ class RunResult:
             real_time=self._real_time.result(),
         )
         outcome |= {"facts": p.last_facts, "processes": p.table(now)}
-        try:
-            write_whole(self._folder.path / "outcome.json", json.dumps(outcome, indent=1, default=str))
-        except OSError as error:
-            self._event(f"outcome.json cannot be written ({error.strerror}): the result of this run is lost")
+        self._deadline = now + OUTCOME_TIMEOUT_S
+        self._writer.submit(partial(self._save, json.dumps(outcome, indent=1, default=str)))
 
-    def begin_report(self, now: float) -> bool:
+    def _save(self, text: str) -> None:
+        """Write outcome.json and store the error, "" for none. Called in the thread of the writer."""
+        try:
+            write_whole(self._folder.path / "outcome.json", text)
+        except OSError as error:
+            self._saved = str(error.strerror)
+        else:
+            self._saved = ""
+
+    def step(self, now: float) -> bool:
+        """Wait for outcome.json, then run the report task. Return True when both have ended. now: monotonic [s]."""
+        if self.task is not None:
+            return self._report_ended(self.task, now)
+        if self._saved is None:
+            return self._is_late(now)
+        if self._saved:
+            self._event(f"outcome.json cannot be written ({self._saved}): the result of this run is lost")
+        return not self._begin_report(now)
+
+    def _is_late(self, now: float) -> bool:
+        """Return whether outcome.json is not written in time, so that the run must end without it."""
+        if self._deadline is None or now < self._deadline:
+            return False
+        self._event(
+            f"outcome.json is not written after {OUTCOME_TIMEOUT_S:g} s, because the disk does not respond: the run ends "
+            "without a report"
+        )
+        return True
+
+    def _begin_report(self, now: float) -> bool:
         """Start the report task. Return False if there is none, or if it cannot be started."""
         if self._plan.report is None:
             return False
@@ -74,14 +114,12 @@ class RunResult:
         self.task = begun
         return True
 
-    def report_ended(self, now: float) -> bool:
+    def _report_ended(self, task: SideTask, now: float) -> bool:
         """Return True when the report task has ended."""
-        exit = self.task.poll(now) if self.task is not None else Exit(code=0, text="")
-        if exit is None:
-            return False
-        if exit.code and self.task is not None:
-            self._event(f"the report failed: {exit.text}; see {self._folder.log(self.task.name)}")
-        return True
+        exit = task.poll(now)
+        if exit is not None and exit.code:
+            self._event(f"the report failed: {exit.text}; see {self._folder.log(task.name)}")
+        return exit is not None
 
     def _event(self, text: str) -> None:
         self._log.event(time.monotonic(), "arena", text)

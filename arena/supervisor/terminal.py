@@ -10,14 +10,14 @@ import sys
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TextIO
+from typing import Any
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.spinner import Spinner
 from rich.text import Text
 
-from arena.supervisor.background_writer import BackgroundWriter, write_all
+from arena.background_writer import BackgroundWriter, write_to
 from arena.supervisor.messages import Level, Message
 from arena.supervisor.status_tables import status_view
 
@@ -69,7 +69,7 @@ class Lines:
         if lost := self._writer.take_lost():
             text = f"{self.lost_text(lost)}\n{text}"
         try:
-            _write_to(self._stream, text)
+            write_to(self._stream, text)
         except (OSError, ValueError):
             _silence()
 
@@ -187,20 +187,6 @@ def _with_progress(status: dict[str, Any]) -> RenderableType:
     if status["phase"] not in _WAITING_PHASES:
         return view
     return Group(Spinner("dots", text=str(status["phase"])), view)
-
-
-def _write_to(stream: TextIO, text: str) -> None:
-    """Write a text to a stream. Raises OSError or ValueError.
-
-    A real file is written without the stream's buffer. A thread that is blocked in a buffer would abort Python at exit.
-    """
-    try:
-        fd = stream.fileno()
-    except (OSError, ValueError):  # replaced by a test
-        stream.write(text)
-        stream.flush()
-        return
-    write_all(fd, text.encode(errors="replace"))
 
 
 def _silence() -> None:

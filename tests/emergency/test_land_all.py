@@ -1,5 +1,6 @@
 """land-all and kill-all on sockets, with autopilots that obey, refuse, do not answer, or lose datagrams."""
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -11,16 +12,17 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from emergency_fleet import REFUSES_LANDING, Fleet, flying, target
 from fake_autopilot import ARM, FORCE, SET_MODE
 from served import let_pass, until
 
-from arena.emergency import dispatch, landing_sequence
+from arena.emergency import dispatch, land_all, landing_sequence
 from arena.emergency.dispatch import TargetConnections, bring_down
 from arena.emergency.run_record import recorded_down
-from arena.emergency.targets import Target
+from arena.emergency.targets import Found, Target
 from arena.wire.mavlink_minimal import own_component
 
 
@@ -464,6 +466,41 @@ def test_a_landing_continues_when_the_terminal_is_closed(tmp_path):
         process.wait(120)
     assert fleet.autopilots[1].landed and not fleet.autopilots[1].armed
     assert process.returncode == 0
+
+
+def test_a_landing_does_not_wait_for_a_frozen_terminal(tmp_path):  # review fault 8
+    """A pipe that is full stands for a terminal after Ctrl-S."""
+    file = tmp_path / "arena.yaml"
+    file.write_text("address: 127.66.25.1\nvehicles:\n  one:\n")
+    unread, pipe = os.pipe()
+    os.set_blocking(pipe, False)
+    with contextlib.suppress(BlockingIOError):
+        while os.write(pipe, b"x" * 4096):
+            pass
+    os.set_blocking(pipe, True)
+    with Fleet([flying(1, land_s=0.7)], "127.66.25.1") as fleet:
+        argv = [sys.executable, "-m", "arena.cli", "land-all", str(file)]
+        process = subprocess.Popen(argv, stdout=pipe, env={**os.environ, **empty_runtime(tmp_path)})
+        try:
+            assert process.wait(120) == 0
+        finally:
+            process.kill()
+            os.close(unread)
+            os.close(pipe)
+    assert fleet.autopilots[1].landed and not fleet.autopilots[1].armed
+
+
+def test_a_landing_does_not_wait_for_the_disk_of_the_run(monkeypatch):  # review fault 8
+    """The record of the command in the run folder is not written until the vehicle has landed."""
+    go, recorded = threading.Event(), []
+    monkeypatch.setattr(land_all, "record_command", lambda *given: recorded.append(go.wait(60.0)))
+    with Fleet([1], "127.66.26.1") as fleet:
+        targets = tuple(dataclasses.replace(t, run=Path("/no/such/run")) for t in fleet.targets)
+        monkeypatch.setattr(land_all, "find", lambda **given: Found(targets=targets, source="test"))
+        assert land_all.land_all(run=Path("/no/such/run")) == 0
+        assert fleet.autopilots[1].landed and recorded == []
+        go.set()
+        assert land_all._OUTPUT.flush(60.0)
 
 
 def test_fifty_vehicles_are_all_commanded_and_confirmed(tmp_path):

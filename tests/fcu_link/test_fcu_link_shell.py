@@ -213,6 +213,19 @@ def test_review_fault_4_a_stranger_does_not_replace_a_silent_vehicle(start, auto
     }
 
 
+def test_a_link_forwards_while_the_disk_does_not_respond(
+    start, autopilot, tmp_path
+):  # review faults 8 and 11
+    """To open a pipe that nobody reads for writing takes for ever."""
+    (tmp_path / "wire").mkdir()
+    os.mkfifo(tmp_path / "wire" / "uav7.json.new")
+    link = start(wire_file=str(tmp_path / "wire" / "uav7.json"))
+    with on_udp(autopilot, (link.address, 14999), (link.address, 14540)):
+        link.until(lambda: link.stats.get("uid") == UID.hex() and link.received("router", "HEARTBEAT"))
+        link.process.send_signal(signal.SIGTERM)
+        assert link.process.wait(30) == 0
+
+
 def test_a_restarted_link_knows_the_uid_of_the_run(start, autopilot, tmp_path):
     record = tmp_path / "wire" / "uav7.json"
     record.parent.mkdir()

@@ -1,4 +1,7 @@
-"""Vehicles land although no file can be written: run folder deleted, disk full, terminal frozen."""
+"""Vehicles land although no file can be written: run folder deleted, disk full or not responding, terminal frozen.
+
+A pipe that nobody reads stands for a file on a disk that does not respond: to open it for writing takes for ever.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ import pytest
 from arena.plan.model import ProcessSpec, Restart
 from arena.process_context import SOCKET_VARIABLE
 
-from .conftest import eventually, spec
+from .conftest import LIMIT_S, eventually, plan_of, spec
 from .test_shutdown import armed_by, begin, process_of
 
 CTRL_S, CTRL_Q = b"\x13", b"\x11"
@@ -121,22 +124,96 @@ def test_vehicle_lands_when_the_disk_cannot_be_written(
     assert run.said().count("state.json cannot be written") <= 1
 
 
+def test_run_ends_when_the_disk_of_its_outcome_does_not_respond(start):  # review fault 11
+    run = start(plan_of(spec("p", "sleeps", ready="started")))
+    run.until("p", "READY")
+    os.mkfifo(run.folder / "outcome.json.new")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    assert "outcome.json is not written after 5 s, because the disk does not respond" in run.said()
+
+
+def test_vehicle_lands_when_the_disk_of_the_logs_does_not_respond(start, tmp_path):  # review faults 8 and 11
+    flag = tmp_path / "armed"
+    flag.touch()
+    run = begin(start, armed_by(flag, land_task=quiet_landing(flag, tmp_path / "landed at")))
+    log = run.folder / "logs" / "land.log"
+    os.mkfifo(log)
+    run.signal(signal.SIGINT)
+    try:
+        assert run.wait() == 130, run.said()
+    finally:
+        log.unlink()  # the fixture reads the logs
+    assert not flag.exists()
+
+
+PRINTS = """
+import os, sys
+from arena.process_context import ProcessContext
+context = ProcessContext.enter([sys.argv[1]])
+print('uav1: armed', flush=True)
+print('x' * 100_000, file=sys.stderr, flush=True)
+context.event('continues')
+"""
+
+
+def test_process_continues_when_its_log_does_not_respond():  # review faults 8 and 11
+    """A pipe takes 64 KiB until somebody reads it."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.settimeout(LIMIT_S)
+    unread, pipe = os.pipe()
+    with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
+        file.write('{"name": "link.uav1"}')
+        file.flush()
+        process = subprocess.Popen(
+            [sys.executable, "-c", PRINTS, file.name],
+            stdout=pipe,
+            stderr=pipe,
+            env={**os.environ, SOCKET_VARIABLE: str(theirs.fileno())},
+            pass_fds=(theirs.fileno(),),
+        )
+        try:
+            packets = [json.loads(ours.recv(4096)) for _ in range(2)]
+            assert packets[1] == {"event": "continues"}
+            assert process.wait(LIMIT_S) == 0
+        finally:
+            process.kill()
+            process.wait()
+            for end in (unread, pipe):
+                os.close(end)
+            ours.close()
+            theirs.close()
+
+
+def test_log_of_a_process_is_complete_when_it_ends(tmp_path):
+    log = tmp_path / "log"
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    (tmp_path / "slice.json").write_text('{"name": "link.uav1"}')
+    code = PRINTS + "for i in range(1000): print(i)\nraise ValueError('last words')\n"
+    with log.open("wb") as file:
+        subprocess.run(
+            [sys.executable, "-c", code, str(tmp_path / "slice.json")],
+            stdout=file,
+            stderr=file,
+            env={**os.environ, SOCKET_VARIABLE: str(theirs.fileno())},
+            pass_fds=(theirs.fileno(),),
+            check=False,
+        )
+    ours.close()
+    theirs.close()
+    lines = log.read_text().splitlines()
+    assert lines[:2] == ["uav1: armed", "x" * 100_000] and lines[2:1002] == [str(i) for i in range(1000)]
+    assert lines[-1] == "ValueError: last words"
+
+
 def test_process_continues_when_its_log_cannot_be_written():  # review fault 8
     """Every write to /dev/full fails, as on a full disk."""
-    code = (
-        "import os, sys\n"
-        "from arena.process_context import ProcessContext\n"
-        "context = ProcessContext.enter([sys.argv[1]])\n"
-        "print('uav1: armed', flush=True)\n"
-        "print('x' * 100_000, file=sys.stderr, flush=True)\n"
-        "context.event('continues')\n"
-    )
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with tempfile.NamedTemporaryFile("w", suffix=".json") as file, Path("/dev/full").open("wb") as full:
         file.write('{"name": "link.uav1"}')
         file.flush()
         done = subprocess.run(
-            [sys.executable, "-c", code, file.name],
+            [sys.executable, "-c", PRINTS, file.name],
             stdout=full,
             stderr=full,
             env={**os.environ, SOCKET_VARIABLE: str(theirs.fileno())},

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from arena.supervisor.background_writer import BackgroundWriter
+from arena.background_writer import BackgroundWriter
 from arena.supervisor.event_log import EventLog
 from arena.supervisor.messages import Level, Message, VehicleChanges, transition_level, transition_text
 from arena.supervisor.process_state import State

@@ -6,8 +6,9 @@ import os
 import threading
 import time
 from functools import partial
+from queue import SimpleQueue
 
-from arena.supervisor.background_writer import BackgroundWriter, write_all
+from arena.background_writer import BackgroundWriter, within, write_all
 
 
 def blocked(writer: BackgroundWriter) -> threading.Event:
@@ -45,6 +46,30 @@ def test_newer_write_replaces_a_waiting_one():
         writer.submit(partial(done.append, i), replaces="state")
     go.set()
     assert writer.flush(60.0) and done == [4] and writer.take_lost() == 0
+
+
+def test_a_result_that_comes_in_time_is_returned():
+    assert within(60.0, lambda: 7) == 7
+
+
+def test_a_result_that_comes_too_late_is_discarded():
+    go, discarded = threading.Event(), SimpleQueue()
+    assert within(0.0, lambda: go.wait(60.0) and 7, discard=discarded.put) is None
+    go.set()
+    assert discarded.get(timeout=60.0) == 7
+
+
+def test_a_forked_process_has_a_thread_of_its_own():
+    writer, (reading, writing) = BackgroundWriter("test", limit=10), os.pipe()
+    writer.submit(lambda: None)
+    assert writer.flush(60.0)
+    if (pid := os.fork()) == 0:
+        writer.submit(partial(os.write, writing, b"from the child"))
+        os._exit(not writer.flush(60.0))
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
+    assert os.read(reading, 100) == b"from the child"
+    os.close(reading)
+    os.close(writing)
 
 
 def test_write_all_writes_more_than_a_pipe_holds():

@@ -1,4 +1,4 @@
-"""A thread that carries out writes, so that a frozen terminal or a slow disk never blocks the main loop of the supervisor."""
+"""Writes that never block their caller: a frozen terminal, or a disk that does not respond, must not end a flight or a landing."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from typing import TextIO, TypeVar
 
 Job = Callable[[], None]
+T = TypeVar("T")
 
 
 class BackgroundWriter:
@@ -37,7 +39,7 @@ class BackgroundWriter:
                 self._jobs.popleft()
                 self._lost += 1
             self._jobs.append((replaces, job))
-            if self._thread is None:
+            if self._thread is None or not self._thread.is_alive():  # it does not exist in a forked process
                 self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
                 self._thread.start()
             self._changed.notify_all()
@@ -72,6 +74,47 @@ class BackgroundWriter:
                 _, job = self._jobs.popleft()
                 self._began = time.monotonic()
             job()
+
+
+def within(
+    timeout_s: float, job: Callable[[], T], discard: Callable[[T], None] = lambda result: None
+) -> T | None:
+    """Run a function in a thread of its own. Return its result, or None if it has not ended after `timeout_s` [s].
+
+    job: function that handles its own errors.
+    discard: called with a result that comes too late, for example to close a file.
+    """
+    found: list[T] = []
+    lock, ended, late = threading.Lock(), threading.Event(), threading.Event()
+
+    def run() -> None:
+        result = job()
+        with lock:
+            if not late.is_set():
+                found.append(result)
+                ended.set()
+                return
+        discard(result)
+
+    threading.Thread(target=run, name="within", daemon=True).start()
+    ended.wait(timeout_s)
+    with lock:
+        late.set()
+    return found[0] if found else None
+
+
+def write_to(stream: TextIO, text: str) -> None:
+    """Write a text to a stream. Raises OSError or ValueError.
+
+    A real file is written without the stream's buffer. A thread that is blocked in a buffer would abort Python at exit.
+    """
+    try:
+        fd = stream.fileno()
+    except (OSError, ValueError):  # replaced by a test
+        stream.write(text)
+        stream.flush()
+        return
+    write_all(fd, text.encode(errors="replace"))
 
 
 def write_all(fd: int, data: bytes) -> None:
