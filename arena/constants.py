@@ -21,3 +21,5 @@ FORCE_ARM_DISARM = 21196.0
 
 MAX_MOCAP_LATENCY_MS = 1000
 """Largest `mocap.latency_ms` that a YAML may have [ms]."""
+PILOT_HAS_CONTROL = "pilot has control"
+"""STATUSTEXT with which a router or link process refuses a command, because a pilot flies the vehicle."""

@@ -46,12 +46,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--resume",
         type=Path,
-        help="file with one line per flight: seeds that it has without a violation are not flown again",
+        help="file with one line per flight: seeds that it has are flown again only after a violation, or if nobody took off",
     )
     given = parser.parse_args(argv)
     seeds = range(given.seed, given.seed + given.flights)
     known = {r.seed: r for r in read(given.resume) if r.seed in seeds}
-    todo = [seed for seed in seeds if seed not in known or known[seed].why]
+    todo = [seed for seed in seeds if seed not in known or known[seed].why or not known[seed].airborne]
 
     def note(record: Record) -> None:
         known[record.seed] = record

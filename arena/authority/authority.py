@@ -16,6 +16,7 @@ from enum import IntEnum
 from typing import Any
 
 from arena.authority.requests import Kind, Request
+from arena.constants import PILOT_HAS_CONTROL
 from arena.wire.px4_mode import MANUAL_MODES
 
 PROGRAM_MODES = frozenset(
@@ -145,8 +146,8 @@ class Authority:
         if self._simulated and role is Role.EMERGENCY:
             return ""
         if role is Role.GROUND_STATION:
-            return "pilot has control" if kind is Kind.SETPOINT else ""
-        return "" if kind is Kind.SETPOINT else "pilot has control"
+            return PILOT_HAS_CONTROL if kind is Kind.SETPOINT else ""
+        return "" if kind is Kind.SETPOINT else PILOT_HAS_CONTROL
 
     def _refusal_with_latch(self, latch: _Latch, role: Role, request: Request) -> str:
         kind = request.kind

@@ -88,7 +88,7 @@ class CommandGate:
         self.authority = Authority(simulated=simulated, radio=radio)
         self.audit = AuditTrail(name)
         self.refused = 0
-        self._text_at: dict[Role, float] = {}
+        self._text_at: dict[tuple[Role, tuple[int, int]], float] = {}
         self._reported: dict[str, float] = {}
         self._events: list[str] = []
         self._facts: dict[str, Any] = {}
@@ -121,9 +121,10 @@ class CommandGate:
         self._report(role, request, why, now)
         command = command_of(data, frame) if frame.msgid in COMMANDS else 0
         command = _DO_SET_MODE if frame.msgid == SET_MODE else command
-        texts = (why,) if now - self._text_at.get(role, -_TEXTS_S) >= _TEXTS_S else ()
+        texts = (why,) if now - self._text_at.get((role, to), -_TEXTS_S) >= _TEXTS_S else ()
         if texts:
-            self._text_at[role] = now
+            self._text_at = {sender: at for sender, at in self._text_at.items() if now - at < _TEXTS_S}
+            self._text_at[role, to] = now
         return Refusal(why=why, command=command, to=to, texts=texts)
 
     def _report(self, role: Role, request: Request, why: str, now: float) -> None:

@@ -28,6 +28,7 @@ _TURN_S = 0.05
 # A simulated vehicle whose run records a crash, or the end of its PX4, is tried for this time: it may fly on after a collision.
 _TRY_DOWN_S, _TRY_SILENT_S = 15.0, 3.0
 _READ_RECORD_S = 1.0
+_FIRST_HEARTBEAT_S = 1.0
 _REBIND_S = 0.5
 
 Say = Callable[[str], None]
@@ -48,6 +49,7 @@ class TargetConnections:
         self._direct: DirectLink | None = None
         self._relayed: IdentityCheck | None = None
         self._link = f"link.{target.name}"
+        self._say_once = _OnceEach(lambda text: say(f"{target.name}: {text}"))
         if target.direct is not None:
             system, component, uid = target.id, landing.component, target.direct.uid
             self._direct = DirectLink(
@@ -59,9 +61,8 @@ class TargetConnections:
                 say=say,
             )
             if uid:
-                said = _OnceEach(lambda text: say(f"{target.name}: {text}"))
                 self._relayed = IdentityCheck(
-                    system=system, component=component, uid=uid, recorded=self._link, say=said
+                    system=system, component=component, uid=uid, recorded=self._link, say=self._say_once
                 )
 
     def send(self, now: float) -> None:
@@ -72,10 +73,18 @@ class TargetConnections:
             received_at = self.landing.reported.received_at
             silent_s = now - (self._began if received_at is None else received_at)
             self._direct.step(silent_s, now, needed=not self.landing.confirmed)
-            self._direct.send(frames, now)
+            self._direct.send(frames if self._may_bypass(now) else [], now)
         if self.panic is None and now >= self._next_bind:
             self._next_bind = now + _REBIND_S
             self.panic = _open_panic_link(self.target)
+
+    def _may_bypass(self, now: float) -> bool:
+        """Return whether the vehicle may be commanded directly. The first heartbeat may report that a pilot has control."""
+        if self.landing.reported.armed is None and now - self._began < _FIRST_HEARTBEAT_S:
+            return False
+        if not self.landing.may_bypass and self._direct is not None and self._direct.files():
+            self._say_once("a pilot may have control: not commanded directly")
+        return self.landing.may_bypass
 
     def _send_relayed(self, frames: list[bytes], now: float) -> None:
         """Send frames and requests for the uid on the panic link and through the router.
@@ -124,6 +133,8 @@ class TargetConnections:
         for data, sender in receive_datagrams(sock):
             known = sender in (self.target.autopilot, self.target.tools)
             now = time.monotonic()
+            if known:
+                self.landing.on_refusal(data)
             if known and (self._relayed is None or self._relayed.receive(data, self._link, now)):
                 self.landing.on_datagram(data, now)
 

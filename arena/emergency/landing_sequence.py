@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from arena.constants import FORCE_ARM_DISARM
+from arena.constants import FORCE_ARM_DISARM, PILOT_HAS_CONTROL
 from arena.emergency.pilot_watch import PilotWatch
 from arena.wire import mavlink_minimal as mav
 from arena.wire.mavlink_frame import AUTOPILOT, Frame, parse_frames
@@ -110,6 +110,19 @@ class LandingSequence:
             if self.action == "land":
                 frames += self._missing_telemetry(now)
         return frames
+
+    @property
+    def may_bypass(self) -> bool:
+        """Return whether the vehicle may be commanded directly, without its link process: false while a pilot may have control."""
+        return self._pilot.may_bypass
+
+    def on_refusal(self, data: bytes | memoryview) -> None:
+        """Process a datagram of the router or the link process: it may refuse a command because the pilot has control."""
+        for at in parse_frames(data).frames:
+            if at.sysid == self.system and at.msgid == mav.STATUSTEXT:
+                _, text = mav.parse_statustext(data, at)
+                if text == PILOT_HAS_CONTROL:
+                    self._pilot.on_refusal()
 
     def take_events(self) -> list[str]:
         """Return the texts for the user since the last call. They report that the pilot has taken or left manual control."""

@@ -17,14 +17,18 @@ class PilotWatch:
     The pilot has control when the armed vehicle reports a manual mode after it reported another mode, or after it
     reported that it was disarmed. A vehicle that reports a manual mode from the start is not under the pilot's control:
     somebody started land-all because of it.
+    A link process or a router decides itself whether such a vehicle is commanded. A direct connection passes neither, so it
+    must not be used while `may_bypass` is false.
     radio: false if no pilot has a radio (`radio: none`): a manual mode then counts only with stick positions
     events: texts for the user; the caller takes them and empties the list
     mode: manual mode in which the pilot has control; "" if the pilot does not have control
+    may_bypass: false from a report of a manual mode, or a refusal because the pilot has control, until another mode is reported
     """
 
     def __init__(self, *, radio: bool = True) -> None:
         self.mode = ""
         self.events: list[str] = []
+        self.may_bypass = True
         self._other_reported = False
         self._left_at: float | None = None
         self._radio = radio
@@ -37,9 +41,11 @@ class PilotWatch:
 
     def on_heartbeat(self, armed: bool, mode: str, now: float) -> None:
         """Process arming state and mode of a heartbeat of the vehicle's autopilot. now: monotonic [s]."""
-        if armed and mode in MANUAL_MODES:
+        manual = armed and mode in MANUAL_MODES
+        seen = self._radio or now - self._input_at <= INPUT_S
+        self.may_bypass = not (manual and seen)
+        if manual:
             self._left_at = None
-            seen = self._radio or now - self._input_at <= INPUT_S
             if self._other_reported and seen and not self.mode:
                 self.mode = mode
                 self.events.append(self.words)
@@ -51,6 +57,10 @@ class PilotWatch:
     def on_stick_positions(self, now: float) -> None:
         """Record that the vehicle receives stick positions of a radio. now: monotonic [s]."""
         self._input_at = now
+
+    def on_refusal(self) -> None:
+        """Process a refusal of a command by the router or the link process, because the pilot has control."""
+        self.may_bypass = False
 
     def has_control(self, now: float, mode: str | None) -> bool:
         """Return whether the pilot has manual control of the vehicle.

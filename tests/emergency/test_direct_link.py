@@ -19,9 +19,12 @@ from emergency_fleet import Fleet, flying
 from fake_autopilot import ARM, LAND, SET_MODE
 from served import Connection, SerialDevice, Served, UdpPort, until
 
+from arena.authority.command_gate import pack_reply
+from arena.constants import PILOT_HAS_CONTROL
 from arena.emergency import link_process, link_restart
 from arena.emergency.land_all import command, land_all
 from arena.emergency.run_record import ProcessIdentity
+from arena.wire.mavlink_codec import Codec
 
 K = 1
 OURS, OTHER = bytes(range(1, 19)), bytes(range(2, 20))
@@ -300,6 +303,49 @@ def test_review_fault_5_a_pilots_vehicle_is_refused_by_its_link(lab, capsys):
     last = lines(capsys)[-1]
     assert last.startswith("uav1: NOT CONFIRMED: armed, in the air, mode POSCTL")
     assert last.endswith("refused: denied (pilot has control)")
+
+
+def test_review_fault_5_a_pilots_vehicle_is_not_commanded_past_its_link(lab, capsys):
+    """The link process has ended. A direct connection passes no gate that refuses the command."""
+    host = "127.66.12.1"
+    with Fleet([flying(K, mode="POSCTL", uid2=OURS)], host, paths=("wire",)) as fleet:
+        site = lab(host, udpin(host))
+        site.start()
+        site.until(lambda: site.seen().get("uid") == OURS.hex())
+        site.signal(signal.SIGKILL)
+        assert land_all(run=site.folder, timeout_s=5.0) == 1
+        assert not {SET_MODE, LAND, ARM} & set(orders(fleet.autopilots[K]))
+    assert "uav1: a pilot may have control: not commanded directly" in lines(capsys)
+
+
+def test_review_fault_5_a_refusal_of_the_router_forbids_direct_commands(lab, capsys):
+    """The link process hangs and the vehicle is not received, but the router knows that a pilot has control."""
+    host = "127.66.13.1"
+    refusal = pack_reply(Codec(K, 1), SET_MODE, (253, 0), (PILOT_HAS_CONTROL,), 2)
+    with (
+        Fleet([flying(K, uid2=OURS)], host, paths=("wire",)) as fleet,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as router,
+    ):
+        router.bind((host, 24016))
+        threading.Thread(target=answer, args=(router, refusal), daemon=True).start()
+        site = lab(host, udpin(host))
+        site.start()
+        site.until(lambda: site.seen().get("uid") == OURS.hex())
+        fleet.autopilots[K].mute = True
+        site.signal(signal.SIGSTOP)
+        assert land_all(run=site.folder, timeout_s=5.0) == 1
+        assert not {SET_MODE, LAND, ARM} & set(orders(fleet.autopilots[K]))
+        router.sendto(b"", (host, 24016))
+    assert "uav1: a pilot may have control: not commanded directly" in lines(capsys)
+
+
+def answer(sock, reply):
+    """Send the reply to the sender of each datagram, until an empty one arrives."""
+    while True:
+        data, sender = sock.recvfrom(65535)
+        if not data:
+            return
+        sock.sendto(reply, sender)
 
 
 # review fault 10: the supervisor restarts a crashed link process

@@ -231,6 +231,26 @@ def test_the_pilots_landing_is_reported_by_the_autopilot(scene):
     assert scene.line(14.0) == "uav1: landed and disarmed after 14.0 s"
 
 
+def test_a_vehicle_is_not_commanded_directly_while_a_pilot_may_have_control(scene):
+    assert scene.landing.may_bypass
+    scene.receive(0.4, heartbeat(armed=True, mode=POSCTL), place(AIR))
+    assert not scene.landing.may_bypass, "from the start: link and router refuse too"
+    scene.receive(1.4, heartbeat(armed=True, mode=LAND))
+    assert scene.landing.may_bypass
+    scene.receive(2.4, heartbeat(armed=False, mode=POSCTL))
+    assert scene.landing.may_bypass
+
+
+def test_a_refusal_of_the_router_forbids_direct_commands(scene):
+    router = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    scene.landing.on_refusal(text("land-all has control").pack(router))
+    assert scene.landing.may_bypass
+    scene.landing.on_refusal(text("pilot has control").pack(router))
+    assert not scene.landing.may_bypass
+    scene.receive(1.4, heartbeat(armed=True, mode=LAND))
+    assert scene.landing.may_bypass
+
+
 def test_a_vehicle_in_a_manual_mode_from_the_start_is_landed(scene):
     for i in range(10):
         scene.receive(0.5 * i, heartbeat(armed=True, mode=POSCTL), place(AIR))
