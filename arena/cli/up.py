@@ -70,6 +70,13 @@ def register(app: typer.Typer) -> None:
                 help="simulated seconds per second of wall time, or max; the same as --set sim.speed=X",
             ),
         ] = None,
+        processes: Annotated[
+            bool,
+            typer.Option(
+                "--processes",
+                help="run each part of a simulated arena as a process of its own; the same as --set sim.processes=many",
+            ),
+        ] = False,
         realtime: Annotated[
             bool,
             typer.Option(
@@ -131,6 +138,7 @@ def register(app: typer.Typer) -> None:
         overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
         overrides += ["preflight.params=false"] if allow_diff else []
         overrides += ["sim.realtime=true"] if realtime else []
+        overrides += ["sim.processes=many"] if processes else []
         overrides += [f"sim.speed={speed}"] if speed is not None else []
         plan = _plan(file, overrides)
         for line in open_lines(plan):
