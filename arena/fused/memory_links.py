@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Mapping
+from typing import Any
 
 from arena.mocap.client import CapturedFrame
 from arena.transport import Address
@@ -86,7 +87,7 @@ def _take(waiting: deque[bytes]) -> bytes:
     return waiting.popleft()
 
 
-def address(raw: Mapping[str, object], key: str) -> Address:
+def address(raw: Mapping[str, Any], key: str) -> Address:
     """Return the address [host, port] under `key` of a link's configuration."""
-    host, port = raw[key]  # type: ignore[misc]
+    host, port = raw[key]
     return str(host), int(port)

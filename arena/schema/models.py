@@ -98,8 +98,8 @@ class Sim(Strict):
     speed: Speed = 1.0
     """Simulated seconds per second, or `max`."""
     processes: Literal["auto", "one", "many"] = "auto"
-    """Processes of a simulated arena. `one`: world, motion capture, forwarders, router and loggers share a process, which is faster and
-    repeatable. `many`: each has its own, as with real vehicles. `auto`: `one` if every vehicle has the built-in autopilot and `speed` is not 1."""
+    """Processes of a simulated arena. `one`: a process for all its parts: faster, and repeatable. `many`: a process for each part, as with
+    real vehicles. `auto`: `one` if every vehicle has the built-in autopilot and `speed` is not 1."""
     gui: bool = False
     """Show pybullet's window."""
     realtime: bool = False

@@ -7,7 +7,7 @@ from typing import Any
 
 from arena.plan.model import ProcessSpec
 
-_NO_USE = {
+_NO_USE: Mapping[str, Any] = {
     "pid": None,
     "cpu_s": 0.0,
     "cpu_mean": 0.0,
