@@ -74,7 +74,11 @@ class Loop:
         self._keep_to_a_core(settings["vehicles"])
         self._truth_path = Path(settings["truth"])
         self._truth, self._clock = self._pages(settings["clock"])
-        self._links = make_links(context, settings, _DRAIN_SHARE * period_s)
+        try:
+            self._links = make_links(context, settings, _DRAIN_SHARE * period_s)
+        except BaseException:
+            self._close_pages()
+            raise
         self._expected = frozenset(settings.get("expected", ()))
         self._ready = False
         self._faults = self._listen(settings.get("faults"))
@@ -96,12 +100,15 @@ class Loop:
     def close(self) -> None:
         """Close all sockets and remove the shared memory pages."""
         self._faults.close()
-        self._clock.close()
         self._links.close()
         if (close := getattr(self._autopilots, "close", None)) is not None:
             close()
-        self._truth_path.unlink(missing_ok=True)
+        self._close_pages()
         self._world.close()
+
+    def _close_pages(self) -> None:
+        self._clock.close()
+        self._truth_path.unlink(missing_ok=True)
 
     def _keep_to_a_core(self, vehicles: list[dict[str, Any]]) -> None:
         external = sum(v.get("autopilot", "builtin") != "builtin" for v in vehicles)
@@ -126,8 +133,7 @@ class Loop:
         try:
             return FaultReceiver(path)
         except RunError:
-            self._clock.close()
-            self._truth_path.unlink(missing_ok=True)
+            self._close_pages()
             raise
 
     def _serve(self) -> None:
