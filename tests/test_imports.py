@@ -55,7 +55,8 @@ MAY: dict[str, set[str]] = {
     "params": {"constants", "errors", "wire", "clock", "run_dirs", "signing_key", "transport"},
     "mocap.emulator": GROUND | {"mocap"},
     # the only process that joins the parts of other processes
-    "fused": GROUND | {"sim", "mocap.client", "mocap.emulator", "pose_forwarder", "mavlink_router", "recorder"},
+    "fused": GROUND
+    | {"sim", "mocap.client", "mocap.emulator", "pose_forwarder", "mavlink_router", "recorder"},
     "schema": {
         "constants",
         "errors",

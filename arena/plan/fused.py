@@ -31,6 +31,12 @@ def why_many(arena: Arena) -> str:
     return ""
 
 
+def could_be_member(process: str) -> bool:
+    """Return whether a process with this name is joined with the world in a fused arena. The world itself counts, too."""
+    kind = process.partition(".")[0]
+    return kind == "world" or kind in _MEMBERS
+
+
 def fuse(processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, ...]:
     """Return the processes of the plan with world, motion capture, forwarders, router and loggers joined in the process `world`."""
     joined = [p for p in processes if p.kind in _MEMBERS]
