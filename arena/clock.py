@@ -272,6 +272,10 @@ class ClockServer:
                     all_asleep = False
         return all_asleep
 
+    def has_left(self, name: str) -> bool:
+        """Return whether a client with this name has slept on the clock and is no longer connected."""
+        return name in self.joined and all(client.name != name for client in self._clients.values())
+
     def close(self) -> None:
         """Disconnect all clients, and remove the files of the shared memory and of the socket."""
         for client in list(self._clients.values()):

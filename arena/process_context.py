@@ -18,6 +18,7 @@ requests that it does not know, and requests that it reads later than `expires` 
     {"do": "body", "vehicle": "uav1", "definition": "..."}  once a second: the definition of its rigid body (link processes)
     {"do": "forget", "vehicle": "uav1", "dead": true}  an operator has declared the vehicle dead: end without waiting for it
     {"do": "operator"}                     once a second while an operator is present
+    {"do": "until_done"}                   the run ends when all programs have ended (`arena up --until-done`)
     {"do": "release", "vehicle": "uav1", "by": "..."}  `arena release`: programs may fly the vehicle again
     {"do": "restore", "vehicle": "uav1", "standing": {...}}  after a restart: what the process must enforce again (arena.authority)
 End of file on the socket means that the supervisor has died. Without ARENA_FD a process runs alone and sends nothing.

@@ -45,6 +45,8 @@ _MAX_WAIT_S = 0.1
 _MILLI_S = 1e-3
 _RTF_TOLERANCE = 0.02
 _JOIN_TIMEOUT_S = 30.0
+_AFTER_DONE_S = 2.0
+_LAST_STEPS_S = 3.0
 MakeLinks = Callable[[ProcessContext, Mapping[str, Any], float], Links]
 """Function that opens the links of all vehicles: (context, configuration of the world, wall time for reading in one step [s])."""
 
@@ -81,6 +83,9 @@ class Loop:
             raise
         self._expected = frozenset(settings.get("expected", ()))
         self._ready = False
+        self._until_done = False
+        self._done_at = math.inf  # simulation time [s]
+        self._stop_by = math.inf  # wall time [s]
         self._faults = self._listen(settings.get("faults"))
         self._shutdown = ShutdownPolicy()
         self._clients_dropped = 0
@@ -140,10 +145,11 @@ class Loop:
         now = time.monotonic()
         pacer = Pacer(period_s=self._world.period_s, speed=self._speed, now=now)
         next_check, next_stats = now, now + _STATS_S
-        while not self._context.stopping:
+        while not self._must_stop():
             now = self._wait(pacer)
-            pacer.begin(now)
-            self._step()
+            if not self._is_over():
+                pacer.begin(now)
+                self._step()
             if not self._ready and self._links.ready:
                 self._ready = True
                 self._context.ready()
@@ -211,6 +217,31 @@ class Loop:
                 return
             self._clock.poll(_MAX_WAIT_S)
 
+    def _must_stop(self) -> bool:
+        """Return whether the loop must end: a stop signal has arrived, and the simulation time at which repeated flights end.
+
+        The loop waits for this time for at most 3 s of wall time after the signal.
+        """
+        if not self._context.stopping:
+            return False
+        now = time.monotonic()
+        self._stop_by = min(self._stop_by, now + _LAST_STEPS_S)
+        return self._done_at == math.inf or self._is_over() or now > self._stop_by
+
+    def _is_over(self) -> bool:
+        """Return whether simulation time must stand still, because all programs have ended and 2 s have passed since.
+
+        Only with `arena up --until-done`, in a world that waits for its programs: repeated flights then end at the same time.
+        """
+        if not (self._until_done and self._expected):
+            return False
+        if self._done_at == math.inf and all(map(self._clock.has_left, self._expected)):
+            self._done_at = math.inf if np.any(self._autopilots.armed) else self._world.now
+        if self._world.now < self._done_at + _AFTER_DONE_S:
+            return False
+        self._clock.poll(_MILLI_S)
+        return True
+
     def _wait(self, pacer: Pacer) -> float:
         """Serve the clients of the simulation clock until the next step may begin. Return the wall time at
         the end of the wait [s].
@@ -243,6 +274,7 @@ class Loop:
             self._context.event(text)
             print(text, flush=True)  # the log exists when the supervisor does not
         for request in self._context.requests():
+            self._until_done = self._until_done or request.get("do") == "until_done"
             self._autopilots.on_request(request)
             self._links.on_request(request)
             self._context.confirm(request)
