@@ -55,7 +55,10 @@ def test_truth_is_within_2_cm_of_a_flight_with_many_processes(
 ) -> None:
     (t_one, p_one), (t_many, p_many) = truth(first, vehicle), truth(many, vehicle)
     times = np.arange(0.0, min(t_one[-1], t_many[-1]), 0.1)
-    at = [np.column_stack([np.interp(times, t, p[:, k]) for k in range(3)]) for t, p in ((t_one, p_one), (t_many, p_many))]
+    at = [
+        np.column_stack([np.interp(times, t, p[:, k]) for k in range(3)])
+        for t, p in ((t_one, p_one), (t_many, p_many))
+    ]
     apart = np.linalg.norm(at[0] - at[1], axis=1)
     print(f"{vehicle}: median {np.median(apart):.4f} m, largest {apart.max():.4f} m")
     assert len(times) > 200 and np.median(apart) < 0.02
@@ -72,5 +75,3 @@ def test_summary_and_tables_are_those_of_many_processes(first: Flight, many: Fli
     assert one["router"]["member_of"] == "world" and one["router"]["pid"] is None
     assert one["router"]["stats"].keys() >= {"frames_from_vehicles", "telemetry"}
     assert one["forward.uav1"]["stats"]["poses"] > 100
-
-

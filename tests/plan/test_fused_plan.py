@@ -36,7 +36,7 @@ def test_faster_arenas_of_built_in_autopilots_share_a_process(tmp_path, sets, fu
 
 
 def test_one_process_for_px4_is_refused_with_the_reason(tmp_path):
-    with pytest.raises(InputError, match="sim.processes: got one, but uav1 has autopilot: px4"):
+    with pytest.raises(InputError, match=r"sim\.processes: got one, but uav1 has autopilot: px4"):
         plan_of(tmp_path, TWO, "sim.processes=one", "defaults.autopilot=px4", "px4.home=stand-in")
 
 
