@@ -120,7 +120,7 @@ class ProcessContext:
     def confirm(self, request: Mapping[str, Any]) -> None:
         """Report to the supervisor that a request was carried out, if the request has an `id`."""
         if "id" in request:
-            self._send({"confirmed": request["id"]})
+            self.send({"confirmed": request["id"]})
 
     def may_end(self, armed: Collection[str]) -> bool:
         """Return whether a stop signal has arrived and no vehicle in `armed` prevents the end. Report once which vehicles prevent it.

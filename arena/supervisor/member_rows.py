@@ -1,4 +1,4 @@
-"""Members of the fused arena in the supervisor: their packets, and their rows in the process table. Pure."""
+"""Rows of the process table for the members of the fused arena, which have no process of their own. Pure."""
 
 from __future__ import annotations
 
@@ -17,14 +17,6 @@ _NO_USE: Mapping[str, Any] = {
     "over_budget": [],
 }
 """Figures that only the process itself has."""
-
-
-def reporter(spec: ProcessSpec, packet: Mapping[str, Any]) -> tuple[str, str]:
-    """Return name and kind of the part that sent a packet: a member of the fused arena, or the process itself."""
-    for member in spec.members if "of" in packet else ():
-        if member.name == packet["of"]:
-            return member.name, member.kind
-    return spec.name, spec.kind
 
 
 def member_rows(

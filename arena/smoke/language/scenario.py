@@ -71,8 +71,9 @@ class Scenario:
             step.trigger.condition for step in self.steps if step.trigger and step.trigger.condition
         ]
         conditions += [rule.condition for rule in self.always]
-        actions = [action for step in self.steps for action in step.do]
-        return frozenset(name for part in (*conditions, *actions) for name in part.processes)
+        named = [condition.processes for condition in conditions]
+        named += [action.processes for step in self.steps for action in step.do]
+        return frozenset(name for names in named for name in names)
 
 
 def _arena(value: Any) -> Any:
