@@ -89,7 +89,7 @@ class SimTime:
 
     @property
     def lockstep(self) -> bool:
-        """Whether simulation time stands still while a client of the clock is awake."""
+        """True if simulation time stands still while a client of the clock is awake."""
         return self._page[1] == 1.0
 
 
@@ -114,7 +114,7 @@ class SimClock:
 
     @property
     def lockstep(self) -> bool:
-        """Whether simulation time stands still while a client of the clock is awake."""
+        """True if simulation time stands still while a client of the clock is awake."""
         return self._lockstep
 
     def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:

@@ -59,7 +59,7 @@ class Members:
 
     @property
     def ready(self) -> bool:
-        """Whether every member has reported that it is ready."""
+        """True if every member has reported that it is ready."""
         return all(context.is_ready for context in self._contexts.values())
 
     def drain(self, receive: Receive) -> None:

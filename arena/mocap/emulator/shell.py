@@ -41,7 +41,7 @@ class EmulatorShell:
         return self._cameras.due(self._number)
 
     def advance(self, now: float) -> None:
-        """Expose and send the frames that are due. now: simulation time [s]."""
+        """Measure and send the frames that are due. now: simulation time [s]."""
         cameras, due = self._cameras, self.due
         self._late += now - due > max(1.0 / cameras.rate_hz, _LATE_S)
         wall = time.monotonic()
