@@ -73,6 +73,9 @@ class MemoryCapture:
         """Return the name of the body: the emulator does not define its bodies again."""
         return body
 
+    def refresh_definitions(self) -> None:
+        """Do nothing: the emulator does not define its bodies again."""
+
     def diagnosis(self) -> str:
         """Return "": nothing can be lost on the way."""
         return ""

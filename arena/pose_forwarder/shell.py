@@ -16,6 +16,7 @@ from arena.transport import Address, listen_udp
 
 TICK_S = 0.2
 """Time between two calls of `ForwarderShell.tick` [s]."""
+_REFRESH_S = 5.0
 _FIRST_MESSAGE_S = 0.3  # a running autopilot sends EXTENDED_SYS_STATE five times a second
 
 
@@ -54,6 +55,7 @@ class ForwarderShell:
         self.simulated, self.body = bool(s["simulated"]), str(s["body"])
         self.after = ShutdownPolicy(limit_s=60.0 if self.simulated else None)
         self.reported, self.poses_then, self.ready = time.monotonic(), 0, False
+        self.refreshed = self.reported
         self.poses_from: float | None = None
 
     def turn(self, now: float) -> bool:
@@ -76,10 +78,17 @@ class ForwarderShell:
         if wall - self.reported >= 1.0:
             self._report(now, wall)
             self._report_diagnosis()
+        self._refresh_definition(wall)
         a = self.core.autopilot
         # A silent simulated autopilot has ended; a silent real one may be flying with a lost radio link.
         armed = a.armed and (now - a.last_heartbeat < 5.0 or not self.simulated)
         return self.after.over(orphaned=self.process.orphaned, any_armed=armed, now=wall)
+
+    def _refresh_definition(self, wall: float) -> None:
+        """Request the definition of a real vehicle's body regularly while the vehicle is disarmed, because its axes check depends on it."""
+        if not self.simulated and not self.core.autopilot.armed and wall - self.refreshed >= _REFRESH_S:
+            self.refreshed = wall
+            self.capture.refresh_definitions()
 
     def _report(self, now: float, wall: float) -> None:
         if self.poses_from is None and self.core.poses:
