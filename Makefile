@@ -1,13 +1,14 @@
 # make demo    installs into .venv, flies the first example, says where the run and its picture are
 # make test    installs into .venv, checks style and types, runs every test but the long campaigns
 # make nightly runs the long campaigns
+# make kernels compiles the formulas of arena/kernels again; the others do it when a formula has changed
 # make bench   the benchmarks that need nothing else, as tables; px4, contract, tracking and thesis are commands of their own
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint unit flights nightly bench docs clean
+.PHONY: demo test lint unit flights nightly bench docs kernels clean
 
-demo: .venv/ready
+demo: .venv/compiled
 	$(BIN)/arena up examples/01_two_quads/arena.yaml --headless --until-done --time-limit 120
 
 test: lint unit flights
@@ -16,33 +17,40 @@ lint: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-unit: .venv/ready
+unit: .venv/compiled
 	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 2 --dist loadfile -q
 
 # Arenas at real time need cores: two flights of a few vehicles share two cores, arenas of many vehicles fly alone.
 
-flights: .venv/ready
+flights: .venv/compiled
 	$(BIN)/python -m pytest -m "flight and not nightly" -n 2 --dist loadfile -q
 	$(BIN)/python -m pytest -m "crowd and not nightly" -q
 
 # Long campaigns: every cell of the process table, every shipped scenario, twelve vehicles, full fuzz and estimator campaigns.
-nightly: .venv/ready
+nightly: .venv/compiled
 	$(BIN)/python -m pytest -m "nightly and not crowd" -n 2 --dist loadfile -q
 	$(BIN)/python -m pytest -m "nightly and crowd" -q
 
-bench: .venv/ready
+bench: .venv/compiled
 	for each in flights world router; do $(BIN)/python benchmarks/$$each.py || exit 1; done
 
 docs: .venv/ready
 	$(BIN)/python -m arena.cli.reference
 
+kernels: .venv/compiled
+
+.venv/compiled: .venv/ready setup.py $(wildcard arena/kernels/*.py arena/kernels/*.pxd)
+	$(BIN)/python setup.py --quiet build_ext --inplace
+	touch $@
+
 .venv/ready: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("arena needs Python 3.11 or newer: make PYTHON=python3.11")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	# the formulas are compiled by the next target
+	ARENA_NO_COMPILE=1 $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	# tested against too; of what it asks for, half a gigabyte of viewers, nothing is needed here
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'MAVProxy>=1.8.70'
 	touch $@
 
 clean:
-	rm -rf .venv build runs examples/*/runs *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build arena/kernels/*.so runs examples/*/runs *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,13 +1,29 @@
-"""Carries `profiles/` and `templates/` into the built package, as `arena/_data`; all the rest is in pyproject.toml."""
+"""Compiles the kernels and carries `profiles/` and `templates/` into the built package; the other settings are in pyproject.toml.
 
+    python setup.py build_ext --inplace      compile the kernels after a change
+
+Without a C compiler or Python's headers, or with ARENA_NO_COMPILE=1, arena installs without compiled kernels and runs
+their Python source.
+"""
+
+import os
+import runpy
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
-from setuptools import setup
+from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
 
 HERE = Path(__file__).parent
 FOLDERS = ("profiles", "templates")
+KERNELS = Path("arena/kernels")
+C_FILES = Path("build/kernels")
+TOOLS = runpy.run_path(str(HERE / KERNELS / "source_digest.py"))
+# Without contraction a * b + c is rounded twice on every architecture, as Python rounds it.
+FLAGS = ["-O2", "-g0", "-ffp-contract=off"]
+DIRECTIVES = {"language_level": 3, "annotation_typing": False, "infer_types": True, "wraparound": False}
 
 
 class BuildWithData(build_py):
@@ -22,4 +38,55 @@ class BuildWithData(build_py):
                 )
 
 
-setup(cmdclass={"build_py": BuildWithData})
+class BuildKernels(build_ext):
+    """Translates all kernels to C and compiles them, on all cores. Time stamps do not matter, because git changes them."""
+
+    def finalize_options(self) -> None:
+        super().finalize_options()
+        self.force, self.parallel = True, os.cpu_count()
+
+    def build_extensions(self) -> None:
+        from Cython.Build import cythonize
+
+        digest = TOOLS["source_digest"](HERE / KERNELS)
+        C_FILES.mkdir(parents=True, exist_ok=True)
+        for name in TOOLS["kernel_names"](HERE / KERNELS):
+            _digest_file(name).write_text(TOOLS["digest_as_c"](name, digest))
+        in_c = cythonize(
+            self.extensions,
+            build_dir=str(C_FILES),
+            force=True,
+            quiet=True,
+            compiler_directives=DIRECTIVES,
+            shared_utility_qualified_name="arena.kernels._arrays",
+        )
+        for extension, translated in zip(self.extensions, in_c, strict=True):
+            extension.sources = translated.sources
+        super().build_extensions()
+
+
+def kernels() -> list[Extension]:
+    """Return the kernels to compile: every module of `arena/kernels` that has a .pxd file."""
+    if os.environ.get("ARENA_NO_COMPILE", "0") not in ("", "0"):
+        return []
+    if find_spec("Cython") is None:
+        print("arena: Cython is not installed, so the kernels are not compiled")
+        return []
+    # This module contains what all compiled kernels need to read arrays. One copy halves the build time.
+    shared = _extension("_arrays", [str(C_FILES / "_arrays.c")])
+    return [shared] + [
+        _extension(name, [str(KERNELS / f"{name}.py"), str(_digest_file(name))])
+        for name in TOOLS["kernel_names"](HERE / KERNELS)
+    ]
+
+
+def _digest_file(kernel: str) -> Path:
+    """Return the C file that stores the digest of the sources in a compiled kernel."""
+    return C_FILES / f"{kernel}_sources.c"
+
+
+def _extension(name: str, sources: list[str]) -> Extension:
+    return Extension(f"arena.kernels.{name}", sources, extra_compile_args=FLAGS, optional=True)
+
+
+setup(cmdclass={"build_py": BuildWithData, "build_ext": BuildKernels}, ext_modules=kernels())

@@ -19,6 +19,7 @@ GROUND = {
     "fault_injection",
     "geomagnetism",
     "geometry",
+    "kernels",
     "motion_check",
     "wire",
     "clock",
@@ -40,6 +41,7 @@ MAY: dict[str, set[str]] = {
     "fault_injection": {"errors"},
     "geomagnetism": set(),
     "geometry": {"errors"},
+    "kernels": {"constants"},
     "motion_check": {"constants", "geometry"},
     "clock": {"errors"},
     "process_context": {"background_writer", "errors"},
@@ -54,9 +56,6 @@ MAY: dict[str, set[str]] = {
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
     "params": {"constants", "errors", "wire", "clock", "run_dirs", "signing_key", "transport"},
     "mocap.emulator": GROUND | {"mocap"},
-    # the only process that joins the parts of other processes
-    "fused": GROUND
-    | {"sim", "mocap.client", "mocap.emulator", "pose_forwarder", "mavlink_router", "recorder"},
     "schema": {
         "constants",
         "errors",

@@ -215,8 +215,10 @@ class Autopilots:
         for v in self.vehicles:
             self._decide_one(v)
         flying, begun = self.takeoff.flying, np.isfinite(self.takeoff.begun)
-        self.cascade.position.speed_up = self.takeoff.speed_up(now, full)
-        self.cascade.position.tilt_max = np.where(flying, np.inf, np.radians(self.params["MPC_TILTMAX_LND"]))
+        self.cascade.position.speed_up[:] = self.takeoff.speed_up(now, full)
+        self.cascade.position.tilt_max[:] = np.where(
+            flying, np.inf, np.radians(self.params["MPC_TILTMAX_LND"])
+        )
         self.cascade.reset(~(flying | begun))
         self.armed = np.array([v.commander.armed for v in self.vehicles])
         self._armed_since = np.array([v.commander.armed_since for v in self.vehicles])
@@ -347,7 +349,7 @@ class Autopilots:
         up = now >= self._up_from
         self.thrust = np.where(up, thrust, 0.0)
         up = up[:, None]
-        u, self.cascade.saturated = self.allocator.allocate(torque * up, self.thrust)
+        u, self.cascade.saturated[:] = self.allocator.allocate(torque * up, self.thrust)
         self.motors = np.where(up, u, self._idle_motors)
         for i, k in self._dead_motors:
             self.motors[i, k : k + 1] = 0.0

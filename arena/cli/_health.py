@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from arena.errors import NotInstalledError
+from arena.kernels import INTERPRETED
 from arena.plan.machine import Machine, Probe
 from arena.schema.models import ArenaFile, VehicleKeys
 from arena.schema.ports import GROUND_STATION, LINK_BASE, PORTS, vehicle_ports
@@ -62,6 +63,7 @@ def examine(
     probe = probe or Machine()
     yield from _python()
     yield from _packages(probe)
+    yield _kernels()
     yield _px4()
     yield from _ports(probe)
     yield from _runs()
@@ -92,6 +94,12 @@ def _version(package: str) -> str:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
         return ""
+
+
+def _kernels() -> Finding:
+    if INTERPRETED:
+        return Finding(sign="note", what=INTERPRETED)
+    return Finding(sign="ok", what="the formulas of the simulation are compiled")
 
 
 def _px4() -> Finding:

@@ -21,6 +21,7 @@ from arena.cli._arena import at_free_address, copilot_notes, not_possible, witho
 from arena.cli._consent import ask_consent
 from arena.cli._running import user_name
 from arena.errors import EXIT_FAILED, EXIT_OK, InputError, RunError
+from arena.kernels import INTERPRETED
 from arena.plan.model import Plan
 from arena.plan.open_ports import open_lines
 from arena.supervisor import (
@@ -70,22 +71,6 @@ def register(app: typer.Typer) -> None:
                 help="simulated seconds per second of wall time, or max; the same as --set sim.speed=X",
             ),
         ] = None,
-        seed: Annotated[
-            int | None,
-            typer.Option(
-                "--seed",
-                metavar="N",
-                min=0,
-                help="seed of world and motion capture; the same as --set world.seed=N --set mocap.seed=N",
-            ),
-        ] = None,
-        processes: Annotated[
-            bool,
-            typer.Option(
-                "--processes",
-                help="run each part of a simulated arena as a process of its own; the same as --set sim.processes=many",
-            ),
-        ] = False,
         realtime: Annotated[
             bool,
             typer.Option(
@@ -147,8 +132,6 @@ def register(app: typer.Typer) -> None:
         overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
         overrides += ["preflight.params=false"] if allow_diff else []
         overrides += ["sim.realtime=true"] if realtime else []
-        overrides += ["sim.processes=many"] if processes else []
-        overrides += [f"world.seed={seed}", f"mocap.seed={seed}"] if seed is not None else []
         overrides += [f"sim.speed={speed}"] if speed is not None else []
         plan = _plan(file, overrides)
         for line in open_lines(plan):
@@ -180,6 +163,8 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
     arena = load_arena(file, overrides)
     for line in (*not_possible(arena), *without_effect(arena), *copilot_notes(arena)):
         print(line, file=sys.stderr)
+    if arena.simulated and INTERPRETED:
+        print(INTERPRETED, file=sys.stderr)
     plan = make_plan(arena)
     sweep_all(_say, plan.address)
     arena, plan, moved = at_free_address(arena, plan, overrides)

@@ -248,8 +248,8 @@ def test_decisions_are_made_50_times_a_second_at_any_sensor_rate(sensor_hz):
 def test_position_is_controlled_125_times_a_second(sensor_hz, rate):
     flight = Flight(1, sensor_hz=sensor_hz, physics_hz=1000)
     position, times = flight.pilots.cascade.position, []
-    update = position.update
-    position.update = lambda sp, est: (times.append(0), update(sp, est))[1]  # type: ignore[method-assign]
+    prepare = position.prepare
+    position.prepare = lambda sp, est: (times.append(0), prepare(sp, est))[1]  # type: ignore[method-assign]
     for _ in range(sensor_hz):
         flight._step()
     assert len(times) == rate

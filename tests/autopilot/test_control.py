@@ -12,7 +12,6 @@ from arena.autopilot.control.controllers import (
     AttitudeControl,
     PositionControl,
     RateControl,
-    attitude_from_thrust,
 )
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
@@ -27,6 +26,7 @@ from arena.geometry import (
     quat_multiply,
     quat_rotate,
 )
+from arena.kernels.position_control import attitude_from_thrust
 from arena.vehicle_models import VEHICLE_MODELS
 
 QUAD_X = [
@@ -123,7 +123,7 @@ def test_vertical_integral_stops_while_thrust_saturates(east):
 @given(st.lists(st.floats(-0.5, 0.5), min_size=2, max_size=2), st.floats(-3.1, 3.1))
 def test_attitude_from_thrust_is_opposite_to_it_and_keeps_the_heading(tilt, yaw):
     thrust = np.array([[*tilt, -1.0]])
-    q = attitude_from_thrust(thrust, np.array([yaw]))
+    q = np.array([attitude_from_thrust(*thrust[0], yaw)])
     assert np.allclose(quat_rotate(q, [0, 0, -1.0]), thrust / np.linalg.norm(thrust))
     nose = quat_rotate(q, [1.0, 0, 0])[0]
     assert (
@@ -135,7 +135,7 @@ def test_attitude_from_thrust_is_opposite_to_it_and_keeps_the_heading(tilt, yaw)
 
 
 def test_attitude_control_turns_towards_the_setpoint():
-    control = AttitudeControl(Params(3))
+    control = AttitudeControl(Params(3), 3)
     q = np.tile(quat_from_euler(GENERIC_RPY), (3, 1))
     q_sp = np.stack([quat_multiply(q[0], quat_exp(0.1 * axis)) for axis in np.eye(3)])
     rates = control.update(q, matrix_from_quat(q), q_sp, np.zeros(3))
@@ -159,7 +159,7 @@ def test_attitude_control_corrects_tilt_first_and_yaw_by_its_weight(turns, weigh
     gains = [float(params[f"MC_{axis}_P"][0]) for axis in ("ROLL", "PITCH", "YAW")]
     limits = np.radians([float(params[f"MC_{axis}RATE_MAX"][0]) for axis in ("ROLL", "PITCH", "YAW")])
     wanted = 2.0 * np.sign(error[0]) * error[1:] * gains / [1.0, 1.0, weight]
-    rates = AttitudeControl(params).update(q[None], matrix_from_quat(q)[None], q_sp[None], np.zeros(1))[0]
+    rates = AttitudeControl(params, 1).update(q[None], matrix_from_quat(q)[None], q_sp[None], np.zeros(1))[0]
     assert np.allclose(rates, np.clip(wanted, -limits, limits), atol=1e-9)
 
 

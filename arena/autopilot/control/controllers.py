@@ -5,8 +5,7 @@ Structure and parameter names are PX4's:
     position P -> velocity PID -> acceleration -> thrust vector and attitude -> attitude P on the quaternion
     -> rate PID
 
-Attitude law: Brescianini, Hehn, D'Andrea, "Nonlinear quadrocopter attitude control", ETH, 2013. It corrects
-the tilt first and weights yaw less.
+The formulas are in `arena.kernels`. These classes read the parameters and own the arrays.
 """
 
 from __future__ import annotations
@@ -14,22 +13,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.autopilot.control.setpoints import Level, Setpoints
+from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.param_table import Params
-from arena.constants import GRAVITY_M_S2
-from arena.geometry import quat_between, quat_from_euler, yaw_from_quat
+from arena.kernels.arrays import array, integers, view
+from arena.kernels.attitude_control import AttitudeLaw
+from arena.kernels.cascade import CascadeLaw
+from arena.kernels.position_control import PositionLaw
+from arena.kernels.rate_control import RateLaw
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-_INTEGRAL_CUTOFF = 1.0 / np.radians(400.0)  # a larger rate error is a transient and is not integrated [s/rad]
 _POSITION_PERIOD_S = 0.008  # of the position loop
 
 
 class PositionControl:
     """Position and velocity controller of V vehicles: computes attitude and collective thrust from setpoints.
 
+    integral: integral of the velocity error [m/s2] [NED] (V, 3)
     thrust_n: normalised thrust vector [-] [NED] (V, 3)
     v_sp_n, a_sp_n: velocity [m/s] and acceleration [m/s2] setpoint [NED] (V, 3)
     speed_up: limit of the climb rate, set by the take-off ramp [m/s] (V,)
@@ -38,151 +40,85 @@ class PositionControl:
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
         self.params, self.dt = params, dt
-        self.integral = np.zeros((vehicles, 3))
-        self.thrust_n = np.zeros((vehicles, 3))
-        self.v_sp_n = np.full((vehicles, 3), np.nan)
-        self.a_sp_n = np.full((vehicles, 3), np.nan)
-        self.speed_up = np.full(vehicles, np.inf)
-        self.tilt_max = np.full(vehicles, np.inf)
-        self._v_last, self._v_dot = np.zeros((vehicles, 3)), np.zeros((vehicles, 3))
+        self.law = law = PositionLaw(vehicles, dt)
+        self.integral, self.thrust_n = array(law.integral), array(law.thrust_n)
+        self.v_sp_n, self.a_sp_n = array(law.v_sp_n), array(law.a_sp_n)
+        self.speed_up, self.tilt_max = array(law.speed_up), array(law.tilt_max)
+        self._v_dot = array(law.v_dot)
+        self._inputs = array(law.p_n), array(law.v_n), array(law.q_nb)
+        self._sp: Setpoints | None = None
         self._read_params()
 
     def _read_params(self) -> None:
-        p = self.params
+        p, law = self.params, self.law
         self._version = p.version
-        self._p = p.columns("MPC_XY_P", "MPC_XY_P", "MPC_Z_P")
-        self._vp = p.columns("MPC_XY_VEL_P_ACC", "MPC_XY_VEL_P_ACC", "MPC_Z_VEL_P_ACC")
-        self._vi = p.columns("MPC_XY_VEL_I_ACC", "MPC_XY_VEL_I_ACC", "MPC_Z_VEL_I_ACC")
-        self._vd = p.columns("MPC_XY_VEL_D_ACC", "MPC_XY_VEL_D_ACC", "MPC_Z_VEL_D_ACC")
-        self._hover, self._thr_min, self._thr_max = p["MPC_THR_HOVER"], p["MPC_THR_MIN"], p["MPC_THR_MAX"]
-        self._per_thrust, self._short_gain = GRAVITY_M_S2 / self._hover, 2.0 / self._vp[:, 0]
-        self._vi_dt = self._vi * self.dt
-        self._margin, self._xy_max = p["MPC_THR_XY_MARG"], p["MPC_XY_VEL_MAX"]
-        self._up_max, self._down_max = p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"]
-        self._tilt_air = np.radians(p["MPC_TILTMAX_AIR"])
+        vi = p.columns("MPC_XY_VEL_I_ACC", "MPC_XY_VEL_I_ACC", "MPC_Z_VEL_I_ACC")
+        array(law.p)[:] = p.columns("MPC_XY_P", "MPC_XY_P", "MPC_Z_P")
+        array(law.vp)[:] = p.columns("MPC_XY_VEL_P_ACC", "MPC_XY_VEL_P_ACC", "MPC_Z_VEL_P_ACC")
+        array(law.vi_dt)[:] = vi * self.dt
+        array(law.vd)[:] = p.columns("MPC_XY_VEL_D_ACC", "MPC_XY_VEL_D_ACC", "MPC_Z_VEL_D_ACC")
+        array(law.hover)[:], array(law.margin)[:] = p["MPC_THR_HOVER"], p["MPC_THR_XY_MARG"]
+        array(law.thr_min)[:], array(law.thr_max)[:] = p["MPC_THR_MIN"], p["MPC_THR_MAX"]
+        array(law.xy_max)[:], array(law.up_max)[:] = p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"]
+        array(law.down_max)[:], array(law.tilt_air)[:] = (
+            p["MPC_Z_VEL_MAX_DN"],
+            np.radians(p["MPC_TILTMAX_AIR"]),
+        )
         cutoff = p["MPC_VELD_LP"]
-        self._lp = (self.dt / (self.dt + 1.0 / (2 * np.pi * np.maximum(cutoff, 1e-3))))[:, None]
+        array(law.low_pass)[:] = self.dt / (self.dt + 1.0 / (2 * np.pi * np.maximum(cutoff, 1e-3)))
 
     def reset(self, which: Bool | int) -> None:
         """Clear the velocity integral and the filtered acceleration of the selected vehicles."""
         self.integral[which] = 0.0
         self._v_dot[which] = 0.0
 
-    def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
-        """Run the position and velocity controller. Return the attitude setpoint [-] wxyz (V, 4) and collective thrust 0..1 (V,).
+    def prepare(self, sp: Setpoints, est: Estimator) -> None:
+        """Read changed parameters, and copy the estimates for the next step of `law`.
 
         sp: setpoints; those at position level are used
         est: estimator of all vehicles
         """
         if self._version != self.params.version:
             self._read_params()
-        self._v_dot += self._lp * ((est.v_n - self._v_last) / self.dt - self._v_dot)
-        self._v_last = est.v_n.copy()
-        v_sp = self._velocity_setpoint(sp, est)
-        held = np.isfinite(v_sp)
-        error = np.where(held, v_sp - est.v_n, 0.0)
-        a_sp = error * self._vp + self.integral - self._v_dot * self._vd * held
-        a_sp += np.where(np.isfinite(sp.a_n), sp.a_n, 0.0)
-        self._integrate(error, a_sp, self._to_thrust(a_sp))
-        self.v_sp_n, self.a_sp_n = v_sp, a_sp
-        yaw = np.where(np.isfinite(sp.yaw), sp.yaw, yaw_from_quat(est.q_nb))
-        return attitude_from_thrust(self.thrust_n, yaw), _length(self.thrust_n)
+        if sp is not self._sp:
+            self._sp = sp
+            self.law.read_setpoints_from(view(sp.p_n), view(sp.v_n), view(sp.a_n), view(sp.yaw))
+        for to, estimate in zip(self._inputs, (est.p_n, est.v_n, est.q_nb), strict=True):
+            to[...] = estimate
 
-    def _velocity_setpoint(self, sp: Setpoints, est: Estimator) -> Array:
-        wanted = (sp.p_n - est.p_n) * self._p
-        has_p, has_v = np.isfinite(wanted), np.isfinite(sp.v_n)
-        from_p, feed = np.where(has_p, wanted, 0.0), np.where(has_v, sp.v_n, 0.0)
-        v = from_p + feed
-        over = v[:, 0] ** 2 + v[:, 1] ** 2 > self._xy_max**2
-        if over.any():
-            limited = _add_within(from_p[:, :2], feed[:, :2], self._xy_max)
-            v[:, :2] = np.where(over[:, None], limited, v[:, :2])
-        v[:, 2] = np.maximum(np.minimum(v[:, 2], self._down_max), -np.minimum(self._up_max, self.speed_up))
-        return np.where(has_p | has_v, v, np.nan)
-
-    def _to_thrust(self, a_sp: Array) -> Array:
-        """Compute the thrust vector from an acceleration setpoint. Return its vertical part before the limit [-] (V,).
-
-        The tilt is limited first. Vertical thrust has priority over horizontal thrust, except for a margin of
-        MPC_THR_XY_MARG for horizontal thrust.
-        """
-        body_z = -a_sp
-        body_z[:, 2] = GRAVITY_M_S2
-        body_z /= _length(body_z)[:, None]
-        limit = np.minimum(self._tilt_air, self.tilt_max)
-        over = body_z[:, 2] < np.cos(limit)
-        if over.any():
-            flat = body_z[:, :2] / np.maximum(np.hypot(body_z[:, 0], body_z[:, 1]), 1e-9)[:, None]
-            body_z[over] = np.concatenate([flat * np.sin(limit)[:, None], np.cos(limit)[:, None]], axis=1)[
-                over
-            ]
-        along_z = a_sp[:, 2] / self._per_thrust - self._hover
-        collective = np.minimum(along_z / body_z[:, 2], -self._thr_min)
-        thrust = body_z * collective[:, None]
-        horizontal = np.hypot(thrust[:, 0], thrust[:, 1])
-        most, wanted_z = self._thr_max**2, thrust[:, 2].copy()
-        thrust[:, 2] = np.maximum(
-            thrust[:, 2], -np.sqrt(np.maximum(most - np.minimum(horizontal, self._margin) ** 2, 0.0))
-        )
-        thrust[:, :2] = _limit_length(thrust[:, :2], np.sqrt(np.maximum(most - thrust[:, 2] ** 2, 0.0)))
-        self.thrust_n = thrust
-        return wanted_z
-
-    def _integrate(self, error: Array, a_sp: Array, thrust_z: Array) -> None:
-        """Integrate the velocity error, with anti-windup.
-
-        The vertical integral is frozen while the requested thrust saturates. The limit keeps a margin for
-        horizontal thrust, so the limited thrust is smaller than MPC_THR_MAX and does not show the saturation.
-        The horizontal integral tracks the thrust that was produced.
-
-        thrust_z: vertical thrust before the limit [-] [NED] (V,)
-        """
-        e = error.copy()
-        z = e[:, 2]
-        stuck = ((thrust_z >= -self._thr_min) & (z >= 0)) | ((thrust_z <= -self._thr_max) & (z <= 0))
-        e[stuck, 2] = 0.0
-        produced = self.thrust_n[:, :2] * self._per_thrust[:, None]
-        short = np.hypot(a_sp[:, 0], a_sp[:, 1]) > np.hypot(produced[:, 0], produced[:, 1])
-        e[:, :2] -= (short * self._short_gain)[:, None] * (a_sp[:, :2] - produced)
-        self.integral += e * self._vi_dt
-        # PX4 limits the vertical integral only. An absurd acceleration would wind up the horizontal one for
-        # the rest of the flight.
-        self.integral = np.minimum(np.maximum(self.integral, -GRAVITY_M_S2), GRAVITY_M_S2)
-
-
-def attitude_from_thrust(thrust_n: Array, yaw: Array) -> Array:
-    """Return the attitude wxyz, w >= 0 (V, 4), whose body z axis is opposite to the thrust.
-
-    thrust_n: thrust vector [-] [NED] (V, 3)
-    yaw: heading of the attitude [rad] (V,)
-    """
-    x, y, z = -thrust_n.T
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    ahead, aside = cos * x + sin * y, cos * y - sin * x
-    up = np.where(z < 0, -1.0, 1.0)
-    rpy = np.empty((len(yaw), 3))
-    rpy[:, 0] = np.arctan2(-aside, up * np.hypot(ahead, z))
-    rpy[:, 1] = np.arctan2(up * ahead, np.abs(z))
-    rpy[:, 2] = yaw
-    q = quat_from_euler(rpy)
-    return np.asarray(q * np.where(q[:, :1] < 0, -1.0, 1.0))
+    def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
+        """Run the position and velocity controller. Return the attitude setpoint [-] wxyz (V, 4) and collective thrust 0..1 (V,)."""
+        self.prepare(sp, est)
+        self.law.step()
+        return array(self.law.q_sp), array(self.law.thrust)
 
 
 class AttitudeControl:
     """Attitude controller of V vehicles: computes body rate setpoints from attitude setpoints."""
 
-    def __init__(self, params: Params) -> None:
-        self.params = params
+    def __init__(self, params: Params, vehicles: int) -> None:
+        self.params, self.law = params, AttitudeLaw(vehicles)
+        self._inputs = array(self.law.q_nb), array(self.law.r_nb)
         self._read_params()
 
     def _read_params(self) -> None:
-        p = self.params
+        p, law = self.params, self.law
         self._version = p.version
-        self._weight = p["MC_YAW_WEIGHT"]
         gain = p.columns("MC_ROLL_P", "MC_PITCH_P", "MC_YAW_P")
-        gain[:, 2] /= np.maximum(self._weight, 1e-6)
-        self._gain = gain
-        self._limit = np.radians(p.columns("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX"))
+        gain[:, 2] /= np.maximum(p["MC_YAW_WEIGHT"], 1e-6)
+        array(law.gain)[:], array(law.yaw_weight)[:] = gain, p["MC_YAW_WEIGHT"]
+        array(law.rate_limit)[:] = np.radians(
+            p.columns("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX")
+        )
+
+    def prepare(self, q_nb: Array, r_nb: Array) -> None:
+        """Read changed parameters, and copy the estimates for the next step of `law`.
+
+        q_nb, r_nb: attitude [-] wxyz (V, 4) and its rotation matrix (V, 3, 3)
+        """
+        if self._version != self.params.version:
+            self._read_params()
+        self._inputs[0][...], self._inputs[1][...] = q_nb, r_nb
 
     def update(self, q_nb: Array, r_nb: Array, q_sp: Array, yaw_rate: Array) -> Array:
         """Run the attitude controller. Return the body rate setpoint [rad/s] [FRD] (V, 3).
@@ -191,53 +127,46 @@ class AttitudeControl:
         q_sp: attitude setpoint [-] wxyz (V, 4)
         yaw_rate: feed-forward rotation about the down axis [rad/s] (V,)
         """
-        if self._version != self.params.version:
-            self._read_params()
-        # The error in body axes is tilt * twist about z; only the twist is weighted, by half its angle. If
-        # the two z axes are opposite, the twist is zero and the error is used unweighted.
-        error = quat_between(q_nb, q_sp)
-        error *= np.where(error[:, :1] < 0, -2.0, 2.0)
-        w, x, y, z = error.T
-        half = np.arctan2(z, w)
-        kept = self._weight * half
-        cos, sin = np.cos(half - kept), np.sin(half - kept)
-        turn = np.empty_like(r_nb[:, 2])
-        turn[:, 0], turn[:, 1] = cos * x - sin * y, cos * y + sin * x
-        turn[:, 2] = np.hypot(w, z) * np.sin(kept)
-        # Limited before the rotation: otherwise a fast yaw rate saturates every body axis and the vehicle
-        # rolls over.
-        feed = np.minimum(np.maximum(yaw_rate, -self._limit[:, 2]), self._limit[:, 2])
-        # The last row of the rotation matrix is the down axis in body axes.
-        rates = turn * self._gain + r_nb[:, 2] * feed[:, None]
-        return np.asarray(np.minimum(np.maximum(rates, -self._limit), self._limit))
+        self.prepare(q_nb, r_nb)
+        array(self.law.q_sp)[:], array(self.law.yaw_rate)[:] = q_sp, yaw_rate
+        self.law.step()
+        return array(self.law.rates)
 
 
 class RateControl:
-    """Rate controller of V vehicles: computes normalised torques from body rates."""
+    """Rate controller of V vehicles: computes normalised torques from body rates.
+
+    integral: integral of the rate error [-] [FRD] (V, 3)
+    """
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
         self.params, self.dt = params, dt
-        self.integral = np.zeros((vehicles, 3))
-        self._rate, self._accel = np.zeros((vehicles, 3)), np.zeros((vehicles, 3))
-        self._yaw_torque = np.zeros(vehicles)
+        self.law = RateLaw(vehicles, dt)
+        self.integral, self._omega_b = array(self.law.integral), array(self.law.omega_b)
+        self._yaw_torque = array(self.law.yaw_torque)
         self._read_params()
 
     def _read_params(self) -> None:
-        p, axes = self.params, ("ROLL", "PITCH", "YAW")
+        p, law, axes = self.params, self.law, ("ROLL", "PITCH", "YAW")
         self._version = p.version
         k = p.columns(*(f"MC_{a}RATE_K" for a in axes))
-        self._p = k * p.columns(*(f"MC_{a}RATE_P" for a in axes))
-        self._i_dt = k * p.columns(*(f"MC_{a}RATE_I" for a in axes)) * self.dt
-        self._d = k * p.columns(*(f"MC_{a}RATE_D" for a in axes))
-        self._limit = p.columns("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
-        self._lp_rate = _low_pass(p["IMU_GYRO_CUTOFF"], self.dt)
-        self._lp_accel = _low_pass(p["IMU_DGYRO_CUTOFF"], self.dt)
-        self._lp_yaw = _low_pass(p["MC_YAW_TQ_CUTOFF"], self.dt)[:, 0]
+        array(law.p)[:] = k * p.columns(*(f"MC_{a}RATE_P" for a in axes))
+        array(law.i_dt)[:] = k * p.columns(*(f"MC_{a}RATE_I" for a in axes)) * self.dt
+        array(law.d)[:] = k * p.columns(*(f"MC_{a}RATE_D" for a in axes))
+        array(law.integral_limit)[:] = p.columns("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
+        cutoffs = p.columns("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF", "MC_YAW_TQ_CUTOFF")
+        array(law.low_pass)[:] = _low_pass(cutoffs, self.dt)
 
     def reset(self, which: Bool | int) -> None:
         """Clear the rate integral and the yaw filter of the selected vehicles."""
         self.integral[which] = 0.0
         self._yaw_torque[which] = 0.0
+
+    def prepare(self, omega_b: Array) -> None:
+        """Read changed parameters, and copy the body rates [rad/s] [FRD] (V, 3) for the next step of `law`."""
+        if self._version != self.params.version:
+            self._read_params()
+        self._omega_b[...] = omega_b
 
     def update(self, omega_b: Array, omega_sp: Array, saturated: Array) -> Array:
         """Run the rate controller. Return the normalised torque [-] [FRD] (V, 3).
@@ -245,24 +174,10 @@ class RateControl:
         omega_b, omega_sp: body rates and their setpoint [rad/s] [FRD] (V, 3)
         saturated: sign of the torque that the control allocation could not deliver, for each axis (V, 3)
         """
-        if self._version != self.params.version:
-            self._read_params()
-        last = self._rate
-        self._rate = last + self._lp_rate * (omega_b - last)
-        self._accel += self._lp_accel * ((self._rate - last) / self.dt - self._accel)
-        error = omega_sp - self._rate
-        torque = self._p * error + self.integral - self._d * self._accel
-        grow = np.where(saturated * error > 0, 0.0, error)
-        # Large errors are transients: integrate them less, and none from 400 deg/s on.
-        fade = np.maximum(0.0, 1.0 - (error * _INTEGRAL_CUTOFF) ** 2)
-        integral = self.integral + fade * grow * self._i_dt
-        self.integral = np.minimum(np.maximum(integral, -self._limit), self._limit)
-        # Accelerating rotors push back on the body, so the yaw torque is filtered, as on PX4.
-        self._yaw_torque += self._lp_yaw * (
-            np.minimum(np.maximum(torque[:, 2], -1.0), 1.0) - self._yaw_torque
-        )
-        torque[:, 2] = self._yaw_torque
-        return torque
+        self.prepare(omega_b)
+        array(self.law.omega_sp)[:], array(self.law.saturated)[:] = omega_sp, saturated
+        self.law.step()
+        return array(self.law.torque)
 
 
 def steps_within(period_s: float, dt: float) -> int:
@@ -271,49 +186,30 @@ def steps_within(period_s: float, dt: float) -> int:
 
 
 def _low_pass(cutoff_hz: Array, dt: float) -> Array:
-    """Return the coefficient of a first-order low-pass filter for one step (V, 1); 0 Hz disables the filter."""
-    return np.where(cutoff_hz > 0, 1.0 - np.exp(-2 * np.pi * np.maximum(cutoff_hz, 1e-3) * dt), 1.0)[:, None]
-
-
-def _limit_length(v: Array, most: Array) -> Array:
-    """Limit the length of each vector (V, 2) to its maximum `most` (V,)."""
-    length = np.hypot(v[:, 0], v[:, 1])
-    return np.asarray(v * np.minimum(1.0, most / np.maximum(length, 1e-9))[:, None])
-
-
-def _add_within(first: Array, second: Array, most: Array) -> Array:
-    """Return the sum of two vectors (V, 2) that is longer than `most` (V,), shortened to `most`.
-
-    The first vector has priority: it is kept up to the limit, and the second vector is shortened. The sum ends
-    where the ray from `first` along `second` leaves the circle of radius `most`.
-    """
-    kept = _limit_length(first, most)
-    length = np.hypot(second[:, 0], second[:, 1])
-    along = second / np.maximum(length, 1e-9)[:, None]
-    ahead = (along * kept).sum(1)
-    left = most * most - (kept * kept).sum(1)
-    share = np.sqrt(ahead * ahead + np.maximum(left, 0.0)) - ahead
-    share *= left > 1e-9  # the first vector alone reaches the limit
-    return np.asarray(kept + along * share[:, None])
-
-
-def _length(v: Array) -> Array:
-    """Return the lengths of vectors (V, 3). This is several times faster than numpy.linalg.norm."""
-    return np.asarray(np.hypot(np.hypot(v[:, 0], v[:, 1]), v[:, 2]))
+    """Return the coefficient of a first-order low-pass filter for one step, in the shape of `cutoff_hz`; 0 Hz disables the filter."""
+    return np.where(cutoff_hz > 0, 1.0 - np.exp(-2 * np.pi * np.maximum(cutoff_hz, 1e-3) * dt), 1.0)
 
 
 class Cascade:
-    """All controllers of V vehicles: compute torques and collective thrust from setpoints and estimates."""
+    """All controllers of V vehicles: compute torques and collective thrust from setpoints and estimates.
+
+    q_sp, omega_sp: attitude setpoint wxyz (V, 4) and rate setpoint [rad/s] [FRD] (V, 3)
+    thrust: collective thrust 0..1 (V,)
+    saturated: sign of the torque that the control allocation could not deliver, for each axis (V, 3)
+    """
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
         self._position_every = steps_within(_POSITION_PERIOD_S, dt)
         self.position = PositionControl(params, vehicles, dt * self._position_every)
-        self.attitude = AttitudeControl(params)
+        self.attitude = AttitudeControl(params, vehicles)
         self.rate = RateControl(params, vehicles, dt)
-        self.q_sp, self.omega_sp = np.tile([1.0, 0.0, 0.0, 0.0], (vehicles, 1)), np.zeros((vehicles, 3))
-        self.thrust = np.zeros(vehicles)
-        self.saturated = np.zeros((vehicles, 3))
+        self.q_sp, self.omega_sp = array(self.attitude.law.q_sp), array(self.rate.law.omega_sp)
+        self.q_sp[:] = (1.0, 0.0, 0.0, 0.0)
+        self.thrust, self.saturated = np.zeros(vehicles), array(self.rate.law.saturated)
         self.dt = dt
+        self._torque = array(self.rate.law.torque)
+        self._law = CascadeLaw(self.position.law, self.attitude.law, self.rate.law, view(self.thrust))
+        self._sp: Setpoints | None = None
         self._steps = 0
 
     def reset(self, which: Bool | int) -> None:
@@ -323,13 +219,15 @@ class Cascade:
 
     def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
         """Run all controllers. Return the normalised torque [-] [FRD] (V, 3) and the collective thrust 0..1 (V,)."""
-        by_position = sp.at(Level.POSITION)
-        if self._steps % self._position_every == 0:
-            q_sp, thrust = self.position.update(sp, est)
-            self.q_sp = np.where(by_position[:, None], q_sp, sp.q_nb)
-            self.thrust = np.where(by_position, thrust, sp.thrust)
+        if sp is not self._sp:
+            self._sp = sp
+            given = (sp.q_nb, sp.omega_b, sp.thrust, sp.yaw_rate, sp.yaw_rate_ff)
+            self._law.read_setpoints_from(integers(sp.level), *(view(each) for each in given))
+        with_position = self._steps % self._position_every == 0
+        if with_position:
+            self.position.prepare(sp, est)
+        self.attitude.prepare(est.q_nb, est.r_nb)
+        self.rate.prepare(est.omega_b)
+        self._law.step(with_position)
         self._steps += 1
-        feed = np.where(by_position & np.isfinite(sp.yaw_rate), sp.yaw_rate, sp.yaw_rate_ff)
-        rates = self.attitude.update(est.q_nb, est.r_nb, self.q_sp, feed)
-        self.omega_sp = np.where((by_position | sp.at(Level.ATTITUDE))[:, None], rates, sp.omega_b)
-        return self.rate.update(est.omega_b, self.omega_sp, self.saturated), self.thrust
+        return self._torque, self.thrust

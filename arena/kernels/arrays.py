@@ -1,0 +1,44 @@
+"""Arrays of the kernels: views that a loop reads and writes element by element.
+
+An interpreted kernel reads Python floats from such a view, which is twice as fast as reading elements of a numpy
+array. A compiled kernel reads the memory directly. The numpy array and its view share the memory.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = memoryview[float]
+    Integers = memoryview[int]
+    Flags = memoryview[bool]
+    Array = NDArray[np.float64]
+
+
+def floats(*shape: int, fill: float = 0.0) -> Floats:
+    """Return a view of a new array of float64 with this shape, filled with one value."""
+    return view(np.full(shape, fill))
+
+
+def view(array: Array) -> Floats:
+    """Return a view of an array of float64. The array must be contiguous in memory."""
+    return cast("Floats", memoryview(array))  # type: ignore[arg-type]
+
+
+def integers(array: NDArray[np.int64]) -> Integers:
+    """Return a view of an array of int64. The array must be contiguous in memory."""
+    return cast("Integers", memoryview(array))  # type: ignore[arg-type]
+
+
+def flags(array: NDArray[np.bool_]) -> Flags:
+    """Return a view of an array of bool. The array must be contiguous in memory."""
+    return cast("Flags", memoryview(array))  # type: ignore[arg-type]
+
+
+def array(values: Floats) -> Array:
+    """Return the numpy array of a view. Both share the memory."""
+    return np.asarray(values)

@@ -1,0 +1,14 @@
+# C types of control_allocation.py: they make the compiled class fast and change no result.
+from arena.kernels cimport limits
+
+cdef double YAW_MARGIN
+
+cdef class ControlAllocation:
+    cdef readonly double[:, :, ::1] weights
+    cdef readonly unsigned char[:, ::1] present
+    cdef readonly double[:, ::1] torque, motors, saturated
+    cdef readonly double[::1] thrust
+    cdef double[::1] _tilt, _yaw
+    cdef void _allocate(self, Py_ssize_t i) except *
+    cdef double _add_yaw(self, Py_ssize_t i) except? -1.0
+    cdef void _limit(self, Py_ssize_t i) except *

@@ -1,0 +1,45 @@
+"""Limits of numbers and of vectors with two elements, in plain floats."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    Pair = tuple[float, float]
+
+
+def within(x: float, low: float, high: float) -> float:
+    """Return x, limited to low .. high. NaN stays NaN."""
+    if x < low:
+        return low
+    return high if x > high else x
+
+
+def length(x: float, y: float) -> float:
+    """Return the length of the vector (x, y)."""
+    return math.sqrt(x * x + y * y)
+
+
+def shortened(x: float, y: float, most: float) -> Pair:
+    """Return the vector (x, y), limited in length to `most`."""
+    share = min(1.0, most / max(length(x, y), 1e-9))
+    return x * share, y * share
+
+
+def sum_within(x: float, y: float, dx: float, dy: float, most: float) -> Pair:
+    """Return the sum of (x, y) and (dx, dy), limited in length to `most`.
+
+    The first vector has priority: it is kept up to the limit, and the second vector is shortened. The sum ends
+    where the ray from the first vector along the second leaves the circle of radius `most`.
+    """
+    if length(x + dx, y + dy) <= most:
+        return x + dx, y + dy
+    x, y = shortened(x, y, most)
+    left = most * most - (x * x + y * y)
+    if left <= 1e-9:  # the first vector alone reaches the limit
+        return x, y
+    size = max(length(dx, dy), 1e-9)
+    ahead = (x * dx + y * dy) / size
+    share = (math.sqrt(ahead * ahead + left) - ahead) / size
+    return x + dx * share, y + dy * share

@@ -1,0 +1,37 @@
+"""Digest of the kernel sources. Each compiled kernel contains the digest of the sources it was compiled from.
+
+setup.py runs this file on its own, so it imports only the standard library.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+
+_MARK = "arena-kernel-sources:"
+
+
+def kernel_names(folder: Path) -> list[str]:
+    """Return the names of the modules in a folder that are compiled: those with a .pxd file beside the .py file."""
+    return sorted(path.stem for path in folder.glob("*.pxd"))
+
+
+def source_digest(folder: Path) -> str:
+    """Return the SHA-256 of all kernel sources in a folder, as hexadecimal text."""
+    digest = hashlib.sha256()
+    for name in kernel_names(folder):
+        for path in (folder / f"{name}.py", folder / f"{name}.pxd"):
+            digest.update(f"{path.name}\n".encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def digest_as_c(name: str, digest: str) -> str:
+    """Return C source that stores a digest in the compiled module `name`."""
+    return f'const char arena_kernel_sources_{name}[] = "{_MARK}{digest}";\n'
+
+
+def stored_digest(compiled: Path) -> str | None:
+    """Return the digest that a compiled module contains, None if there is none."""
+    found = re.search(_MARK.encode() + rb"([0-9a-f]{64})", compiled.read_bytes())
+    return found[1].decode() if found else None

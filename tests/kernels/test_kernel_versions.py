@@ -1,0 +1,109 @@
+"""Compiled and interpreted kernels give the same results, bit for bit."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from tests.kernels.kernel_versions import arrays_of, compiled_modules, interpreted_modules, needs_compiled
+
+VEHICLES = 7
+CONTROL = ("control_allocation", "position_control", "attitude_control", "rate_control", "cascade")
+
+
+def fill(law: object, rng: np.random.Generator, **scales: float) -> None:
+    """Fill the named arrays of a kernel with random numbers of these sizes; negative: only positive numbers."""
+    for name, scale in scales.items():
+        values = arrays_of(law)[name]
+        random = rng.normal(size=values.shape)
+        values[...] = scale * random if scale > 0 else np.abs(scale * random) + 0.1
+
+
+def random_attitudes(rng: np.random.Generator) -> np.ndarray:
+    q = rng.normal(size=(VEHICLES, 4))
+    return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
+def fly_cascade(modules: dict[str, ModuleType]) -> list[np.ndarray]:
+    """Run all controllers and the allocation with random gains, estimates and setpoints. Return all arrays after each step."""
+    rng, views = np.random.default_rng(5), modules["control_allocation"]
+    position = modules["position_control"].PositionLaw(VEHICLES, 0.008)
+    attitude = modules["attitude_control"].AttitudeLaw(VEHICLES)
+    rate = modules["rate_control"].RateLaw(VEHICLES, 0.004)
+    present = rng.random((VEHICLES, 6)) < 0.8
+    weights = rng.normal(size=(VEHICLES, 6, 3)) * present[:, :, None]
+    motors = views.ControlAllocation(weights, present)
+    cascade = modules["cascade"].CascadeLaw(position, attitude, rate, views.floats(VEHICLES))
+    level, given = np.zeros(VEHICLES, int), {n: np.zeros(VEHICLES) for n in ("thrust", "yaw_rate", "feed")}
+    q_nb, omega_b = random_attitudes(rng), np.zeros((VEHICLES, 3))
+    cascade.read_setpoints_from(level, q_nb, omega_b, given["thrust"], given["yaw_rate"], given["feed"])
+    gains = (
+        "p",
+        "vp",
+        "vi_dt",
+        "vd",
+        "hover",
+        "thr_min",
+        "thr_max",
+        "margin",
+        "xy_max",
+        "up_max",
+        "down_max",
+    )
+    fill(position, rng, **dict.fromkeys(gains, -0.5), tilt_air=-0.3, low_pass=-0.3)
+    fill(attitude, rng, gain=-4.0, yaw_weight=-0.3, rate_limit=-3.0)
+    fill(rate, rng, p=-0.1, i_dt=-0.001, d=-0.003, integral_limit=-0.1, low_pass=-0.3)
+    seen = []
+    for step in range(60):
+        level[:] = rng.integers(0, 4, VEHICLES)
+        fill(position, rng, sp_p_n=3.0, sp_v_n=3.0, sp_a_n=3.0, sp_yaw=2.0, p_n=2.0, v_n=2.0, tilt_max=-0.5)
+        for name in ("sp_p_n", "sp_v_n", "sp_a_n", "sp_yaw"):
+            values = arrays_of(position)[name]
+            values[rng.random(values.shape) < 0.4] = np.nan
+        fill(attitude, rng, r_nb=0.5)
+        for values in (q_nb, arrays_of(position)["q_nb"], arrays_of(attitude)["q_nb"]):
+            values[:] = random_attitudes(rng)
+        fill(rate, rng, omega_b=3.0)
+        given["yaw_rate"][:] = np.where(rng.random(VEHICLES) < 0.5, np.nan, 1.0)
+        cascade.step(step % 2 == 0)
+        arrays_of(motors)["torque"][:] = arrays_of(rate)["torque"]
+        arrays_of(motors)["thrust"][:] = arrays_of(cascade)["selected_thrust"]
+        motors.step()
+        arrays_of(rate)["saturated"][:] = arrays_of(motors)["saturated"]
+        for law in (position, attitude, rate, motors):
+            seen += [values.copy() for values in arrays_of(law).values()]
+    return seen
+
+
+def assert_equal(first: list[np.ndarray], second: list[np.ndarray]) -> None:
+    assert len(first) == len(second) > 0
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@needs_compiled
+def test_controllers_and_allocation_give_the_same_bits_compiled_and_interpreted() -> None:
+    interpreted = interpreted_modules(*CONTROL)
+    assert all(module.__file__.endswith(".py") for module in interpreted.values())
+    compiled = compiled_modules(*CONTROL)
+    assert all(module.__file__.endswith(".so") for module in compiled.values())
+    assert_equal(fly_cascade(interpreted), fly_cascade(compiled))
+
+
+def test_interpreted_controllers_run() -> None:
+    assert np.isfinite(fly_cascade(interpreted_modules(*CONTROL))[-1]).all()
+
+
+@needs_compiled
+def test_wrong_row_of_a_compiled_kernel_is_an_index_error() -> None:
+    """A kernel with a wrong array must not read foreign memory."""
+    modules = compiled_modules(*CONTROL)
+    law = modules["position_control"].PositionLaw(3, 0.008)
+    for name in ("hover", "vp", "thr_max"):
+        arrays_of(law)[name][...] = 1.0
+    short = modules["control_allocation"].floats(2, 3)
+    law.read_setpoints_from(short, short, short, modules["control_allocation"].floats(2))
+    with pytest.raises(IndexError):
+        law.step()
