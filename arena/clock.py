@@ -1,8 +1,8 @@
 """Wall clock and simulation clock with the same interface. Code that flies vehicles uses a `Clock`, not the
 time module.
 
-The world process serves the simulation clock. A page of shared memory holds the time, and a local socket
-wakes the clients.
+The world process serves the simulation clock. A page of shared memory holds the time [s] and whether the clock is in
+lockstep (1) or follows the wall clock (0). A local socket wakes the clients.
     client -> server   first packet: the client's name, utf-8;  later: a requested wake-up time, one native double [s]
     server -> client   the present time, one native double [s], when the requested time has come
 In lockstep the server does not advance beyond the wake-up time of a client until that client sleeps again
@@ -18,6 +18,7 @@ import selectors
 import socket
 import struct
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
@@ -86,6 +87,11 @@ class SimTime:
     def now(self) -> float:
         return self._page[0]
 
+    @property
+    def lockstep(self) -> bool:
+        """True if simulation time stands still while a client of the clock is awake."""
+        return self._page[1] == 1.0
+
 
 class SimClock:
     """Client of the simulation clock, for programs that sleep in simulation time. path: name of the shared
@@ -95,7 +101,10 @@ class SimClock:
     """
 
     def __init__(self, path: str | Path, name: str) -> None:
-        self.now = SimTime(path).now
+        time = SimTime(path)
+        self.now, self._lockstep = time.now, time.lockstep
+        self._chores: Callable[[], None] | None = None
+        self._chores_every_s, self._chores_due = 0.0, 0.0
         try:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             self._socket.connect(f"{path}.sock")
@@ -103,7 +112,24 @@ class SimClock:
         except OSError as error:
             raise RunError(f"no simulation clock at {path} ({error.strerror}): is the arena up?") from error
 
+    @property
+    def lockstep(self) -> bool:
+        """True if simulation time stands still while a client of the clock is awake."""
+        return self._lockstep
+
+    def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
+        """Call `chores` in every later `sleep_until`, every `every_s` of simulation time [s], on the thread that sleeps."""
+        self._chores, self._chores_every_s = chores, every_s
+        self._chores_due = self.now() + every_s
+
     def sleep_until(self, t: float) -> float:
+        while self._chores is not None and self._chores_due < t:
+            now = self._sleep(self._chores_due)
+            self._chores_due = now + self._chores_every_s
+            self._chores()
+        return self._sleep(t)
+
+    def _sleep(self, t: float) -> float:
         self.request_wake(t)
         while (now := self.wait_for_wake(None)) is None:
             pass
@@ -187,10 +213,12 @@ class ClockServer:
     """Server of the simulation clock, which the world (the simulator process) owns. In lockstep, the world
     must call `may_advance` before each `tick`.
 
+    lockstep: the world waits for the clients (see `SimTime.lockstep`).
     dropped: names of the clients for which the world no longer waits.
+    joined: names of the clients that have slept on this clock at least once.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, lockstep: bool = False) -> None:
         self._stem = Path(path)
         page, sock = Path(f"{path}.page"), Path(f"{path}.sock")
         for stale in (page, sock):
@@ -199,6 +227,7 @@ class ClockServer:
         with part.open("w+b") as file:
             file.truncate(_PAGE_BYTES)
             self._page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES)).cast("d")
+        self._page[1] = float(lockstep)
         part.replace(page)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.bind(str(sock))
@@ -209,6 +238,7 @@ class ClockServer:
         self._selector.register(self._socket, selectors.EVENT_READ)
         self._clients: dict[int, _Client] = {}
         self.dropped: list[str] = []
+        self.joined: set[str] = set()
 
     def tick(self, now: float) -> None:
         """Publish the simulation time [s], read the wake-up requests of the clients, and wake the clients whose requested time has come."""
@@ -242,6 +272,10 @@ class ClockServer:
                     all_asleep = False
         return all_asleep
 
+    def has_left(self, name: str) -> bool:
+        """Return whether a client with this name has slept on the clock and is no longer connected."""
+        return name in self.joined and all(client.name != name for client in self._clients.values())
+
     def close(self) -> None:
         """Disconnect all clients, and remove the files of the shared memory and of the socket."""
         for client in list(self._clients.values()):
@@ -269,6 +303,8 @@ class ClockServer:
         elif not client.name:
             client.name = packet.decode(errors="replace")
         elif len(packet) == _DOUBLE.size:
+            if not client.gates:
+                self.joined.add(client.name)
             client.wake, client.gates = _DOUBLE.unpack(packet)[0], True
             if client.wake <= self._page[0]:
                 self._wake(client, self._page[0])

@@ -18,6 +18,7 @@ requests that it does not know, and requests that it reads later than `expires` 
     {"do": "body", "vehicle": "uav1", "definition": "..."}  once a second: the definition of its rigid body (link processes)
     {"do": "forget", "vehicle": "uav1", "dead": true}  an operator has declared the vehicle dead: end without waiting for it
     {"do": "operator"}                     once a second while an operator is present
+    {"do": "until_done"}                   the run ends when all programs have ended (`arena up --until-done`)
     {"do": "release", "vehicle": "uav1", "by": "..."}  `arena release`: programs may fly the vehicle again
     {"do": "restore", "vehicle": "uav1", "standing": {...}}  after a restart: what the process must enforce again (arena.authority)
 End of file on the socket means that the supervisor has died. Without ARENA_FD a process runs alone and sends nothing.
@@ -96,7 +97,7 @@ class ProcessContext:
         _set_title(f"arena:{context.name}")
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, context._stop)
-        context._send({"entered": True})
+        context.send({"entered": True})
         return context
 
     @property
@@ -119,7 +120,7 @@ class ProcessContext:
     def confirm(self, request: Mapping[str, Any]) -> None:
         """Report to the supervisor that a request was carried out, if the request has an `id`."""
         if "id" in request:
-            self._send({"confirmed": request["id"]})
+            self.send({"confirmed": request["id"]})
 
     def may_end(self, armed: Collection[str]) -> bool:
         """Return whether a stop signal has arrived and no vehicle in `armed` prevents the end. Report once which vehicles prevent it.
@@ -144,24 +145,24 @@ class ProcessContext:
 
     def ready(self, **facts: Any) -> None:
         """Report to the supervisor that the process is ready. facts: first facts, sent in the same packet."""
-        self._send({"ready": True, "facts": facts} if facts else {"ready": True})
+        self.send({"ready": True, "facts": facts} if facts else {"ready": True})
 
     def facts(self, facts: dict[str, Any]) -> None:
         """Send facts to the supervisor: values that its decisions depend on, such as {"uav1.armed": True}."""
-        self._send({"facts": facts})
+        self.send({"facts": facts})
 
     def stats(self, stats: dict[str, Any]) -> None:
         """Send measurements for the status table and the summary, such as {"rate_hz": 99.8}."""
-        self._send({"stats": stats})
+        self.send({"stats": stats})
 
     def event(self, text: str) -> None:
         """Send one line for events.jsonl and the terminal."""
-        self._send({"event": text})
+        self.send({"event": text})
 
     def audit(self, entries: list[dict[str, Any]]) -> None:
         """Report to the supervisor which requests were made to vehicles, so that `arena audit` can show them. Skip an empty list."""
         if entries:
-            self._send({"audit": entries})
+            self.send({"audit": entries})
 
     def _receive(self) -> None:
         while self._socket is not None and not self._orphaned:
@@ -189,7 +190,8 @@ class ProcessContext:
         else:
             self._requests.append(packet)
 
-    def _send(self, packet: dict[str, Any]) -> None:
+    def send(self, packet: dict[str, Any]) -> None:
+        """Send one packet to the supervisor. A packet that cannot be sent is dropped and counted."""
         if self._socket is None:
             return
         try:

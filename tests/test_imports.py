@@ -56,6 +56,9 @@ MAY: dict[str, set[str]] = {
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
     "params": {"constants", "errors", "wire", "clock", "run_dirs", "signing_key", "transport"},
     "mocap.emulator": GROUND | {"mocap"},
+    # the only process that joins the parts of other processes
+    "fused": GROUND
+    | {"sim", "mocap.client", "mocap.emulator", "pose_forwarder", "mavlink_router", "recorder"},
     "schema": {
         "constants",
         "errors",

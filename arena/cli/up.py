@@ -71,6 +71,22 @@ def register(app: typer.Typer) -> None:
                 help="simulated seconds per second of wall time, or max; the same as --set sim.speed=X",
             ),
         ] = None,
+        seed: Annotated[
+            int | None,
+            typer.Option(
+                "--seed",
+                metavar="N",
+                min=0,
+                help="seed of world and motion capture; the same as --set world.seed=N --set mocap.seed=N",
+            ),
+        ] = None,
+        processes: Annotated[
+            bool,
+            typer.Option(
+                "--processes",
+                help="run each part of a simulated arena as a process of its own; the same as --set sim.processes=many",
+            ),
+        ] = False,
         realtime: Annotated[
             bool,
             typer.Option(
@@ -132,6 +148,8 @@ def register(app: typer.Typer) -> None:
         overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
         overrides += ["preflight.params=false"] if allow_diff else []
         overrides += ["sim.realtime=true"] if realtime else []
+        overrides += ["sim.processes=many"] if processes else []
+        overrides += [f"world.seed={seed}", f"mocap.seed={seed}"] if seed is not None else []
         overrides += [f"sim.speed={speed}"] if speed is not None else []
         plan = _plan(file, overrides)
         for line in open_lines(plan):

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
+from typing import Any
 
 from arena.authority import MESSAGES, Role
 from arena.mavlink_router.command_filter import CommandFilter
@@ -134,6 +135,11 @@ class Router:
             }
             for v in self._vehicles
         }
+
+    def stats(self) -> dict[str, Any]:
+        """Return the number of routed and dropped frames, and the telemetry of the vehicles, for the statistics of the process."""
+        dropped = {why: n for why, n in self.counts.dropped.items() if n}
+        return {**vars(self.counts), "dropped": dropped, "telemetry": self.telemetry()}
 
     def armed(self, *, simulated: bool) -> list[str]:
         """Return the names of the armed vehicles: the simulated ones if `simulated` is true, else the real ones."""

@@ -7,25 +7,19 @@ import select
 import time
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
-
 from arena.clock import SimTime
 from arena.errors import RunError
 from arena.mavlink_router.backlog import Backlog
 from arena.mavlink_router.endpoints import Out
+from arena.mavlink_router.ground_station import GroundStation
 from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
 from arena.process_context import OPERATOR_TIMEOUT_S, SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
 from arena.transport import MAX_DATAGRAM_BYTES, listen_udp
-from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Buffer
 
-SYSTEM, COMPONENT = 254, 190
 READY_TIMEOUT_S = 10.0  # after this time without a vehicle's heartbeat the other vehicles start
 _TICK_S, _SECOND_S = 0.25, 1.0
-_GCS_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
-    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
-)
 
 
 class RouterShell:
@@ -47,7 +41,7 @@ class RouterShell:
             self._poll.register(fd, select.EPOLLIN)
         self._route = self._router.on_datagram
         self._buffer = memoryview(bytearray(MAX_DATAGRAM_BYTES))
-        self._codec = Codec(SYSTEM, COMPONENT)
+        self._station = GroundStation()
         # Without a supervisor, simulated vehicles are served for 60 s at most; real ones until they are disarmed.
         mixed = not all(v.simulated for v in table.vehicles)
         limit_s = 60.0 if table.simulated or mixed else None
@@ -162,8 +156,7 @@ class RouterShell:
         if self._router.table.heartbeat and (station or not self._process.orphaned):
             operator = station or self._process.operator_present(now)
             self._report_operator(operator, now)
-            frame = self._codec.pack(_GCS_HEARTBEAT)
-            self._send_heartbeat(self._router.heartbeat(frame, operator=operator), now)
+            self._send_heartbeat(self._router.heartbeat(self._station.heartbeat(), operator=operator), now)
 
     def _report_operator(self, operator: bool, now: float) -> None:
         """Log when the operator appears or is missing, if a vehicle receives heartbeats only while an operator is present."""
@@ -190,11 +183,10 @@ class RouterShell:
         return all(over)
 
     def _stats(self) -> dict[str, Any]:
-        counts = self._router.counts
-        dropped = {why: n for why, n in counts.dropped.items() if n}
+        stats = self._router.stats()
         if self._backlog.dropped:
-            dropped["waited too long"] = self._backlog.dropped
-        return {**vars(counts), "dropped": dropped, "telemetry": self._router.telemetry()}
+            stats["dropped"]["waited too long"] = self._backlog.dropped
+        return stats
 
 
 def _world_time(path: str | None) -> SimTime | None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from arena.plan.checks import check_arena
 from arena.plan.firmware import all_firmware
+from arena.plan.fused import fuse, fused_slices, is_fused
 from arena.plan.job import Job, link_of
 from arena.plan.model import Plan, ProcessSpec, Restart, VehiclePlan
 from arena.plan.process_table import ENV, TABLE, jobs, listens, process_spec, required_copilot
@@ -25,12 +26,16 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
     """
     check_arena(arena, process_names(arena))
     job = Job(arena=arena, fleet=all_firmware(arena), python=python)
+    processes = (*(process_spec(row, each) for row in TABLE for each in jobs(row, job)), *_tools(arena))
+    made = dict(_slices(job))
+    if is_fused(arena):
+        made, processes = fused_slices(arena, made, processes), fuse(processes)
     return Plan(
         name=arena.name,
         address=arena.address,
         vehicles=tuple(_vehicle(arena, v) for v in arena.vehicles),
-        processes=(*(process_spec(row, each) for row in TABLE for each in jobs(row, job)), *_tools(arena)),
-        slices=dict(_slices(job)),
+        processes=processes,
+        slices=made,
         land=_task(
             "land",
             (python, "-m", "arena.emergency.land_all", "--run", "{run}"),

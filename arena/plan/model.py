@@ -38,6 +38,15 @@ class Listen:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Member:
+    """A part of the fused arena that has no process of its own. name, kind, vehicle: as in `ProcessSpec`."""
+
+    name: str
+    kind: str
+    vehicle: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class ProcessSpec:
     """A process, with everything that the supervisor needs to start, watch and stop the process.
 
@@ -55,6 +64,7 @@ class ProcessSpec:
     cpu_budget: expected CPU [cores]; the supervisor reports a process that uses more.
     memory_budget_mb: expected resident memory [MB]; the supervisor reports a process that uses more.
     listens: UDP and TCP ports that the process binds.
+    members: parts of the arena that run in this process; empty if it is only itself.
     """
 
     name: str
@@ -77,6 +87,7 @@ class ProcessSpec:
     cpu_budget: float = 0.5
     memory_budget_mb: float = 200.0
     listens: tuple[Listen, ...] = ()
+    members: tuple[Member, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,5 +175,6 @@ def _process(raw: dict[str, Any]) -> ProcessSpec:
             "needs": tuple(raw["needs"]),
             "restart": Restart(**raw["restart"]),
             "listens": tuple(Listen(**x) for x in raw["listens"]),
+            "members": tuple(Member(**x) for x in raw.get("members", ())),
         }
     )

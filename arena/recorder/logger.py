@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, Protocol, TextIO
 
 from arena.clock import Clock, SimClock, WallClock
 from arena.errors import ArenaError, RunError
@@ -23,22 +23,37 @@ MAX_DATAGRAMS = 2000  # per row, so that a flood of datagrams does not stop the 
 AIRBORNE_HEIGHT_M = 0.05
 
 
+class DatagramSource(Protocol):
+    """Socket from which the logger receives the vehicle's messages. `recv` raises OSError if nothing has arrived."""
+
+    def recv(self, size: int, /) -> bytes: ...
+
+    def close(self) -> None: ...
+
+
 class Logger:
     """Logger of one vehicle, which writes `<folder>/<vehicle>.csv` with `rate_hz` rows per second.
 
     The log begins at the first message of the vehicle. All settings come from the JSON configuration (slice) of the process.
+    clock, capture, source: clock, motion-capture client and source of datagrams; None: opened as the configuration says.
     """
 
-    def __init__(self, room: ProcessContext) -> None:
+    def __init__(
+        self,
+        room: ProcessContext,
+        clock: Clock | None = None,
+        capture: MocapClient | None = None,
+        source: DatagramSource | None = None,
+    ) -> None:
         settings = room.settings
         self._room = room
         self._vehicle, self._body = str(settings["vehicle"]), settings.get("body")
         self._recorder = Recorder(settings["id"], settings["index"] if settings.get("truth") else None)
-        self._clock: Clock = SimClock(settings["clock"], room.name) if settings.get("clock") else WallClock()
+        self._clock: Clock = _clock(room) if clock is None else clock
         self._wall_offset = 0.0 if settings.get("clock") else time.time() - time.monotonic()
         self._truth = TruthReader(settings["truth"]) if settings.get("truth") else None
-        self._capture = _capture(settings)
-        self._socket = listen_udp(tuple(settings["listen"]))
+        self._capture = _capture(settings) if capture is None else capture
+        self._socket: DatagramSource = listen_udp(tuple(settings["listen"])) if source is None else source
         folder = Path(settings["folder"])
         folder.mkdir(parents=True, exist_ok=True)
         self._file = _open_csv(folder / f"{self._vehicle}.csv", self._recorder.header)
@@ -59,12 +74,19 @@ class Logger:
             except RunError:
                 self._room.event(f"{self._room.name}: the world has ended, so the log ends")
                 return
-            self._receive(now)
-            if self._recorder.first_received is not None:
-                self._sample(self._clock.now())  # not `now`: a state received meanwhile belongs to this row
-            self._file.writelines(self._recorder.take_rows(now))
-            if self._once_a_second():
+            if self.step(now):
                 return
+
+    def step(self, now: float) -> bool:
+        """Receive all data, and write the rows of the log that are complete. now: time of the logger's clock [s].
+
+        Return whether the logger must end, because the supervisor is dead and the vehicle is disarmed.
+        """
+        self._receive(now)
+        if self._recorder.first_received is not None:
+            self._sample(self._clock.now())  # not `now`: a state received meanwhile belongs to this row
+        self._file.writelines(self._recorder.take_rows(now))
+        return self._once_a_second()
 
     def close(self) -> None:
         """Write the remaining rows, send the last statistics to the supervisor, and close file and sockets."""
@@ -168,6 +190,11 @@ def _open_csv(path: Path, header: str) -> TextIO:
         file.write(header)
         file.flush()
     return file
+
+
+def _clock(room: ProcessContext) -> Clock:
+    path = room.settings.get("clock")
+    return SimClock(path, room.name) if path else WallClock()
 
 
 def _capture(settings: dict[str, Any]) -> MocapClient | None:

@@ -97,6 +97,9 @@ class Sim(Strict):
     """Sensor samples and autopilot steps per second; must divide physics_hz."""
     speed: Speed = 1.0
     """Simulated seconds per second, or `max`."""
+    processes: Literal["auto", "one", "many"] = "auto"
+    """Processes of a simulated arena. `one`: a process for all its parts: faster, and repeatable. `many`: a process for each part, as with
+    real vehicles. `auto`: `one` if every vehicle has the built-in autopilot and `speed` is not 1."""
     gui: bool = False
     """Show pybullet's window."""
     realtime: bool = False

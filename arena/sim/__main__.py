@@ -22,15 +22,15 @@ def main(argv: list[str] | None = None, make_autopilots: MakeAutopilots | None =
     make_autopilots: creates the autopilots; by default the configuration file selects their kinds
     """
     try:
-        serve(make_autopilots or _by_kind, argv)
+        serve(make_autopilots or autopilots_by_kind, argv)
     except ArenaError as error:
         print(f"arena world: {error}", file=sys.stderr)
         return error.exit_code
     return 0
 
 
-def _by_kind(settings: dict[str, Any], dt: float) -> AutopilotSet:
-    """Create the autopilots of all vehicles: built-in ones, connections to PX4, or a combination if the vehicles have different kinds."""
+def autopilots_by_kind(settings: dict[str, Any], dt: float) -> AutopilotSet:
+    """Create the autopilots of all vehicles: built-in autopilots, or connections to PX4 for the vehicles that PX4 flies."""
     vehicles = settings["vehicles"]
     kinds = [v.get("autopilot", "builtin") for v in vehicles]
     for kind, make in (("builtin", _builtin), ("px4", _px4)):

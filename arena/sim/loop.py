@@ -3,7 +3,8 @@
 It is the only module of this package that uses sockets and the wall clock.
 
 One step with built-in autopilots: wait, read the links, sample the sensors, step the autopilots, step the
-bodies, publish true state and time, send the autopilots' messages.
+bodies, publish the true state, send the autopilots' messages, publish the time. So a client that the new time
+wakes finds the state and the messages of this time.
 
 One step with autopilots in processes of their own (PX4): sample and send the sensors, wait for the clock's
 clients, publish true state and time, collect the motor commands, step the bodies. So the autopilots compute
@@ -20,6 +21,7 @@ import gc
 import math
 import os
 import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +34,9 @@ from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolic
 from arena.sim.autopilot_interface import ExternalAutopilots, MakeAutopilots
 from arena.sim.fault_injection import inject_fault
 from arena.sim.pacing import Pacer, own_core, speed_of
-from arena.sim.vehicle_links import VehicleLinks
+from arena.sim.vehicle_links import Links, VehicleLinks
 from arena.sim.world import World
-from arena.wire.truth_page import Truth, TruthWriter
+from arena.wire.truth_page import TruthWriter
 
 _CHECK_S = 0.1  # between two checks of the supervisor and of new events
 _STATS_S = 1.0
@@ -42,16 +44,28 @@ _DRAIN_SHARE = 0.3  # largest share of a period's wall time for reading the link
 _MAX_WAIT_S = 0.1
 _MILLI_S = 1e-3
 _RTF_TOLERANCE = 0.02
+_JOIN_TIMEOUT_S = 30.0
+_AFTER_DONE_S = 2.0
+_LAST_STEPS_S = 3.0
+MakeLinks = Callable[[ProcessContext, Mapping[str, Any], float], Links]
+"""Function that opens the links of all vehicles: (context, configuration of the world, wall time for reading in one step [s])."""
 
 
 class Loop:
     """Runs the world and owns its sockets and files.
 
     `run` returns if a stop is requested, or when the `ShutdownPolicy` ends the process.
+
+    settings: configuration of the world.  make_links: opens the links of the vehicles.
     """
 
-    def __init__(self, context: ProcessContext, make_autopilots: MakeAutopilots) -> None:
-        settings = context.settings
+    def __init__(
+        self,
+        context: ProcessContext,
+        settings: dict[str, Any],
+        make_autopilots: MakeAutopilots,
+        make_links: MakeLinks,
+    ) -> None:
         self._context, self._speed = context, speed_of(settings.get("speed", 1.0))
         self._world = World(settings)
         self._autopilots = make_autopilots(settings, self._world.period_s)
@@ -60,9 +74,18 @@ class Loop:
         if math.isfinite(self._speed):
             period_s /= max(self._speed, 1.0)
         self._keep_to_a_core(settings["vehicles"])
-        self._links = VehicleLinks(settings["vehicles"], budget_s=_DRAIN_SHARE * period_s)
         self._truth_path = Path(settings["truth"])
         self._truth, self._clock = self._pages(settings["clock"])
+        try:
+            self._links = make_links(context, settings, _DRAIN_SHARE * period_s)
+        except BaseException:
+            self._close_pages()
+            raise
+        self._expected = frozenset(settings.get("expected", ()))
+        self._ready = False
+        self._until_done = False
+        self._done_at = math.inf  # simulation time [s]
+        self._stop_by = math.inf  # wall time [s]
         self._faults = self._listen(settings.get("faults"))
         self._shutdown = ShutdownPolicy()
         self._clients_dropped = 0
@@ -70,24 +93,27 @@ class Loop:
     def run(self) -> None:
         """Step the world until the process must end."""
         if self._external is None:  # else the step itself begins with publishing
-            self._publish(self._world.truth())
+            self._truth.write(self._world.truth())
+            self._clock.tick(self._world.now)
         self._step()
         # All objects created so far live as long as the process, so the garbage collector can skip them.
         gc.collect()
         gc.freeze()
         gc.disable()
-        self._context.ready()
         self._serve()
 
     def close(self) -> None:
         """Close all sockets and remove the shared memory pages."""
         self._faults.close()
-        self._clock.close()
         self._links.close()
         if (close := getattr(self._autopilots, "close", None)) is not None:
             close()
-        self._truth_path.unlink(missing_ok=True)
+        self._close_pages()
         self._world.close()
+
+    def _close_pages(self) -> None:
+        self._clock.close()
+        self._truth_path.unlink(missing_ok=True)
 
     def _keep_to_a_core(self, vehicles: list[dict[str, Any]]) -> None:
         external = sum(v.get("autopilot", "builtin") != "builtin" for v in vehicles)
@@ -99,7 +125,7 @@ class Loop:
         try:
             return (
                 TruthWriter(self._truth_path, self._world.fleet.size, period_s=self._world.period_s),
-                ClockServer(clock),
+                ClockServer(clock, lockstep=self._speed != 1.0),
             )
         except OSError as error:
             for page in (self._truth_path, Path(f"{clock}.page"), Path(f"{clock}.sock")):
@@ -112,18 +138,22 @@ class Loop:
         try:
             return FaultReceiver(path)
         except RunError:
-            self._clock.close()
-            self._truth_path.unlink(missing_ok=True)
+            self._close_pages()
             raise
 
     def _serve(self) -> None:
         now = time.monotonic()
         pacer = Pacer(period_s=self._world.period_s, speed=self._speed, now=now)
         next_check, next_stats = now, now + _STATS_S
-        while not self._context.stopping:
+        while not self._must_stop():
             now = self._wait(pacer)
-            pacer.begin(now)
-            self._step()
+            if not self._is_over():
+                pacer.begin(now)
+                self._step()
+            if not self._ready and self._links.ready:
+                self._ready = True
+                self._context.ready()
+                self._until_clients_join()
             if now >= next_check:
                 next_check = now + _CHECK_S
                 if self._check(now):
@@ -142,7 +172,9 @@ class Loop:
         if self._external is None:
             self._inject_faults()
             world.step(autopilots.step(world.now, world.sense()))
-            self._publish(world.truth())
+            self._truth.write(world.truth())
+            self._links.send(autopilots.transmit(), world.now)
+            self._clock.tick(world.now)
         else:
             truth = world.truth()
             self._external.receive_truth(truth)
@@ -150,22 +182,15 @@ class Loop:
             world.observe()
             self._until_clients_sleep()
             self._inject_faults()
-            self._publish(truth)
+            self._truth.write(truth)
+            self._clock.tick(world.now)
             world.advance(self._external.finish())
-        self._links.send(autopilots.transmit())
+            self._links.send(autopilots.transmit(), world.now)
 
     def _inject_faults(self) -> None:
         """Apply the faults that have arrived. Called in every step, before the vehicles move."""
         for text in self._faults.apply(lambda fault: inject_fault(self._world, self._autopilots, fault)):
             self._context.event(text)
-
-    def _publish(self, truth: Truth) -> None:
-        """Publish the true state and then the simulation time.
-
-        In this order, a client that wakes up at the new time already finds the state of this time.
-        """
-        self._truth.write(truth)
-        self._clock.tick(self._world.now)
 
     def _until_clients_sleep(self) -> None:
         """Wait until all clients of the simulation clock have finished their work for the current time and
@@ -176,6 +201,46 @@ class Loop:
         while not (self._clock.may_advance(self._world.now, time.monotonic()) or self._context.stopping):
             self._clock.poll(_MILLI_S)
             self._inject_faults()  # the socket's buffer holds only a few
+
+    def _until_clients_join(self) -> None:
+        """Stop the simulation time until all expected programs use the simulation clock, so that every run starts at the same
+        time. A program that never uses the clock is not waited for longer than 30 s of wall time.
+        """
+        end = time.monotonic() + _JOIN_TIMEOUT_S
+        while missing := sorted(self._expected - self._clock.joined):
+            if self._context.stopping or self._context.orphaned:
+                return
+            if time.monotonic() > end:
+                names = ", ".join(missing)
+                text = f"{names}: has not slept on the simulation clock within {_JOIN_TIMEOUT_S:g} s, so this flight is not repeatable"
+                self._context.event(text)
+                return
+            self._clock.poll(_MAX_WAIT_S)
+
+    def _must_stop(self) -> bool:
+        """Return whether the loop must end: a stop signal has arrived, and the simulation time at which repeated flights end.
+
+        The loop waits for this time for at most 3 s of wall time after the signal.
+        """
+        if not self._context.stopping:
+            return False
+        now = time.monotonic()
+        self._stop_by = min(self._stop_by, now + _LAST_STEPS_S)
+        return self._done_at == math.inf or self._is_over() or now > self._stop_by
+
+    def _is_over(self) -> bool:
+        """Return whether simulation time must stand still, because all programs have ended and 2 s have passed since.
+
+        Only with `arena up --until-done`, in a world that waits for its programs: repeated flights then end at the same time.
+        """
+        if not (self._until_done and self._expected):
+            return False
+        if self._done_at == math.inf and all(map(self._clock.has_left, self._expected)):
+            self._done_at = math.inf if np.any(self._autopilots.armed) else self._world.now
+        if self._world.now < self._done_at + _AFTER_DONE_S:
+            return False
+        self._clock.poll(_MILLI_S)
+        return True
 
     def _wait(self, pacer: Pacer) -> float:
         """Serve the clients of the simulation clock until the next step may begin. Return the wall time at
@@ -209,11 +274,14 @@ class Loop:
             self._context.event(text)
             print(text, flush=True)  # the log exists when the supervisor does not
         for request in self._context.requests():
+            self._until_done = self._until_done or request.get("do") == "until_done"
             self._autopilots.on_request(request)
+            self._links.on_request(request)
             self._context.confirm(request)
         orphaned = self._context.orphaned
         if orphaned:
             self._autopilots.on_request(SUPERVISOR_LOST)
+            self._links.on_request(SUPERVISOR_LOST)
         return self._shutdown.over(orphaned=orphaned, any_armed=bool(np.any(self._autopilots.armed)), now=now)
 
     def _log_pace(self, pacer: Pacer) -> None:
@@ -247,8 +315,15 @@ def serve(make_autopilots: MakeAutopilots, argv: list[str] | None = None) -> Non
     argv: command line; it names the JSON configuration (slice) of the process
     """
     context = ProcessContext.enter(argv)
+    run(context, context.settings, make_autopilots, _open_links)
+
+
+def run(
+    context: ProcessContext, settings: dict[str, Any], make_autopilots: MakeAutopilots, make_links: MakeLinks
+) -> None:
+    """Run the world in this process until a stop is requested. Raises ArenaError. The arguments are those of `Loop`."""
     try:
-        loop = Loop(context, make_autopilots)
+        loop = Loop(context, settings, make_autopilots, make_links)
     except KeyError as error:
         raise InputError(
             f"configuration file of {context.name}: the key {error} is missing (docs/reference/slices.md)"
@@ -257,3 +332,7 @@ def serve(make_autopilots: MakeAutopilots, argv: list[str] | None = None) -> Non
         loop.run()
     finally:
         loop.close()
+
+
+def _open_links(context: ProcessContext, settings: Mapping[str, Any], budget_s: float) -> VehicleLinks:
+    return VehicleLinks(settings["vehicles"], budget_s=budget_s)

@@ -16,7 +16,7 @@ import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from arena.errors import InputError, RunError
 from arena.transport import open_udp
@@ -26,6 +26,31 @@ _PER_TURN = 4  # datagrams of one link before the next link is read
 _PER_STEP = 64  # datagrams of one link in one step
 _MAX_BYTES = 65_536
 Receive = Callable[[int, str, bytes], None]
+
+
+class Links(Protocol):
+    """MAVLink links of all vehicles, as the world's loop uses them.
+
+    ready: True if the vehicles can be flown over these links.
+    """
+
+    @property
+    def ready(self) -> bool: ...
+
+    def drain(self, receive: Receive) -> None:
+        """Pass each datagram that has arrived to the autopilots: `receive(vehicle, link, datagram)`."""
+
+    def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
+        """Send each (vehicle, link, datagram) of this step. now: simulation time [s]."""
+
+    def on_request(self, request: Mapping[str, Any]) -> None:
+        """Process a request of the supervisor (see `process_context`)."""
+
+    def stats(self) -> dict[str, int]:
+        """Return the statistics of the links."""
+
+    def close(self) -> None:
+        """Close the links."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +99,15 @@ class VehicleLinks:
                 break
         self.cut_short += 1
 
-    def send(self, messages: Sequence[tuple[int, str, bytes]]) -> None:
+    @property
+    def ready(self) -> bool:
+        """Always True: the partners of these links are other processes."""
+        return True
+
+    def on_request(self, request: Mapping[str, Any]) -> None:
+        """Do nothing: the partners of these links receive the supervisor's requests themselves."""
+
+    def send(self, messages: Sequence[tuple[int, str, bytes]], now: float = 0.0) -> None:
         """Send each (vehicle, link, datagram) to the remote address of the link.
 
         A datagram is dropped if the buffer is full, because MAVLink repeats its messages.

@@ -100,6 +100,9 @@ class Supervisor:
             self._control = ControlServer(
                 self.folder.control, self._selector, self.answer, refused=self._event
             )
+            if self.options.until_done:
+                worlds = [spec.name for spec in self.plan.processes if spec.kind == "world"]
+                self._processes.request({"do": "until_done"}, to=worlds, standing=True)
             while self.phase is not Phase.OVER:
                 self._round(signals)
             self._control.close()

@@ -17,13 +17,14 @@ from arena.plan.model import Plan, ProcessSpec
 from arena.supervisor import child_process, messages, proc_fs, run_end
 from arena.supervisor.child_process import Child, last_line
 from arena.supervisor.event_log import EventLog
+from arena.supervisor.member_rows import member_rows
 from arena.supervisor.messages import VehicleChanges
 from arena.supervisor.meters import Meter
+from arena.supervisor.packets import reporter, within_limit
 from arena.supervisor.process_state import ALIVE, Action, Exit, Observation, ProcessStatus, State, step
 from arena.supervisor.release import restore_requests
 from arena.supervisor.run_folder import Member, RunFolder
 
-MAX_NAMES = 2000
 """Largest number of facts, and of measurements, that one process may send."""
 VEHICLE_FACTS = (
     ".armed",
@@ -89,6 +90,7 @@ class ProcessSet:
         self.last_facts: dict[str, Any] = {}
         self.stats: dict[str, dict[str, Any]] = {name: {} for name in self.specs}
         self.confirmed: dict[str, int] = {}
+        self.stats |= {member.name: {} for spec in self.specs.values() for member in spec.members}
         self.changed = True
         self._selector = selector
         self._vehicle_changes = VehicleChanges()
@@ -302,14 +304,15 @@ class ProcessSet:
             self.changed = True
         if isinstance(facts := packet.get("facts"), dict):
             self._take_facts(name, facts)
+        part, kind = reporter(self.specs[name], packet)
         if isinstance(stats := packet.get("stats"), dict):
-            own = self.stats[name]
-            own.update({key: stats[key] for key in _within_limit(stats, own)})
+            own = self.stats[part]
+            own.update({key: stats[key] for key in within_limit(stats, own)})
         for entry in audit if isinstance(audit := packet.get("audit"), list) else ():
-            if isinstance(entry, dict) and self.specs[name].kind in ("router", "link"):
-                self.log.audit(time.monotonic(), name, entry)
+            if isinstance(entry, dict) and kind in ("router", "link"):
+                self.log.audit(time.monotonic(), part, entry)
         if isinstance(event := packet.get("event"), str):
-            self.log.event(time.monotonic(), name, event)
+            self.log.event(time.monotonic(), part, event)
         if isinstance(confirmed := packet.get("confirmed"), int):
             self.confirmed[name] = confirmed
             self.changed = True
@@ -322,7 +325,7 @@ class ProcessSet:
         """
         user = self.specs[name].kind in ("program", "tool")
         taken: dict[str, Any] = {}
-        for key in _within_limit(facts, self._names.setdefault(name, set())):
+        for key in within_limit(facts, self._names.setdefault(name, set())):
             if user and key.endswith(VEHICLE_FACTS):
                 continue
             value = facts[key]
@@ -354,7 +357,11 @@ class ProcessSet:
 
     def table(self, now: float) -> dict[str, dict[str, Any]]:
         """Return process name -> status values, for `arena ps --json`, the live table and outcome.json. now: monotonic [s]."""
-        return {name: self._row(name, spec, now) for name, spec in self.specs.items()}
+        table = {}
+        for name, spec in self.specs.items():
+            table[name] = self._row(name, spec, now)
+            table |= member_rows(spec, table[name], self.stats)
+        return table
 
     def _row(self, name: str, spec: ProcessSpec, now: float) -> dict[str, Any]:
         status, meter = self.statuses[name], self.meters[name]
@@ -378,19 +385,6 @@ class ProcessSet:
             "over_budget": meter.over_budget(spec, now),
             "stats": self.stats[name],
         }
-
-
-def _within_limit(values: Mapping[str, Any], known: Collection[str]) -> list[str]:
-    """Return the keys of `values` that may be stored: the known keys, and new keys until there are MAX_NAMES keys. A
-    faulty process thus cannot fill the memory of the supervisor.
-    """
-    room, found = MAX_NAMES - len(known), []
-    for key in values:
-        if key not in known:
-            room -= 1
-        if key in known or room >= 0:
-            found.append(key)
-    return found
 
 
 _NOTHING = Observation()

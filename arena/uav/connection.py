@@ -1,8 +1,9 @@
 """Sockets of a user program. They receive telemetry and motion capture, and send setpoints and commands.
 
-A background thread receives data and sends a heartbeat at 1 Hz, which announces an onboard computer to the
-vehicle. The thread never sends a setpoint. Setpoints are sent only in a call of the user program, so that the
-offboard failsafe acts if the program hangs.
+Data are received, and a heartbeat is sent at 1 Hz, which announces an onboard computer to the vehicle. On the wall clock a
+background thread does this. On a simulation clock in lockstep the program's own thread does it while it sleeps on this
+clock, because a second thread would make flights not repeatable. Setpoints are sent only in a call of the user program, so
+that the offboard failsafe acts if the program hangs.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.clock import Clock
+from arena.clock import Clock, SimClock
 from arena.errors import ArenaError, InputError, NotConfirmedError
 from arena.transport import Address, open_udp, parse_url, receive_datagrams
 from arena.uav.poses import Poses
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 _POLL_PERIOD_S = 0.02  # wall time between two polls: 50 wake-ups a second instead of 600
 _MIN_REFRESH_S = 0.001
+_CHORES_EVERY_S = 0.1
 _HEARTBEAT_S = 1.0
 _MAX_DATAGRAMS = 2000  # in one poll: a flood must not keep the caller
 
@@ -56,15 +58,25 @@ class Connection:
         self._socket, self._vehicle = _open(url)
         self._captures = _open_captures(capture, poses.bodies)
         self._receiving, self._sending = threading.Lock(), threading.Lock()
-        self._polled = -1.0
+        self._polled = self._polled_at = -1.0
         self._heartbeat_due = 0.0
         self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="arena.uav connection", daemon=True)
-        self._thread.start()
+        self._thread: threading.Thread | None = None
+        self._lockstep = isinstance(clock, SimClock) and clock.lockstep
+        if isinstance(clock, SimClock) and self._lockstep:
+            clock.do_while_asleep(self._chores, _CHORES_EVERY_S)
+        else:
+            self._thread = threading.Thread(target=self._run, name="arena.uav connection", daemon=True)
+            self._thread.start()
 
     def refresh(self) -> None:
-        """Read data that has arrived at the sockets, unless the sockets were read in the last millisecond."""
-        if time.monotonic() - self._polled > _MIN_REFRESH_S:
+        """Read data that has arrived at the sockets, unless they were read in the last millisecond, or, in lockstep, at the
+        present simulation time.
+        """
+        if self._lockstep:
+            if self._clock.now() != self._polled_at:
+                self.poll()
+        elif time.monotonic() - self._polled > _MIN_REFRESH_S:
             self.poll()
 
     def send(self, message: mavlink.MAVLink_message) -> None:
@@ -87,7 +99,7 @@ class Connection:
     def close(self) -> None:
         """Close the sockets. No command is sent, so a vehicle in the air enters its failsafe."""
         self._ending.set()
-        if threading.current_thread() is not self._thread:
+        if self._thread is not None and threading.current_thread() is not self._thread:
             self._thread.join(1.0)
         with self._receiving:
             self._socket.close()
@@ -100,7 +112,7 @@ class Connection:
             if self._ending.is_set():
                 return
             self._polled = time.monotonic()
-            now = self._clock.now()
+            now = self._polled_at = self._clock.now()
             for datagram, sender in receive_datagrams(self._socket, _MAX_DATAGRAMS):
                 if self.telemetry.on_datagram(datagram, now):
                     self._vehicle = sender
@@ -109,13 +121,17 @@ class Connection:
 
     def _run(self) -> None:
         while not self._ending.wait(_POLL_PERIOD_S):
-            self.poll()
-            now = self._clock.now()
-            if self._vehicle is not None and not 0.0 <= self._heartbeat_due - now <= _HEARTBEAT_S:
-                self._heartbeat_due = now + _HEARTBEAT_S
-                with self._sending:
-                    data = self._codec.onboard_heartbeat()
-                self._send_frame(data, self._vehicle)
+            self._chores()
+
+    def _chores(self) -> None:
+        """Receive data, and send the heartbeat if it is due."""
+        self.poll()
+        now = self._clock.now()
+        if self._vehicle is not None and not 0.0 <= self._heartbeat_due - now <= _HEARTBEAT_S:
+            self._heartbeat_due = now + _HEARTBEAT_S
+            with self._sending:
+                data = self._codec.onboard_heartbeat()
+            self._send_frame(data, self._vehicle)
 
     def _send_frame(self, data: bytes, to: Address) -> None:
         try:

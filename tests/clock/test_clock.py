@@ -124,3 +124,35 @@ def test_client_reads_the_pid_of_the_world(server, tmp_path):
     clock = SimClock(tmp_path / "clock", "p")
     assert clock.server_pid == os.getpid()
     clock.close()
+
+
+def test_chores_are_done_on_the_sleeping_thread_at_their_period(tmp_path):
+    server = ClockServer(tmp_path / "clock", lockstep=True)
+    try:
+        clock, done = SimClock(tmp_path / "clock", "p"), []
+        assert clock.lockstep
+        clock.do_while_asleep(lambda: done.append((clock.now(), threading.current_thread())), 0.1)
+        thread, found = in_thread(lambda: clock.sleep_until(0.35))
+        for step in range(1, 36):
+            serve_until(server, lambda: all(c.wake is not None for c in server._clients.values()) or found)
+            server.tick(0.01 * step)
+        serve_until(server, lambda: bool(found), now=0.35)
+        assert [round(time_s, 2) for time_s, _ in done] == [0.1, 0.2, 0.3]
+        assert {at for _, at in done} == {thread}
+    finally:
+        server.close()
+
+
+def test_server_knows_who_has_joined_and_who_has_left(server, tmp_path):
+    clock = SimClock(tmp_path / "clock", "uav1")
+    serve_until(server, lambda: any(c.name for c in server._clients.values()))
+    assert "uav1" not in server.joined and not server.has_left("uav1")
+    clock.request_wake(5.0)
+    serve_until(server, lambda: "uav1" in server.joined)
+    assert not server.has_left("uav1")
+    clock.close()
+    serve_until(server, lambda: server.has_left("uav1"))
+
+
+def test_clock_on_the_wall_is_not_in_lockstep(server, tmp_path):
+    assert not SimClock(tmp_path / "clock", "p").lockstep

@@ -21,6 +21,11 @@ vehicles:
   uav2: {start: {position: [1, 0, 0]}, autopilot: hardware, profile: iris, radio: none, url: "udpin:127.0.0.1:15000"}
   uav3: {start: {position: [2, 0, 0]}, autopilot: px4}
 """
+FUSED = """
+sim: {processes: one}
+vehicles:
+  uav1: {autopilot: builtin, program: hover.py}
+"""
 PAGE = (ROOT / "docs/reference/slices.md").read_text()
 SECTIONS = dict(re.findall(r"^## (\S+)\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
 
@@ -29,8 +34,11 @@ SECTIONS = dict(re.findall(r"^## (\S+)\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
 def slices(tmp_path_factory):
     folder = tmp_path_factory.mktemp("slices")
     (folder / "hover.py").write_text("")
-    (folder / "arena.yaml").write_text(YAML)
-    return make_plan(load_arena(folder / "arena.yaml")).slices
+    made = {}
+    for text in (YAML, FUSED):
+        (folder / "arena.yaml").write_text(text)
+        made |= make_plan(load_arena(folder / "arena.yaml")).slices
+    return made
 
 
 @pytest.mark.parametrize("section", sorted(SECTIONS))

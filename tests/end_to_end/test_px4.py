@@ -121,8 +121,12 @@ def test_hexarotor_and_octorotor_fly_with_all_rotors(
     flight = hangar.fly(
         {"uav1": "tours"}, "--until-done", "--time-limit", "120", *px4, *flown_by_px4("uav1"), *profile
     )
-    code = flight.wait(150)
+    with contextlib.closing(GroundStation(hangar.address)) as station:
+        code = flight.wait(150)
     assert code == 0, flight.said()
+    assert station.newest[FIRST_ID, "HEARTBEAT"].type == (
+        mavlink.MAV_TYPE_HEXAROTOR if rotors == 6 else mavlink.MAV_TYPE_OCTOROTOR
+    )
     told = flight.summary["vehicles"]["uav1"]
     assert told["landing"]["landed"] and told["crashed"] == "" and told["verdict"]["max_tilt_deg"] < 40.0
     assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"])

@@ -282,7 +282,9 @@ def test_missing_body_is_reported_once_with_the_existing_names(tmp_path, monkeyp
 
 
 def test_process_without_supervisor_serves_until_disarmed(tmp_path, monkeypatch):
-    monkeypatch.setattr(shell, "ShutdownPolicy", functools.partial(ShutdownPolicy, settle_s=0.3))
+    monkeypatch.setattr(
+        "arena.pose_forwarder.shell.ShutdownPolicy", functools.partial(ShutdownPolicy, settle_s=0.3)
+    )
     arena = Arena(tmp_path, start=Thread)
     try:
         arena.vehicle.armed = True

@@ -109,20 +109,19 @@ def launch_options(scenario: Scenario, folder: Path, options: FlightOptions) -> 
     """Return the options with which the arena of a scenario is started.
 
     An arena that is written inside the scenario file is first written to a file of its own in `folder`.
+    A scenario that names a process which could be a part of the fused arena needs many processes.
     """
-    if scenario.arena_file:
-        return LaunchOptions(
-            arena=Path(scenario.arena_file),
-            runs=folder,
-            overrides=scenario.overrides,
-            speed=options.speed,
-            seed=options.seed,
-        )
+    from arena.plan.fused import could_be_member
     from arena.plan.resolved_yaml import arena_yaml
 
-    file = folder / "arena.yaml"
-    file.write_text(arena_yaml(scenario.arena))
-    return LaunchOptions(arena=file, runs=folder, speed=options.speed, seed=options.seed)
+    separate = any(could_be_member(name) for name in scenario.processes)
+    overrides = ["sim.processes=many"] if separate else []
+    if scenario.arena_file:
+        file, overrides = Path(scenario.arena_file), [*scenario.overrides, *overrides]
+    else:
+        file = folder / "arena.yaml"
+        file.write_text(arena_yaml(scenario.arena))
+    return LaunchOptions(arena=file, runs=folder, overrides=overrides, speed=options.speed, seed=options.seed)
 
 
 def slug(name: str) -> str:

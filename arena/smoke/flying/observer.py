@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -49,7 +50,7 @@ class Observer:
         self._vehicle_states = VehicleStates(world["vehicles"])
         self._listener = TelemetryListener(plan.vehicles)
         self._actions = ActionRunner(plan, run, Path(state.rt), self.run_log, self._listener)
-        self._next = self._clock.now()
+        self._next = 0.0
 
     def observe(self) -> Observation | None:
         """Wait OBSERVATION_PERIOD_S of simulation time and return an observation; None if the arena has ended (see `ended`)."""
@@ -58,7 +59,10 @@ class Observer:
         ):  # these commands use wall time, so keep the world from running faster
             time.sleep(OBSERVATION_PERIOD_S)
         try:
-            self._next = max(self._next, self._clock.now()) + OBSERVATION_PERIOD_S
+            # multiples of the period: observations of the same flight are then made at the same times
+            self._next = (
+                math.floor(self._clock.now() / OBSERVATION_PERIOD_S + 1e-6) + 1
+            ) * OBSERVATION_PERIOD_S
             self._clock.request_wake(self._next)
             time_s = self._wait_for_time()
         except RunError as error:

@@ -1,0 +1,35 @@
+"""Conversion of the emulator's frames to the frames that a motion-capture client returns, without the network between. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from arena.mocap.client.pose import CapturedFrame, Echo, pose_ned
+from arena.mocap.emulator.interface import MeasuredFrame
+
+
+class FrameConverter:
+    """Converts measured frames to NED. bodies: the bodies of the emulator's configuration."""
+
+    def __init__(self, bodies: Sequence[Mapping[str, Any]]) -> None:
+        self._names = {int(b["number"]): str(b["name"]) for b in bodies}
+
+    def convert(self, frame: MeasuredFrame, now: float) -> CapturedFrame:
+        """Return the frame as a client on the same clock receives it. now: simulation time of sending [s]."""
+        poses, untracked = [], []
+        for body in frame.bodies:
+            name = self._names[body.number]
+            pose = pose_ned(name, body.position_w, body.quat_xyzw_wf) if body.tracked else None
+            if pose is None:
+                untracked.append(name)
+            else:
+                poses.append(pose)
+        return CapturedFrame(
+            number=frame.number,
+            time_s=frame.exposed_s,
+            poses=tuple(poses),
+            untracked=tuple(untracked),
+            sent_s=now,
+            echo=Echo(sent=now, received=now, answered_s=now),
+        )

@@ -1,0 +1,180 @@
+"""The members of the fused arena around the world: router, motion capture, pose forwarders and loggers.
+
+In each step of the world they run in a fixed order, so the same inputs give the same messages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from arena.clock import Rate
+from arena.fused.captured_frames import FrameConverter
+from arena.fused.member import MemberContext
+from arena.fused.memory_links import Inbox, LoggerLink, MemoryCapture, VisionLink, address
+from arena.fused.router import FusedRouter
+from arena.mocap.emulator.interface import MeasuredFrame
+from arena.mocap.emulator.shell import EmulatorShell
+from arena.pose_forwarder.shell import TICK_S, ForwarderShell
+from arena.process_context import ProcessContext
+from arena.recorder.logger import Logger
+from arena.sim.vehicle_links import Receive, VehicleLinks
+
+_EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in binary
+
+
+class Members:
+    """All members except the world, as the world's `Links`: they exchange the autopilots' messages in memory.
+
+    process: context of the process.  slices: name of each member -> its configuration.
+    budget_s: wall time for reading the panic links in one step [s].
+    """
+
+    def __init__(
+        self, process: ProcessContext, slices: Mapping[str, Mapping[str, Any]], *, budget_s: float
+    ) -> None:
+        world = slices["world"]
+        vehicles = world["vehicles"]
+        self._inbox: Inbox = []
+        self._panic = VehicleLinks([_panic_only(v) for v in vehicles], budget_s=budget_s)
+        self._time = StepTime()
+        self._contexts = {
+            name: MemberContext(process, dict(s)) for name, s in slices.items() if name != "world"
+        }
+        self._loggers = [_Logger(self._contexts[f"logger.{v['name']}"], self._time) for v in vehicles]
+        self._forwarders = {
+            i: _Forwarder(self._contexts[name], self._time, self._inbox, i, v)
+            for i, v in enumerate(vehicles)
+            if (name := f"forward.{v['name']}") in self._contexts
+        }
+        self._router = FusedRouter(
+            self._contexts["router"],
+            self._time.now,
+            self._inbox,
+            {address(x.settings, "listen"): x.link.waiting.append for x in self._loggers},
+        )
+        mocap = self._contexts["mocap"]
+        self._frames = FrameConverter(mocap.settings["bodies"])
+        self._mocap = EmulatorShell(mocap, self._time.now(), self._on_frame)
+
+    @property
+    def ready(self) -> bool:
+        """True if every member has reported that it is ready."""
+        return all(context.is_ready for context in self._contexts.values())
+
+    def drain(self, receive: Receive) -> None:
+        """Give the autopilots the datagrams that have arrived for them."""
+        self._panic.drain(receive)
+        self._router.drain(self._time.now())
+        waiting = self._inbox[:]
+        self._inbox.clear()
+        for vehicle, link, data in waiting:
+            receive(vehicle, link, data)
+
+    def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
+        """Deliver the datagrams that the autopilots send in this step, and run the members. now: simulation time [s]."""
+        self._time.value = now
+        for message in messages:
+            vehicle, link, data = message
+            if link == "router":
+                self._router.from_vehicle(vehicle, data, now)
+            elif link == "panic":
+                self._panic.send((message,))
+            elif vehicle in self._forwarders:
+                self._forwarders[vehicle].link.waiting.append(data)
+        self._step(now)
+
+    def _step(self, now: float) -> None:
+        self._mocap.apply_faults()
+        while self._mocap.due <= now + _EARLY_S:
+            self._mocap.advance(now)
+        for forwarder in self._forwarders.values():
+            forwarder.step(now)
+        self._router.step(now)
+        for logger in self._loggers:
+            logger.step(now)
+
+    def on_request(self, request: Mapping[str, Any]) -> None:
+        """Pass a request of the supervisor to the router."""
+        self._router.on_request(request, self._time.now())
+
+    def stats(self) -> dict[str, int]:
+        """Return statistics of the links that have sockets."""
+        return self._panic.stats()
+
+    def close(self) -> None:
+        """Write the rest of the logs, and close all sockets and files."""
+        for logger in self._loggers:
+            logger.close()
+        self._contexts["router"].stats(self._router.stats())
+        self._router.close()
+        self._mocap.close()
+        self._panic.close()
+
+    def _on_frame(self, frame: MeasuredFrame, now: float) -> None:
+        captured = self._frames.convert(frame, now)
+        for forwarder in self._forwarders.values():
+            forwarder.capture.waiting.append(captured)
+        for logger in self._loggers:
+            logger.capture.waiting.append(captured)
+
+
+class _Forwarder:
+    def __init__(
+        self, context: MemberContext, time: StepTime, inbox: Inbox, vehicle: int, settings: Mapping[str, Any]
+    ) -> None:
+        self.capture = MemoryCapture()
+        self.link = VisionLink(vehicle, inbox, address(context.settings["link"], "remote"))
+        self._shell = ForwarderShell(context, time, self.capture, self.link)
+        self._shell.reported = 0.0
+        self._next_tick = 0.0
+
+    def step(self, now: float) -> None:
+        if self.capture.waiting or self.link.waiting:
+            self._shell.turn(now)
+        if now >= self._next_tick:
+            self._next_tick = now + TICK_S
+            self._shell.tick(now, now)
+
+
+class _Logger:
+    def __init__(self, context: MemberContext, time: StepTime) -> None:
+        self.settings = context.settings
+        self.capture, self.link = MemoryCapture(), LoggerLink()
+        self._logger = Logger(context, time, self.capture, self.link)
+        self._period_s = 1.0 / float(self.settings["rate_hz"])
+        self._rows = 0
+        context.ready()
+
+    def step(self, now: float) -> None:
+        """Write a row if one is due."""
+        if now + _EARLY_S >= self._rows * self._period_s:
+            self._rows = int((now + _EARLY_S) / self._period_s) + 1
+            self._logger.step(now)
+
+    def close(self) -> None:
+        self._logger.close()
+
+
+class StepTime:
+    """Clock of the members: the time of the present step. Members are called in each step and therefore never sleep.
+
+    value: simulation time [s].
+    """
+
+    def __init__(self) -> None:
+        self.value = 0.0
+
+    def now(self) -> float:
+        """Return the simulation time [s]."""
+        return self.value
+
+    def sleep_until(self, t: float) -> float:
+        raise NotImplementedError("a member of the fused arena never sleeps")
+
+    def rate(self, hz: float) -> Rate:
+        raise NotImplementedError("a member of the fused arena never sleeps")
+
+
+def _panic_only(vehicle: Mapping[str, Any]) -> dict[str, Any]:
+    return {"name": vehicle["name"], "links": {"panic": vehicle["links"]["panic"]}}

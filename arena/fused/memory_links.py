@@ -1,0 +1,96 @@
+"""Replacements of sockets for members that run in one process: they store data until the receiver reads them."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from typing import Any
+
+from arena.mocap.client import CapturedFrame
+from arena.transport import Address
+
+Inbox = list[tuple[int, str, bytes]]
+"""Datagrams for the autopilots: (index of the vehicle in the world, name of the link, data), oldest first."""
+
+
+class VisionLink:
+    """Vision link of one vehicle, in place of the forwarder's socket.
+
+    vehicle: index of the vehicle in the world.  inbox: list that receives the datagrams for its autopilot.
+    autopilot: address that the forwarder expects as the sender.
+    """
+
+    def __init__(self, vehicle: int, inbox: Inbox, autopilot: Address) -> None:
+        self._vehicle, self._inbox, self._autopilot = vehicle, inbox, autopilot
+        self.waiting: deque[bytes] = deque()
+
+    def recvfrom(self, size: int) -> tuple[bytes, Address]:
+        """Return the oldest datagram from the autopilot. Raises BlockingIOError if there is none."""
+        return _take(self.waiting), self._autopilot
+
+    def sendto(self, data: bytes, to: Address) -> int:
+        """Store a datagram for the autopilot."""
+        self._inbox.append((self._vehicle, "vision", data))
+        return len(data)
+
+    def fileno(self) -> int:
+        """Return -1, because there is no socket."""
+        return -1
+
+
+class LoggerLink:
+    """Datagrams from the router and from the user program for one logger, in place of its socket."""
+
+    def __init__(self) -> None:
+        self.waiting: deque[bytes] = deque()
+
+    def recv(self, size: int) -> bytes:
+        """Return the oldest datagram. Raises BlockingIOError if there is none."""
+        return _take(self.waiting)
+
+    def close(self) -> None:
+        self.waiting.clear()
+
+
+class MemoryCapture:
+    """Motion-capture client whose frames come from the emulator in the same process."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self.waiting: list[CapturedFrame] = []
+
+    def fileno(self) -> int:
+        """Return -1, because there is no socket."""
+        return -1
+
+    def poll(self, now: float) -> list[CapturedFrame]:
+        """Return the frames that have arrived, oldest first."""
+        found, self.waiting = self.waiting, []
+        self.counts["frames"] += len(found)
+        return found
+
+    def definition(self, body: str) -> str:
+        """Return the name of the body: the emulator does not define its bodies again."""
+        return body
+
+    def refresh_definitions(self) -> None:
+        """Do nothing: the emulator does not define its bodies again."""
+
+    def diagnosis(self) -> str:
+        """Return "": nothing can be lost on the way."""
+        return ""
+
+    def close(self) -> None:
+        self.waiting.clear()
+
+
+def _take(waiting: deque[bytes]) -> bytes:
+    if not waiting:
+        raise BlockingIOError
+    return waiting.popleft()
+
+
+def address(raw: Mapping[str, Any], key: str) -> Address:
+    """Return the address [host, port] under `key` of a link's configuration."""
+    host, port = raw[key]
+    return str(host), int(port)

@@ -1,0 +1,144 @@
+"""MAVLink router of the fused arena: autopilots and loggers are in the same process, other clients use sockets."""
+
+from __future__ import annotations
+
+import select
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from arena.fault_injection import FaultReceiver
+from arena.fused.memory_links import Inbox
+from arena.mavlink_router.endpoints import Out
+from arena.mavlink_router.ground_station import GroundStation
+from arena.mavlink_router.link_impairment import ImpairedRouter
+from arena.mavlink_router.router import Router
+from arena.mavlink_router.routing_table import Table
+from arena.process_context import ProcessContext
+from arena.transport import MAX_DATAGRAM_BYTES, Address, listen_udp
+from arena.wire.mavlink_frame import Buffer
+
+_TICK_S, _SECOND_S = 0.25, 1.0
+_MAX_DATAGRAMS = 2000  # read from one socket in one step: a flood must not stop the world
+ToLogger = Callable[[bytes], None]
+
+
+class FusedRouter:
+    """Router whose links to the autopilots are calls in this process. All times are simulation time [s].
+
+    inbox: receives the datagrams for the autopilots.
+    loggers: address of each logger, and the function that gives a datagram to it.
+    """
+
+    def __init__(
+        self,
+        process: ProcessContext,
+        now: Callable[[], float],
+        inbox: Inbox,
+        loggers: Mapping[Address, ToLogger],
+    ) -> None:
+        self._process, self._inbox, self._loggers = process, inbox, loggers
+        table = Table.from_slice(process.settings)
+        self._router = Router(table, now)
+        self._impaired = ImpairedRouter(self._router, int(process.settings["seed"]))
+        self._faults = FaultReceiver(process.settings.get("faults"))
+        self._station = GroundStation()
+        links = self._router.links
+        self._keys = [links[v.name] for v in table.vehicles]
+        self._remotes = [v.remote for v in table.vehicles]
+        self._vehicle_of = {key: i for i, key in enumerate(self._keys)}
+        self._sockets = {
+            key: listen_udp(address, "the router")
+            for key, address in enumerate(self._router.sockets)
+            if key not in self._vehicle_of
+        }
+        self._key_of = {s.fileno(): key for key, s in self._sockets.items()}
+        self._poll = select.epoll()
+        for fd in self._key_of:
+            self._poll.register(fd, select.EPOLLIN)
+        self._buffer = memoryview(bytearray(MAX_DATAGRAM_BYTES))
+        self._next_tick = self._next_second = 0.0
+
+    def from_vehicle(self, vehicle: int, data: bytes, now: float) -> None:
+        """Route a datagram that an autopilot has sent. vehicle: index in the world."""
+        self._route(self._keys[vehicle], self._remotes[vehicle], data, now)
+
+    def drain(self, now: float) -> None:
+        """Route the datagrams that have arrived at the sockets, socket after socket in a fixed order."""
+        if ready := self._poll.poll(0):
+            for key in sorted(self._key_of[fd] for fd, _ in ready):
+                self._read(key, now)
+
+    def step(self, now: float) -> None:
+        """Report changes to the supervisor, and send what is due. Call it once per step of the world."""
+        for text in self._faults.apply(self._impaired.apply):
+            self._process.event(text)
+        if self._impaired.active:
+            self._send(self._impaired.release(now, now))
+        for warning in self._router.warnings():
+            self._process.event(warning)
+        events, control = self._router.commands.changes()
+        if changed := {**self._router.changed_facts(), **control}:
+            self._process.facts(changed)
+        for event in events:
+            self._process.event(event)
+        if now >= self._next_tick:
+            self._next_tick = now + _TICK_S
+            self._tick(now)
+
+    def on_request(self, request: Mapping[str, Any], now: float) -> None:
+        """Process a request of the supervisor."""
+        self._router.commands.on_request(request, now)
+
+    def stats(self) -> dict[str, Any]:
+        return self._router.stats()
+
+    def close(self) -> None:
+        self._poll.close()
+        self._faults.close()
+        for s in self._sockets.values():
+            s.close()
+
+    def _read(self, key: int, now: float) -> None:
+        receive, buffer = self._sockets[key].recvfrom_into, self._buffer
+        for _ in range(_MAX_DATAGRAMS):
+            try:
+                size, sender = receive(buffer)
+            except OSError:  # nothing left
+                return
+            self._route(key, sender, buffer[:size], now)
+
+    def _route(self, key: int, sender: Address, data: Buffer, now: float) -> None:
+        if self._impaired.active:
+            self._send(self._impaired.on_datagram(key, sender, data, now, now))
+        else:
+            self._send(self._router.on_datagram(key, sender, data, now))
+
+    def _send(self, out: list[Out]) -> None:
+        counts = self._router.counts
+        for data, destinations in out:
+            for key, to in destinations:
+                counts.bytes_out += len(data)
+                if (vehicle := self._vehicle_of.get(key)) is not None:
+                    self._inbox.append((vehicle, "router", bytes(data)))
+                elif (logger := self._loggers.get(to)) is not None:
+                    logger(bytes(data))
+                else:
+                    self._send_to_socket(key, data, to)
+
+    def _send_to_socket(self, key: int, data: Buffer, to: Address) -> None:
+        try:
+            self._sockets[key].sendto(data, to)
+        except OSError:  # full queue or no network: the next message is newer
+            self._router.counts.dropped["not sent"] += 1
+
+    def _tick(self, now: float) -> None:
+        self._router.tick(now)
+        self._process.audit(self._router.commands.take_audit())
+        if self._router.all_connected:
+            self._process.ready()
+        if now >= self._next_second:
+            self._next_second = now + _SECOND_S
+            if self._router.table.heartbeat and not self._impaired.muted:
+                frame = self._station.heartbeat()
+                self._send(self._impaired.outgoing(self._router.heartbeat(frame), now))
+            self._process.stats(self.stats())

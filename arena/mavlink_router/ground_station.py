@@ -1,0 +1,25 @@
+"""MAVLink identity of the router, and the heartbeat of a ground station that it sends to the vehicles."""
+
+from __future__ import annotations
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.wire.mavlink_codec import Codec
+
+SYSTEM, COMPONENT = 254, 190
+"""MAVLink system and component id of the router."""
+_MAVLINK_2 = 3
+_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
+    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, _MAVLINK_2
+)
+
+
+class GroundStation:
+    """Ground station as which the router sends heartbeats, because PX4's data-link failsafe monitors them."""
+
+    def __init__(self) -> None:
+        self._codec = Codec(SYSTEM, COMPONENT)
+
+    def heartbeat(self) -> bytes:
+        """Return the next heartbeat as a MAVLink frame."""
+        return self._codec.pack(_HEARTBEAT)

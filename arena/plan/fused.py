@@ -1,0 +1,80 @@
+"""Decision whether the parts of a simulated arena share one process, and the conversion of a plan to such a process. Pure."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+from arena.errors import InputError
+from arena.plan.model import Member, ProcessSpec
+from arena.schema import Arena
+
+_MEMBERS = frozenset({"mocap", "forward", "router", "logger"})
+MODULE, SLICE = "arena.fused", "fused.json"
+_START_TIMEOUT_S = 60.0
+
+
+def is_fused(arena: Arena) -> bool:
+    """Return whether world, motion capture, forwarders, router and loggers run in one process. Raises InputError."""
+    asked, why_not = arena.sim.processes, why_many(arena)
+    if asked == "one" and why_not:
+        raise InputError(f"sim.processes: got one, but {why_not}. Try auto or many.")
+    return not why_not and (asked == "one" or (asked == "auto" and arena.sim.speed != 1.0))
+
+
+def why_many(arena: Arena) -> str:
+    """Return why this arena needs many processes; \"\" if one process can run it."""
+    others = [v for v in arena.vehicles if v.autopilot != "builtin"]
+    if others:
+        return f"{others[0].name} has autopilot: {others[0].autopilot}, which needs processes of its own"
+    return ""
+
+
+def could_be_member(process: str) -> bool:
+    """Return whether a process with this name is joined with the world in a fused arena. The world itself counts, too."""
+    kind = process.partition(".")[0]
+    return kind == "world" or kind in _MEMBERS
+
+
+def fuse(processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, ...]:
+    """Return the processes of the plan with world, motion capture, forwarders, router and loggers joined in the process `world`."""
+    joined = [p for p in processes if p.kind in _MEMBERS]
+    names = {p.name for p in joined}
+    found = []
+    for process in processes:
+        if process.kind == "world":
+            found.append(_with_members(process, joined))
+        elif process.name not in names:
+            needs = dict.fromkeys("world" if n in names else n for n in process.needs)
+            found.append(dataclasses.replace(process, needs=tuple(needs)))
+    return tuple(found)
+
+
+def fused_slices(
+    arena: Arena, made: dict[str, dict[str, Any]], processes: Sequence[ProcessSpec]
+) -> dict[str, dict[str, Any]]:
+    """Return the slices of a fused plan: those of the members, and one that names the members.
+
+    The world waits for the programs of Python files before it begins: they use the simulation clock. With a copilot it
+    does not wait, because the copilot needs simulation time to become ready.
+    """
+    members = ["world", *(p.name for p in processes if p.kind in _MEMBERS)]
+    programs = [v.name for v in arena.vehicles if v.program is not None and v.program.path.endswith(".py")]
+    world = {**made["world.json"], "expected": [] if arena.copilot is not None else programs}
+    return {**made, "world.json": world, SLICE: {"name": "world", "members": members}}
+
+
+def _with_members(world: ProcessSpec, joined: Sequence[ProcessSpec]) -> ProcessSpec:
+    python = world.argv[0]
+    return dataclasses.replace(
+        world,
+        argv=(python, "-m", MODULE, f"{{run}}/slices/{SLICE}"),
+        env=(*world.env, ("PYTHONHASHSEED", "0")),
+        start_timeout_s=_START_TIMEOUT_S,
+        stop_timeout_s=max(p.stop_timeout_s for p in (world, *joined)),
+        cpu_budget=1.0,
+        memory_budget_mb=world.memory_budget_mb + 20.0 * len(joined),
+        listens=(*world.listens, *(x for p in joined for x in p.listens)),
+        members=tuple(Member(name=p.name, kind=p.kind, vehicle=p.vehicle) for p in joined),
+    )

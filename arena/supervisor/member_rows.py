@@ -1,0 +1,39 @@
+"""Rows of the process table for the members of the fused arena, which have no process of their own. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from arena.plan.model import ProcessSpec
+
+_NO_USE: Mapping[str, Any] = {
+    "pid": None,
+    "cpu_s": 0.0,
+    "cpu_mean": 0.0,
+    "cpu_now": 0.0,
+    "rss_mb": 0.0,
+    "rss_peak_mb": 0.0,
+    "over_budget": [],
+}
+"""Figures that only the process itself has."""
+
+
+def member_rows(
+    spec: ProcessSpec, row: Mapping[str, Any], stats: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return the row of each member of a process: the state of the process, and the member's own measurements.
+
+    row: row of the process.  stats: name of a process or member -> its measurements.
+    """
+    return {
+        member.name: {
+            **row,
+            **_NO_USE,
+            "kind": member.kind,
+            "vehicle": member.vehicle,
+            "member_of": spec.name,
+            "stats": stats[member.name],
+        }
+        for member in spec.members
+    }

@@ -1,0 +1,31 @@
+"""Packets that processes send to the supervisor: which part has sent a packet, and how many names it may store. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from arena.plan.model import ProcessSpec
+
+MAX_NAMES = 2000
+
+
+def reporter(spec: ProcessSpec, packet: Mapping[str, Any]) -> tuple[str, str]:
+    """Return name and kind of the part that sent a packet: a member of the fused arena, or the process itself."""
+    for member in spec.members if "of" in packet else ():
+        if member.name == packet["of"]:
+            return member.name, member.kind
+    return spec.name, spec.kind
+
+
+def within_limit(values: Mapping[str, Any], known: Collection[str]) -> list[str]:
+    """Return the keys of `values` that may be stored: the known keys, and new keys until there are MAX_NAMES keys. A
+    faulty process thus cannot fill the memory of the supervisor.
+    """
+    room, found = MAX_NAMES - len(known), []
+    for key in values:
+        if key not in known:
+            room -= 1
+        if key in known or room >= 0:
+            found.append(key)
+    return found

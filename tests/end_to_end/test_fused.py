@@ -1,0 +1,77 @@
+"""Flights of an arena whose parts share one process: repeatable, and the same as with many processes."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+
+from .flight import ROOT, Flight, Hangar
+
+pytestmark = pytest.mark.flight
+YAML = ROOT / "examples" / "01_two_quads" / "arena.yaml"
+VEHICLES = ("uav1", "uav2")
+
+
+def fly(hangar: Hangar, *options: str) -> Flight:
+    """Fly the first example as fast as possible, to its end."""
+    flight = hangar.up(YAML, "--speed", "max", "--until-done", "--no-report", "--time-limit", "300", *options)
+    code = flight.wait(360)
+    assert code == 0, flight.said()
+    return flight
+
+
+def logs(flight: Flight) -> dict[str, bytes]:
+    return {v: (flight.folder / "csv" / f"{v}.csv").read_bytes() for v in VEHICLES}
+
+
+def truth(flight: Flight, vehicle: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the time after the vehicle entered OFFBOARD [s] (n,) and the true position [m] [NED] (n, 3)."""
+    rows = list(csv.DictReader((flight.folder / "csv" / f"{vehicle}.csv").open()))
+    columns = ("truth.pos.north", "truth.pos.east", "truth.pos.down")
+    times = np.array([float(r["time.seconds"]) for r in rows])
+    first = next(t for t, r in zip(times, rows, strict=True) if r["info.flight_mode"] == "OFFBOARD")
+    return times - first, np.array([[float(r[c]) for c in columns] for r in rows])
+
+
+@pytest.fixture(scope="module")
+def first(shared_hangar: Hangar) -> Flight:
+    return fly(shared_hangar, "--seed", "7")
+
+
+def test_same_seed_gives_the_same_log_byte_for_byte(first: Flight, shared_hangar: Hangar) -> None:
+    assert logs(fly(shared_hangar, "--seed", "7")) == logs(first)
+
+
+def test_another_seed_gives_another_flight(first: Flight, shared_hangar: Hangar) -> None:
+    other = logs(fly(shared_hangar, "--seed", "8"))
+    assert all(other[v] != logs(first)[v] for v in VEHICLES)
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_truth_is_within_2_cm_of_a_flight_with_many_processes(
+    first: Flight, many: Flight, vehicle: str
+) -> None:
+    (t_one, p_one), (t_many, p_many) = truth(first, vehicle), truth(many, vehicle)
+    times = np.arange(0.0, min(t_one[-1], t_many[-1]), 0.1)
+    at = [
+        np.column_stack([np.interp(times, t, p[:, k]) for k in range(3)])
+        for t, p in ((t_one, p_one), (t_many, p_many))
+    ]
+    apart = np.linalg.norm(at[0] - at[1], axis=1)
+    print(f"{vehicle}: median {np.median(apart):.4f} m, largest {apart.max():.4f} m")
+    assert len(times) > 200 and np.median(apart) < 0.02
+
+
+@pytest.fixture(scope="module")
+def many(shared_hangar: Hangar) -> Flight:
+    return fly(shared_hangar, "--seed", "7", "--processes")
+
+
+def test_summary_and_tables_are_those_of_many_processes(first: Flight, many: Flight) -> None:
+    one, other = first.outcome["processes"], many.outcome["processes"]
+    assert one.keys() == other.keys()
+    assert one["router"]["member_of"] == "world" and one["router"]["pid"] is None
+    assert one["router"]["stats"].keys() >= {"frames_from_vehicles", "telemetry"}
+    assert one["forward.uav1"]["stats"]["poses"] > 100

@@ -1,0 +1,67 @@
+"""Plan of an arena whose parts share one process."""
+
+from __future__ import annotations
+
+import pytest
+
+from arena.errors import InputError
+from arena.plan import Plan, make_plan
+from arena.plan.fused import could_be_member
+from arena.schema import load_arena
+
+TWO = "vehicles:\n  uav1: {program: fly.py}\n  uav2: {start: {position: [1, 0, 0]}}\n"
+
+
+def plan_of(folder, text: str = TWO, *sets: str) -> Plan:
+    (folder / "fly.py").touch()
+    (folder / "arena.yaml").write_text(text)
+    return make_plan(load_arena(folder / "arena.yaml", sets))
+
+
+@pytest.mark.parametrize(
+    ("sets", "fused"),
+    [
+        ((), False),
+        (("sim.speed=max",), True),
+        (("sim.speed=2",), True),
+        (("sim.processes=one",), True),
+        (("sim.speed=max", "sim.processes=many"), False),
+        (("sim.speed=max", "defaults.autopilot=px4", "px4.home=stand-in"), False),
+    ],
+)
+def test_faster_arenas_of_built_in_autopilots_share_a_process(tmp_path, sets, fused):
+    names = [p.name for p in plan_of(tmp_path, TWO, *sets).processes]
+    assert ("router" not in names) == fused
+    assert "world" in names and "program.uav1" in names
+
+
+def test_one_process_for_px4_is_refused_with_the_reason(tmp_path):
+    with pytest.raises(InputError, match=r"sim\.processes: got one, but uav1 has autopilot: px4"):
+        plan_of(tmp_path, TWO, "sim.processes=one", "defaults.autopilot=px4", "px4.home=stand-in")
+
+
+def test_fused_plan_keeps_ports_slices_and_needs(tmp_path):
+    many, one = plan_of(tmp_path), plan_of(tmp_path, TWO, "sim.processes=one")
+    assert {x for p in one.processes for x in p.listens} == {x for p in many.processes for x in p.listens}
+    world, program = one.processes[0], one.processes[1]
+    joined = [p.name for p in many.processes if p.name not in ("world", "program.uav1")]
+    assert [m.name for m in world.members] == joined
+    assert program.needs == ("world",)
+    assert one.slices["fused.json"] == {"name": "world", "members": ["world", *joined]}
+    assert one.slices["world.json"]["expected"] == ["uav1"]
+    assert all(one.slices[f"{name}.json"] == many.slices[f"{name}.json"] for name in joined)
+    assert Plan.from_json(one.to_json()) == one
+
+
+def test_world_does_not_wait_for_programs_that_cannot_use_its_clock(tmp_path):
+    (tmp_path / "fly.sh").touch(mode=0o755)
+    plan = plan_of(tmp_path, TWO.replace("fly.py", "fly.sh"), "sim.processes=one")
+    assert plan.slices["world.json"]["expected"] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "joined"),
+    [("forward.uav1", True), ("router", True), ("world", True), ("program.uav1", False), ("copilot", False)],
+)
+def test_parts_that_can_share_a_process(name, joined):
+    assert could_be_member(name) == joined
