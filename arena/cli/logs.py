@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import time
@@ -13,6 +14,7 @@ import typer
 
 from arena.cli._running import RunOption, find
 from arena.errors import InputError
+from arena.plan.model import Plan
 from arena.supervisor import RunState, open_run
 
 _LOOK_S = 0.1
@@ -43,11 +45,19 @@ def register(app: typer.Typer) -> None:
 
 
 def _log(folder: Path, name: str) -> Path:
-    log = folder / "logs" / f"{name}.log"
+    log = folder / "logs" / f"{_process_of(folder, name)}.log"
     if "/" in name or not log.is_file():
         there = ", ".join(sorted(p.stem for p in folder.glob("logs/*.log"))) or "none yet"
         raise InputError(f"{folder}: no log of {name!r}; there are logs of: {there}")
     return log
+
+
+def _process_of(folder: Path, name: str) -> str:
+    """Return the name of the process that a member of the fused arena runs in; other names are returned unchanged."""
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        plan = Plan.from_json((folder / "plan.json").read_text())
+        return next((p.name for p in plan.processes if any(m.name == name for m in p.members)), name)
+    return name
 
 
 def _follow(fd: int, log: Path, folder: Path) -> None:

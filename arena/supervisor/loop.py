@@ -30,7 +30,7 @@ from arena.supervisor.arm_permit import check_permit, check_vehicle, permit_requ
 from arena.supervisor.axes_check import body_requests, check_request
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
-from arena.supervisor.messages import Level, Message
+from arena.supervisor.messages import Level, Message, no_such_process
 from arena.supervisor.meters import RealTimeMeter
 from arena.supervisor.operator_presence import OperatorPresence, at_terminal
 from arena.supervisor.process_set import Orders, ProcessSet
@@ -283,7 +283,7 @@ class Supervisor:
     def _restart(self, name: str, *, in_flight: bool) -> dict[str, Any]:
         specs = self._processes.specs
         if name not in specs:
-            raise ValueError(f"no process {name!r} in this arena; there are {', '.join(specs)}")
+            raise ValueError(no_such_process(name, self.plan))
         if self.phase is not Phase.RUN:
             raise ValueError(f"{name} is not restarted: the arena is {self.phase}, so it starts no processes")
         if not in_flight and (refusal := run_end.restart_refusal(specs[name], self._shutdown.flying())):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
+from arena.plan.model import Plan
 from arena.supervisor.process_state import State
 
 
@@ -111,3 +112,11 @@ class VehicleChanges:
         if "connected" in changed and "connected" in before:
             texts.append("heartbeat received again" if after["connected"] else "no heartbeat for 3 s")
         return texts
+
+
+def no_such_process(name: str, plan: Plan) -> str:
+    """Return the reply to a request that names a process which the plan does not have, such as a member of the fused arena."""
+    for spec in plan.processes:
+        if any(member.name == name for member in spec.members):
+            return f"{name} is a part of the process {spec.name} in this arena. `arena up --processes` gives it a process of its own"
+    return f"no process {name!r} in this arena; there are {', '.join(spec.name for spec in plan.processes)}"

@@ -60,13 +60,17 @@ def processes_table(status: Mapping[str, Any]) -> Table:
     table.add_column("")
     for name, row in status["processes"].items():
         calm = row["state"] in ("READY", "STARTING")
+        last = Text(rates(row["stats"]) if calm else str(row["reason"]), no_wrap=True, overflow="ellipsis")
+        if row.get("member_of"):
+            table.add_row(name, Text(f"in {row['member_of']}", style="dim"), "", "", "", last)
+            continue
         table.add_row(
             name,
             Text(row["state"], style=_COLOURS.get(row["state"], "")),
             f"{100 * row['cpu_now']:.0f}",
             f"{row['rss_mb']:.0f}",
             str(row["restarts"] or ""),
-            Text(rates(row["stats"]) if calm else str(row["reason"]), no_wrap=True, overflow="ellipsis"),
+            last,
         )
     return table
 

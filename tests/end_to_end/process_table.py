@@ -515,7 +515,7 @@ def _yaml(sortie: Sortie, hangar: Hangar, go: Path, first_id: int) -> Path:
         "name: processes",
         f"address: {hangar.address}",
         "world: {size: [14, 6, 3]}",
-        f"sim: {{speed: {sortie.speed}}}",
+        f"sim: {{speed: {sortie.speed}, processes: many}}",
         f"tools: {{one: {sleeps}, two: {sleeps}}}",
         f"defaults: {{program: {program}}}",
         *sortie.more.splitlines(),
