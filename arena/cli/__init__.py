@@ -1,6 +1,7 @@
 """The command `arena`, with one module per subcommand. Each module contains only the options and the output of its subcommand.
 
-The module of a verb defines `register(app)`. Only the module of the requested verb is imported. For `land-all` and
+The module of a verb defines `register(app)`. Only the module of the requested verb is imported; the list of verbs
+(`arena --help`) is made from the table `VERBS` and imports none. For `land-all` and
 `kill-all`, `arena.emergency` parses the command line, because importing typer takes time. Typer shows only their help.
 """
 
@@ -18,30 +19,32 @@ from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, ArenaError
 if TYPE_CHECKING:
     import typer
 
-VERBS = (
-    "init",
-    "doctor",
-    "check",
-    "plan",
-    "schema",
-    "params",
-    "signing",
-    "smoke",
-    "up",
-    "runs",
-    "summary",
-    "audit",
-    "ps",
-    "logs",
-    "restart",
-    "forget",
-    "down",
-    "release",
-    "preflight",
-    "arm-permit",
-    "land-all",
-    "kill-all",
-)
+# The lines of `arena --help`, equal to the docstrings of the verbs: with them the list needs no verb's module.
+VERBS = {
+    "init": "Create a folder with an example: arena.yaml, a ten-line program, a scenario, a README and a .gitignore.",
+    "doctor": "Check whether this computer has everything that arenas need. Exit code 0: arenas can fly; 2: something is missing.",
+    "check": "Print every problem of an arena at once, or `ok` and what would run. Starts nothing.",
+    "plan": "Print every process of an arena: the processes that it needs, its ports and its command. Starts nothing.",
+    "schema": "Print the JSON schema of arena.yaml. Editors use this schema to complete and check keys.",
+    "params": "Generate, push, pull, compare and check the PX4 parameters of vehicles.",
+    "signing": "Make and set up keys for MAVLink message signing.",
+    "smoke": "Fly scenarios without a window, several at a time, and report which passed. All files are checked before the first flight.",
+    "up": "Start an arena and supervise it until its end. Ctrl-C lands the vehicles, then stops the arena.",
+    "runs": "List the run folders of an arena, oldest first, and every arena that is up.",
+    "summary": "Print the full result of a run: the verdict and the report (summary.txt).",
+    "audit": "Print who armed, commanded and wrote parameters to the vehicles of a run, from which address, and what was refused.",
+    "ps": "Show the vehicles and processes of a running arena.",
+    "logs": "Print the log of one process: the last lines of its stdout and stderr.",
+    "restart": "Restart one process of a running arena. If a flying vehicle depends on the process, --yes is required.",
+    "forget": "Declare a real vehicle dead: the run does not wait until the vehicle is disarmed.",
+    "down": "Land the vehicles, then stop the arena. The exit code is the exit code of the run.",
+    "release": "Allow programs to arm and fly a vehicle again, after land-all, the copilot, a pilot or a ground station took control.",
+    "preflight": "Check by hand that a real vehicle is its captured body: lift it, tilt it nose down, then right side down.",
+    "arm-permit": "Allow a real vehicle to arm. Needed if the vehicle appeared, rebooted or reconnected after the start of the arena.",
+    "land-all": "Land all vehicles and wait until each is on the ground and disarmed. Works without supervisor and router.",
+    "kill-all": "Stop every motor at once, also in the air. To land, use land-all.",
+}
+GROUPS = ("params", "signing")
 EMERGENCY = ("land-all", "kill-all")
 _HELP = ("-h", "--help")
 
@@ -75,7 +78,29 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def build(arguments: Sequence[str]) -> typer.Typer:
-    """Return the typer app with the subcommand named in `arguments`, or with all subcommands if none is named."""
+    """Return the typer app with the subcommand named in `arguments`.
+
+    If `arguments` names no subcommand, the app can only list the subcommands: `arena --help` and a mistyped name.
+    """
+    verb = next((a for a in arguments if not a.startswith("-")), "")
+    app = _empty_app()
+    if verb in VERBS:
+        _register(app, verb)
+        return app
+    for name in sorted(VERBS, key=GROUPS.__contains__):  # as typer: groups of commands after the commands
+        app.command(name, help=VERBS[name])(_listed_only)
+    return app
+
+
+def build_complete() -> typer.Typer:
+    """Return the typer app with all subcommands. Imports the modules of all subcommands."""
+    app = _empty_app()
+    for name in VERBS:
+        _register(app, name)
+    return app
+
+
+def _empty_app() -> typer.Typer:
     import typer
 
     app = typer.Typer(
@@ -95,10 +120,11 @@ def build(arguments: Sequence[str]) -> typer.Typer:
     ) -> None:
         pass
 
-    verb = next((a for a in arguments if not a.startswith("-")), "")
-    for name in (verb,) if verb in VERBS else VERBS:
-        _register(app, name)
     return app
+
+
+def _listed_only() -> None:
+    raise AssertionError("a command line that names a subcommand is built with the subcommand's own module")
 
 
 def _register(app: typer.Typer, verb: str) -> None:

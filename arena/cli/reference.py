@@ -15,7 +15,7 @@ from typing import Any
 import typer.main
 
 from arena import errors
-from arena.cli import VERBS, build
+from arena.cli import VERBS, build_complete
 from arena.mocap.vendors import VENDORS, vendor_settings
 from arena.plan import ProcessSpec, Restart, make_plan
 from arena.plan.process_table import TABLE, ProcessKind
@@ -325,7 +325,7 @@ def _family(kind: type[errors.ArenaError]) -> Iterator[type[errors.ArenaError]]:
 
 def cli_page() -> str:
     """Return the page of all commands with their arguments and options, made from the typer app."""
-    group: Any = typer.main.get_command(build(()))
+    group: Any = typer.main.get_command(build_complete())
     text = "# The command line\n\n`--debug` before or after any command shows the traceback of a failure.\n"
     for verb, command in _commands(group):
         words = [

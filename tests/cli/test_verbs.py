@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
-import typer
+import typer.main
 
 import arena.cli as cli
 from arena.errors import RunError
@@ -23,6 +25,19 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "name: lab\naddress: 127.52.2.1\nvehicles:\n  uav1: {program: hover.py}\n"
     )
     return tmp_path
+
+
+HEAVY = ("pydantic", "numpy", "pymavlink", "yaml", "matplotlib", "jinja2")
+
+
+def imported(code: str, *modules: str) -> list[str]:
+    """Return those of `modules` that a new Python process has imported after running `code`."""
+    last = f"\nimport sys; print([m for m in {modules!r} if m in sys.modules], file=sys.stderr)"
+    done = subprocess.run(
+        [sys.executable, "-c", code + last], check=True, capture_output=True, text=True, timeout=60
+    )
+    found: list[str] = ast.literal_eval(done.stderr.splitlines()[-1])
+    return found
 
 
 def run(*arguments: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
@@ -180,14 +195,22 @@ def test_debug_after_a_double_dash_is_the_verbs() -> None:
 
 
 def test_land_all_starts_without_the_heavy_modules() -> None:
-    code = (
-        "import sys; from arena.cli import build; build(['land-all']);"
-        "print([m for m in ('pydantic', 'numpy', 'rich.table', 'matplotlib', 'jinja2') if m in sys.modules])"
+    assert imported("from arena.cli import build; build(['land-all'])", *HEAVY, "rich.table") == []
+
+
+def test_list_of_verbs_is_printed_without_their_modules() -> None:
+    assert (
+        imported("from arena.cli import main; main(['--help'])", *HEAVY, "arena.schema", "arena.plan") == []
     )
-    told = subprocess.run(
-        [sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=30
-    ).stdout
-    assert told.strip() == "[]"
+
+
+def test_list_of_verbs_equals_the_docstrings_of_the_verbs() -> None:
+    def listed(app: typer.Typer) -> list[tuple[str, str]]:
+        commands: Any = typer.main.get_command(app)
+        first = {name: each.help.partition("\n\n")[0] for name, each in commands.commands.items()}
+        return [(name, " ".join(text.split())) for name, text in first.items()]
+
+    assert listed(cli.build(())) == listed(cli.build_complete())
 
 
 @pytest.mark.parametrize("verb", cli.VERBS)
