@@ -49,7 +49,37 @@ def control(count: int) -> Callable[[], object]:
     return step
 
 
-PARTS: dict[str, Callable[[int], Callable[[], object]]] = {"control": control}
+def prediction(count: int) -> Callable[[], object]:
+    """Return a step of the estimator with one IMU sample."""
+    from arena.autopilot.estimation.estimator import Estimator
+    from arena.autopilot.param_table import Params
+
+    estimator = Estimator(Params(count), count, 0.004)
+    accel_b, gyro_b = np.tile([0.0, 0.0, -9.8], (count, 1)), np.full((count, 3), 0.01)
+    return lambda: estimator.predict(accel_b, gyro_b)
+
+
+def vision(count: int) -> Callable[[], object]:
+    """Return the fusion of one pose of every vehicle."""
+    from arena.autopilot.estimation.estimator import Estimator
+    from arena.autopilot.param_table import Params
+
+    params = Params(count)
+    for i in range(count):
+        params.set(i, "EKF2_EV_CTRL", 11)
+    estimator, rows = Estimator(params, count, 0.004), np.arange(count)
+    for _ in range(10):
+        estimator.predict(np.tile([0.0, 0.0, -9.8], (count, 1)), np.zeros((count, 3)))
+    p_n, q_nb = np.zeros((count, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    var_p, var_yaw = np.full((count, 3), 1e-6), np.full(count, 1e-4)
+    return lambda: estimator.fuse_vision(rows, p_n, q_nb, var_p, var_yaw, 1.0)
+
+
+PARTS: dict[str, Callable[[int], Callable[[], object]]] = {
+    "control": control,
+    "prediction": prediction,
+    "vision": vision,
+}
 
 
 def measure(count: int) -> dict[str, float]:

@@ -5,3 +5,8 @@ cdef (double, double, double, double) product((double, double, double, double) a
 cdef (double, double, double, double) between((double, double, double, double) a, (double, double, double, double) b)
 cdef (double, double, double, double) from_euler(double roll, double pitch, double yaw)
 cdef double yaw((double, double, double, double) q)
+cdef (double, double, double, double) conjugate((double, double, double, double) q)
+cdef (double, double, double, double) normalized((double, double, double, double) q)
+cdef (double, double, double, double) from_rotation_vector(double x, double y, double z)
+cdef double angle_about_z((double, double, double, double) q)
+cdef void store_matrix(double[:, :, ::1] matrices, Py_ssize_t i, (double, double, double, double) q) except *

@@ -6,6 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from arena.kernels.arrays import Floats
+
     Quaternion = tuple[float, float, float, float]
 
 
@@ -44,3 +46,43 @@ def yaw(q: Quaternion) -> float:
     """Return the yaw angle [rad] of an attitude."""
     w, x, y, z = q
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """Return the conjugate. For a unit quaternion this is the inverse."""
+    w, x, y, z = q
+    return w, -x, -y, -z
+
+
+def normalized(q: Quaternion) -> Quaternion:
+    """Return q, scaled to unit length."""
+    w, x, y, z = q
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    return w / size, x / size, y / size, z / size
+
+
+def from_rotation_vector(x: float, y: float, z: float) -> Quaternion:
+    """Return the unit quaternion of a rotation vector: axis times angle [rad]."""
+    half = 0.5 * math.sqrt(x * x + y * y + z * z)
+    share = 0.5 * math.sin(half) / max(half, 1e-100)  # exact at zero
+    return math.cos(half), x * share, y * share, z * share
+
+
+def angle_about_z(q: Quaternion) -> float:
+    """Return the third element of the rotation vector of q [rad]: the rotation about the z axis. Its angle is at most pi."""
+    w, x, y, z = q
+    size = math.sqrt(x * x + y * y + z * z)
+    if size < 1e-8:
+        return -2.0 * z if w < 0.0 else 2.0 * z
+    return (-z if w < 0.0 else z) * (2.0 * math.atan2(size, abs(w)) / size)
+
+
+def store_matrix(matrices: Floats, i: int, q: Quaternion) -> None:
+    """Store the rotation matrix R of q in row i of an array (V, 3, 3), with R @ v_b = q * v_b * conj(q)."""
+    w, x, y, z = q
+    matrices[i, 0, 0] = w * w + x * x - y * y - z * z
+    matrices[i, 1, 1] = w * w - x * x + y * y - z * z
+    matrices[i, 2, 2] = w * w - x * x - y * y + z * z
+    matrices[i, 0, 1], matrices[i, 1, 0] = 2.0 * (x * y - w * z), 2.0 * (x * y + w * z)
+    matrices[i, 0, 2], matrices[i, 2, 0] = 2.0 * (x * z + w * y), 2.0 * (x * z - w * y)
+    matrices[i, 1, 2], matrices[i, 2, 1] = 2.0 * (y * z - w * x), 2.0 * (y * z + w * x)

@@ -22,12 +22,13 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from stress import AS_ARENA, FAULTS, STRESSES, Fate, Log, Stress, StressFlight, judge, misled, together
 
-from arena.autopilot.estimation.covariance import repaired
 from arena.autopilot.estimation.estimator import Estimator, VisionSample
 from arena.autopilot.mavlink.external_vision import from_odometry
 from arena.autopilot.param_table import Params
 from arena.autopilot.vehicle import Vehicle
 from arena.constants import GRAVITY_M_S2
+from arena.kernels.arrays import array, floats
+from arena.kernels.error_covariance import ErrorCovariance
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import parse_frames
 from arena.wire.mavlink_records import Odometry
@@ -203,7 +204,11 @@ def test_bounds_accept_a_sound_series_and_reject_a_wrong_one():
 def test_negative_variance_is_made_small_and_uncorrelated():
     cov = np.full((2, 15, 15), 0.5) + np.eye(15)
     cov[1, 3, 3] = -1e-3
-    sound = repaired(cov.copy())
+    covariance = ErrorCovariance(0.004, 2, floats(2, 3, 3), floats(2, 3), floats(2, 3))
+    sound = array(covariance.cov)
+    sound[:] = cov
+    covariance.repair(0)
+    covariance.repair(1)
     assert np.array_equal(sound[0], cov[0])
     assert sound[1, 3, 3] > 0.0 and np.count_nonzero(sound[1, 3]) == np.count_nonzero(sound[1, :, 3]) == 1
     assert (np.linalg.eigvalsh(sound[1]) > 0.0).all()

@@ -10,6 +10,7 @@ import pytest
 from tests.kernels.kernel_versions import arrays_of, compiled_modules, interpreted_modules, needs_compiled
 
 VEHICLES = 7
+ESTIMATION = ("strapdown", "error_covariance", "vision_fusion")
 CONTROL = ("control_allocation", "position_control", "attitude_control", "rate_control", "cascade")
 
 
@@ -77,6 +78,36 @@ def fly_cascade(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     return seen
 
 
+def fly_estimator(modules: dict[str, ModuleType]) -> list[np.ndarray]:
+    """Run the estimator with random inertial samples and poses, some rejected, some late. Return all arrays after each step."""
+    rng = np.random.default_rng(6)
+    state = modules["strapdown"].Strapdown(rng.random(VEHICLES) < 0.8, 0.004, 0.02, 20)
+    covariance = modules["error_covariance"].ErrorCovariance(
+        0.004, 2, state.r_nb, state.force_b, state.omega_b
+    )
+    control = rng.integers(0, 16, VEHICLES)
+    vision = modules["vision_fusion"].VisionFusion(state, covariance, control, np.zeros(VEHICLES, int))
+    attitudes = random_attitudes(rng)
+    arrays_of(state)["q_nb"][:] = arrays_of(state)["ring_q"][:] = attitudes
+    arrays_of(state)["bias_limit"][:] = 0.01
+    arrays_of(covariance)["cov"][:] = 0.1 * np.eye(15)
+    fill(covariance, rng, growth=-1e-4)
+    fill(vision, rng, least_variance=-0.01, gate_squared=-9.0)
+    arrays_of(vision)["delay_s"][:] = 0.06 * rng.random(VEHICLES)
+    seen = []
+    for step in range(100):
+        fill(state, rng, sensed_accel_b=3.0, sensed_gyro_b=0.5)
+        state.step()
+        covariance.step()
+        pose = rng.normal(size=(VEHICLES, 11)) * (0.3 if step % 5 else 30.0)
+        pose[:, 3:7] = attitudes if step % 3 else np.nan
+        for i in range(VEHICLES):
+            vision.fuse(i, pose, i, 0.004 * step)
+        for law in (state, covariance, vision):
+            seen += [values.copy() for values in arrays_of(law).values()]
+    return seen
+
+
 def assert_equal(first: list[np.ndarray], second: list[np.ndarray]) -> None:
     assert len(first) == len(second) > 0
     for one, other in zip(first, second, strict=True):
@@ -92,8 +123,16 @@ def test_controllers_and_allocation_give_the_same_bits_compiled_and_interpreted(
     assert_equal(fly_cascade(interpreted), fly_cascade(compiled))
 
 
-def test_interpreted_controllers_run() -> None:
+@needs_compiled
+def test_estimator_gives_the_same_bits_compiled_and_interpreted() -> None:
+    assert_equal(
+        fly_estimator(interpreted_modules(*ESTIMATION)), fly_estimator(compiled_modules(*ESTIMATION))
+    )
+
+
+def test_interpreted_kernels_run() -> None:
     assert np.isfinite(fly_cascade(interpreted_modules(*CONTROL))[-1]).all()
+    assert np.isfinite(fly_estimator(interpreted_modules(*ESTIMATION))[0]).all()
 
 
 @needs_compiled

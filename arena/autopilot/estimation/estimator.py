@@ -24,33 +24,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.autopilot.estimation.covariance import CovariancePrediction, repaired
+from arena.autopilot.estimation.covariance import samples_per_prediction
 from arena.autopilot.param_table import Params
 from arena.builtin_parameters import SPECS
 from arena.constants import GRAVITY_M_S2
-from arena.geometry import (
-    matrix_from_quat,
-    quat_conj,
-    quat_exp,
-    quat_from_euler,
-    quat_log,
-    quat_multiply,
-    quat_normalize,
-    yaw_from_quat,
-)
+from arena.geometry import matrix_from_quat, quat_from_euler, quat_normalize, yaw_from_quat
+from arena.kernels.arrays import array, view
+from arena.kernels.error_covariance import ErrorCovariance
+from arena.kernels.strapdown import Strapdown
+from arena.kernels.vision_fusion import VisionFusion
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 Index = NDArray[np.intp]
 Triple = tuple[float, float, float]
 
-_P, _V, _TH, _BG, _BA = (slice(i, i + 3) for i in range(0, 15, 3))
 _FORCE_MEAN_S = 0.2  # time constant of the mean specific force
 _BARO_OFFSET_S = 1.0  # time constant of the barometer's offset
 _BARO_AFTER_S = 0.5  # from the last height of vision until the barometer is fused
 _NEVER = -1e9
 _SETTLE_S = 1.0  # from the alignment until the estimate is valid
-_UNUSED_VARIANCE = 1e9
+_BARO_VARIANCE = 0.25  # [m2]
 _VELOCITY_VARIANCE = 0.16  # limit of a valid velocity [m2/s2]
 _VALID_VARIANCE = np.repeat(
     (0.25, _VELOCITY_VARIANCE, 0.01), 3
@@ -92,49 +86,52 @@ class Estimator:
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
         v = vehicles
         self.params, self.dt = params, dt
-        self.p_n, self.v_n, self.a_n = np.zeros((v, 3)), np.zeros((v, 3)), np.zeros((v, 3))
-        self.q_nb = np.tile([1.0, 0.0, 0.0, 0.0], (v, 1))
-        self.r_nb = np.tile(np.eye(3), (v, 1, 1))
-        self.gyro_bias, self.accel_bias = np.zeros((v, 3)), np.zeros((v, 3))
-        self.omega_b = np.zeros((v, 3))
-        self.cov = np.zeros((v, 15, 15))
-        self.aligned = np.zeros(v, bool)
-        self.aligned_at = np.full(v, np.inf)
-        self.last_xy, self.last_z, self.last_yaw = np.full(v, _NEVER), np.full(v, _NEVER), np.full(v, _NEVER)
-        self.rejected = np.zeros(v, int)
-        self.reset_counter = np.zeros(v, int)
-        self.at_rest = np.zeros(v, bool)
-        self._rejected_since = np.full(v, np.inf)  # time of the first of the latest rejections in a row [s]
-        self.test_ratio = np.zeros((v, 2))
-        self.innovation = np.zeros((v, 4))
-        self.innovation_var = np.ones((v, 4))  # variances that the filter assumes for them [m2], [rad2]
-        self._gate_var = np.full(
-            (v, 4), np.inf
-        )  # variance of each gate at its first rejection, infinite if passed
-        self._accel_mean = np.tile([0.0, 0.0, -GRAVITY_M_S2], (v, 1))
+        self.aligned, self.at_rest = np.zeros(v, bool), np.zeros(v, bool)
+        # Past states for the largest EKF2_EV_DELAY, half a period and the interpolation.
+        past_states = math.ceil(1e-3 * SPECS["EKF2_EV_DELAY"].high / dt) + 3
+        self._state = state = Strapdown(self.aligned, dt, min(1.0, dt / _FORCE_MEAN_S), past_states)
+        self.p_n, self.v_n, self.a_n = array(state.p_n), array(state.v_n), array(state.a_n)
+        self.q_nb, self.r_nb, self.omega_b = array(state.q_nb), array(state.r_nb), array(state.omega_b)
+        self.gyro_bias, self.accel_bias = array(state.gyro_bias), array(state.accel_bias)
+        self._sensed = array(state.sensed_accel_b), array(state.sensed_gyro_b)
+        self._accel_mean = array(state.accel_mean)
+        self._ring_p, self._ring_q = array(state.ring_p), array(state.ring_q)
+        self.q_nb[:, 0] = self._ring_q[..., 0] = 1.0
+        self.r_nb[:] = np.eye(3)
+        self._accel_mean[:, 2] = -GRAVITY_M_S2
+        samples = samples_per_prediction(dt)
+        self._covariance = ErrorCovariance(dt, samples, state.r_nb, state.force_b, state.omega_b)
+        self.cov = array(self._covariance.cov)
+        self._ctrl, self.rejected = np.zeros(v, int), np.zeros(v, int)
+        self._vision = vision = VisionFusion(state, self._covariance, self._ctrl, self.rejected)
+        self._delay_s, self._rejected_since = array(vision.delay_s), array(vision.rejected_since)
+        self.test_ratio, self._gate_var = array(vision.test_ratio), array(vision.gate_var)
+        self.innovation, self.innovation_var = array(vision.innovation), array(vision.innovation_var)
+        self.last_xy, self.last_z = array(vision.last_xy), array(vision.last_z)
+        self.last_yaw = array(vision.last_yaw)
+        self.last_xy[:] = self.last_z[:] = self.last_yaw[:] = _NEVER
+        self.aligned_at, self.reset_counter = np.full(v, np.inf), np.zeros(v, int)
         self._baro_offset, self._baro_seen = np.zeros(v), np.zeros(v, bool)
         self._last_baro, self._baro_at = np.full(v, _NEVER), _NEVER  # last fusion of each, and last call [s]
-        # Stored past states, for the largest EKF2_EV_DELAY, half a period and the interpolation.
-        self._ring = math.ceil(1e-3 * SPECS["EKF2_EV_DELAY"].high / dt) + 3
-        self._ring_p, self._ring_q = np.zeros((self._ring, v, 3)), np.zeros((self._ring, v, 4))
-        self._ring_q[..., 0] = 1.0
-        self._steps = 0
-        self._prediction = CovariancePrediction(v, dt)
+        self._height = np.zeros((1, 15))  # derivatives of the position D by the error state
+        self._height[0, 2] = 1.0
         self._read_params()
 
     def _read_params(self) -> None:
         p = self.params
         self._version = p.version
         self._timeout_s = p["EKF2_NOAID_TOUT"] * 1e-6
-        self._delay_s = p["EKF2_EV_DELAY"] * 1e-3
-        self._ctrl = p["EKF2_EV_CTRL"].astype(int)
-        self._least_variance = (p.columns("EKF2_EVP_NOISE", "EKF2_EVA_NOISE") ** 2)[:, (0, 0, 0, 1)]
-        self._gate_squared = p.columns("EKF2_EVP_GATE", "EKF2_HDG_GATE") ** 2
+        self._delay_s[:] = p["EKF2_EV_DELAY"] * 1e-3
+        self._ctrl[:] = p["EKF2_EV_CTRL"]
+        variances = p.columns("EKF2_EVP_NOISE", "EKF2_EVA_NOISE") ** 2
+        array(self._vision.least_variance)[:] = variances[:, (0, 0, 0, 1)]
+        array(self._vision.gate_squared)[:] = p.columns("EKF2_EVP_GATE", "EKF2_HDG_GATE") ** 2
+        array(self._state.bias_limit)[:] = p["EKF2_ABL_LIM"]
         # Velocity, attitude and both biases. As in PX4, each prediction adds (noise * period)^2.
         noise = p.columns("EKF2_ACC_NOISE", "EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_ACC_B_NOISE").repeat(
             3, axis=1
         )
-        self._prediction.growth = (noise * self._prediction.period_s) ** 2
+        array(self._covariance.growth)[:] = (noise * self.dt * self._covariance.samples) ** 2
 
     # -- validity --------------------------------------------------------------------------------------------
 
@@ -183,27 +180,9 @@ class Estimator:
         """
         if self._version != self.params.version:
             self._read_params()
-        dt = self.dt
-        omega_b = gyro_b - self.gyro_bias
-        force_b = accel_b - self.accel_bias
-        self._accel_mean += min(1.0, dt / _FORCE_MEAN_S) * (accel_b - self._accel_mean)
-        # The gyroscope measures the rates at the end of the period, the accelerometer the mean over the
-        # period.
-        self.q_nb = quat_multiply(self.q_nb, quat_exp((self.omega_b + omega_b) * (0.5 * dt)))
-        self.q_nb /= np.sqrt((self.q_nb * self.q_nb).sum(1))[:, None]
-        self.omega_b, before = omega_b, self.r_nb
-        self.r_nb = matrix_from_quat(self.q_nb)
-        a_n = ((self.r_nb + before) @ (0.5 * force_b[:, :, None]))[:, :, 0]
-        a_n[:, 2] += GRAVITY_M_S2
-        self.a_n = a_n
-        moving = self.aligned[:, None]
-        dv = a_n * dt * moving
-        self.p_n = self.p_n + self.v_n * dt + 0.5 * dt * dv
-        self.v_n = self.v_n + dv
-        slot = self._steps % self._ring
-        self._ring_p[slot], self._ring_q[slot] = self.p_n, self.q_nb
-        self._steps += 1
-        self.cov = self._prediction.advance(self.cov, force_b, omega_b, self.r_nb)
+        self._sensed[0][...], self._sensed[1][...] = accel_b, gyro_b
+        self._state.step()
+        self._covariance.step()
 
     # -- correction ------------------------------------------------------------------------------------------
 
@@ -230,89 +209,9 @@ class Estimator:
             p_n, q_nb, var_p, var_yaw = (x[~fresh] for x in (p_n, q_nb, var_p, var_yaw))
         if not len(idx):
             return
-        delay = self._delay_s[idx] + 0.5 * self.dt
-        past_p, past_q = self._past(idx, delay)
-        y = np.zeros((len(idx), 4))
-        y[:, :3] = p_n - past_p
-        has_yaw = np.isfinite(q_nb[:, 0]) & (self._ctrl[idx] & 8 > 0)
-        q_measured = np.where(has_yaw[:, None], q_nb, past_q)
-        y[:, 3] = quat_log(quat_multiply(q_measured, quat_conj(past_q)))[:, 2]
-        h = np.zeros((len(idx), 4, 15))
-        h[:, 0, 0] = h[:, 1, 1] = h[:, 2, 2] = 1.0
-        h[:, 0, 3] = h[:, 1, 4] = h[:, 2, 5] = -delay
-        h[:, 3, _TH] = self.r_nb[idx, 2]
-        r = np.empty((len(idx), 4))
-        r[:, :3], r[:, 3] = var_p, var_yaw
-        np.maximum(r, self._least_variance[idx], out=r)
-        # The sample arrived at any time of the period: half a period old on average, with a variance of dt^2
-        # / 12.
-        r[:, :3] += self.v_n[idx] ** 2 * (self.dt**2 / 12)
-        r[:, 3] += self.omega_b[idx, 2] ** 2 * (self.dt**2 / 12)
-        self._gate_and_update(idx, y, h, r, has_yaw, now)
-
-    def _gate_and_update(self, idx: Index, y: Array, h: Array, r: Array, has_yaw: Bool, now: float) -> None:
-        """Test the innovations `y` (measured minus predicted) and correct the estimate with the accepted innovations.
-
-        A rejected innovation gets a variance so large that it has no effect.
-
-        A gate does not widen after a rejection, although the estimate becomes less certain. So after a jump
-        the poses are rejected until they return to the expected place.
-        """
-        hp = h @ self.cov[idx]
-        s_diag = np.einsum("mij,mij->mi", hp, h) + r
-        self.innovation[idx], self.innovation_var[idx] = y, s_diag
-        gate_var = np.minimum(s_diag, self._gate_var[idx])
-        ratio = y * y / gate_var
-        tested = np.empty((len(idx), 2))
-        tested[:, 0], tested[:, 1] = ratio[:, :3].max(1), ratio[:, 3]
-        tested /= self._gate_squared[idx]
-        self.test_ratio[idx] = tested
-        position_ratio, yaw_ratio = tested.T
-        ctrl = self._ctrl[idx]
-        consistent = position_ratio < 1.0
-        use_xy, use_z = consistent & (ctrl & 1 > 0), consistent & (ctrl & 2 > 0)
-        # A jump of the yaw alone is a flipped rigid body: do not follow it.
-        use_yaw = has_yaw & consistent & (yaw_ratio < 1.0)
-        rejected = ~consistent | (has_yaw & (yaw_ratio >= 1.0))
-        self.rejected[idx] += rejected
-        self._rejected_since[idx] = np.where(rejected, np.minimum(self._rejected_since[idx], now), np.inf)
-        use, passed = np.empty_like(y, bool), np.empty_like(y, bool)
-        use[:, 0] = use[:, 1] = use_xy
-        use[:, 2], use[:, 3] = use_z, use_yaw
-        passed[:, :3], passed[:, 3] = consistent[:, None], use_yaw
-        gate_var[~has_yaw, 3] = self._gate_var[idx[~has_yaw], 3]
-        self._gate_var[idx] = np.where(passed, np.inf, gate_var)
-        self.last_xy[idx[use_xy]] = now
-        self.last_z[idx[use_z]] = now
-        self.last_yaw[idx[use_yaw]] = now
-        self._update(idx, np.where(use, y, 0.0), h, np.where(use, r, _UNUSED_VARIANCE), hp)
-
-    def _update(self, idx: Index, y: Array, h: Array, r: Array, hp: Array) -> None:
-        s = hp @ h.transpose(0, 2, 1)
-        np.einsum("mii->mi", s)[:] += r
-        gain = np.linalg.solve(s, hp).transpose(0, 2, 1)
-        dx = (gain @ y[:, :, None])[:, :, 0]
-        cov = self.cov[idx] - gain @ hp
-        self.cov[idx] = repaired(0.5 * (cov + cov.transpose(0, 2, 1)))
-        self._inject(idx, dx)
-
-    def _inject(self, idx: Index, dx: Array) -> None:
-        """Correct the nominal state and the stored past states by the estimated error `dx`."""
-        r_nb = self.r_nb[idx]
-        dtheta_n = (r_nb @ dx[:, _TH, None])[:, :, 0]
-        turn = quat_exp(dtheta_n)
-        self.p_n[idx] += dx[:, _P]
-        self.v_n[idx] += dx[:, _V]
-        self.q_nb[idx] = quat_multiply(turn, self.q_nb[idx])
-        self.gyro_bias[idx] += dx[:, _BG]
-        limit = self.params["EKF2_ABL_LIM"][idx, None]
-        self.accel_bias[idx] = np.minimum(np.maximum(self.accel_bias[idx] + dx[:, _BA], -limit), limit)
-        self.r_nb[idx] = matrix_from_quat(self.q_nb[idx])
-        depth = min(self._steps, int(np.max(self._delay_s[idx], initial=0.0) / self.dt) + 3)
-        ages = np.arange(depth)
-        at = ((self._steps - 1 - ages)[:, None] % self._ring, idx)
-        self._ring_p[at] += dx[None, :, _P] - (ages * self.dt)[:, None, None] * dx[None, :, _V]
-        self._ring_q[at] = quat_multiply(turn[None], self._ring_q[at])
+        pose = np.concatenate([p_n, q_nb, var_p, var_yaw[:, None]], axis=1)
+        for row, i in enumerate(idx.tolist()):
+            self._vision.fuse(i, view(pose), row, now)
 
     def fuse_baro(self, baro_alt_m: Array, now: float) -> None:
         """Fuse the barometer if vision gives no height, else estimate the barometer's offset.
@@ -332,12 +231,17 @@ class Estimator:
         after_s = np.minimum(_BARO_AFTER_S, 0.5 * self._timeout_s)
         lost = alive & self._baro_seen & (now - self.last_z > after_s) & (self.params["EKF2_BARO_CTRL"] > 0)
         if lost.any():
-            idx = np.flatnonzero(lost)
-            self._last_baro[idx] = now
-            h = np.zeros((len(idx), 1, 15))
-            h[:, 0, 2] = 1.0
-            y = (self._baro_offset - baro_alt_m - self.p_n[:, 2])[idx, None]
-            self._update(idx, y, h, np.full((len(idx), 1), 0.25), h @ self.cov[idx])
+            self._last_baro[lost] = now
+            for i in np.flatnonzero(lost).tolist():
+                self._fuse_height(i, float(self._baro_offset[i] - baro_alt_m[i]))
+
+    def _fuse_height(self, i: int, down: float) -> None:
+        """Correct the estimate of vehicle i by its position D [m], measured by the barometer."""
+        covariance = self._covariance
+        covariance.begin()
+        covariance.correct(i, view(self._height), 0, down - float(self.p_n[i, 2]), _BARO_VARIANCE)
+        covariance.repair(i)
+        self._state.correct(i, covariance.error, int(self._delay_s[i] / self.dt) + 3)
 
     def realign(self, idx: Index) -> None:
         """Mark vehicles as not aligned, so that the next vision sample aligns them again. IMU biases are kept. Use on the ground only."""
@@ -364,13 +268,3 @@ class Estimator:
         self.aligned[idx], self.aligned_at[idx] = True, now
         self._gate_var[idx] = self._rejected_since[idx] = np.inf
         self.last_xy[idx] = self.last_z[idx] = self.last_yaw[idx] = now
-
-    def _past(self, idx: Index, delay_s: Array) -> tuple[Array, Array]:
-        """Return the position and attitude that were estimated `delay_s` [s] (m,) ago, interpolated from stored states."""
-        age = delay_s / self.dt
-        whole = np.floor(age).astype(int)
-        part = (age - whole)[:, None]
-        newer, older = (self._steps - 1 - whole) % self._ring, (self._steps - 2 - whole) % self._ring
-        p = (1 - part) * self._ring_p[newer, idx] + part * self._ring_p[older, idx]
-        q = (1 - part) * self._ring_q[newer, idx] + part * self._ring_q[older, idx]
-        return p, q / np.sqrt((q * q).sum(1))[:, None]

@@ -1,0 +1,150 @@
+"""Covariance of the estimator's error state: prediction, correction by scalar measurements, and repair of rounding errors.
+
+Error state of 15 numbers, three each: position, velocity [NED], attitude [FRD], gyroscope bias, accelerometer bias.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from arena.kernels import limits
+from arena.kernels.arrays import floats
+
+if TYPE_CHECKING:
+    from arena.kernels.arrays import Floats
+
+_SMALL_VARIANCE = 1e-6
+_MOST_VARIANCE = 1e4
+
+
+class ErrorCovariance:
+    """Covariance of V vehicles.
+
+    dt: IMU period [s]
+    samples: number of IMU samples of a prediction; each prediction uses their mean, as PX4's `ImuDownSampler`
+    growth: variances that each prediction adds to velocity, attitude and both biases (V, 12)
+    r_nb, force_b, omega_b: input: rotation matrix (V, 3, 3), specific force [m/s2] and body rates [rad/s] without bias
+        [FRD] (V, 3)
+    cov: covariance (V, 15, 15)
+    error: estimated error of the vehicle that is corrected (15,)
+    """
+
+    def __init__(self, dt: float, samples: int, r_nb: Floats, force_b: Floats, omega_b: Floats) -> None:
+        v, self.dt, self.samples, self.summed = len(force_b), dt, samples, 0
+        self.r_nb, self.force_b, self.omega_b = r_nb, force_b, omega_b
+        self.growth, self.cov = floats(v, 12), floats(v, 15, 15)
+        self.force_sum, self.omega_sum = floats(v, 3), floats(v, 3)
+        self.error, self._column = floats(15), floats(15)
+
+    def step(self) -> None:
+        """Add one IMU sample. Predict the covariance of all vehicles if the samples of a prediction are complete."""
+        self.summed += 1
+        for i in range(len(self.force_sum)):
+            for k in range(3):
+                self.force_sum[i, k] += self.force_b[i, k]
+                self.omega_sum[i, k] += self.omega_b[i, k]
+            if self.summed == self.samples:
+                self._predict(i)
+        if self.summed == self.samples:
+            self.summed = 0
+
+    def _predict(self, i: int) -> None:
+        """Replace the covariance P of vehicle i by F P F' plus growth; F is the error dynamics of one prediction period."""
+        cov, x = self.cov, self._column
+        for k in range(15):
+            for j in range(15):
+                x[j] = cov[i, j, k]
+            self._advance_error(i)
+            for j in range(15):
+                cov[i, j, k] = x[j]
+        for k in range(15):
+            for j in range(15):
+                x[j] = cov[i, k, j]
+            self._advance_error(i)
+            for j in range(15):
+                cov[i, k, j] = x[j]
+        for k in range(15):
+            grown = cov[i, k, k] + (self.growth[i, k - 3] if k >= 3 else 0.0)
+            cov[i, k, k] = limits.within(grown, 0.0, _MOST_VARIANCE)
+        for k in range(3):
+            self.force_sum[i, k] = self.omega_sum[i, k] = 0.0
+
+    def _advance_error(self, i: int) -> None:
+        """Advance an error of vehicle i in `_column` by one prediction period: the product with F.
+
+        dp' = v, dv' = -R (f x th + dba), dth' = -w x th - dbg, with specific force f and body rates w.
+        """
+        x, r, dt, period = self._column, self.r_nb, self.dt, self.dt * self.samples
+        fx, fy, fz = self.force_sum[i, 0] * dt, self.force_sum[i, 1] * dt, self.force_sum[i, 2] * dt
+        wx, wy, wz = self.omega_sum[i, 0] * dt, self.omega_sum[i, 1] * dt, self.omega_sum[i, 2] * dt
+        tx, ty, tz = x[6], x[7], x[8]
+        # Change of velocity in body axes
+        ax = fy * tz - fz * ty + period * x[12]
+        ay = fz * tx - fx * tz + period * x[13]
+        az = fx * ty - fy * tx + period * x[14]
+        for k in range(3):
+            x[k] += period * x[3 + k]
+            x[3 + k] -= r[i, k, 0] * ax + r[i, k, 1] * ay + r[i, k, 2] * az
+        x[6] = tx - (wy * tz - wz * ty) - period * x[9]
+        x[7] = ty - (wz * tx - wx * tz) - period * x[10]
+        x[8] = tz - (wx * ty - wy * tx) - period * x[11]
+
+    def variance(self, i: int, jacobian: Floats, row: int) -> float:
+        """Return the variance of a measurement without noise.
+
+        jacobian: derivatives of measurements by the error state (M, 15)
+        row: row of the measurement
+        """
+        total = 0.0
+        for j in range(15):
+            if jacobian[row, j] != 0.0:
+                for k in range(15):
+                    total += jacobian[row, j] * self.cov[i, j, k] * jacobian[row, k]
+        return total
+
+    def begin(self) -> None:
+        """Set the estimated error to zero, before the first measurement of a vehicle."""
+        for k in range(15):
+            self.error[k] = 0.0
+
+    def correct(self, i: int, jacobian: Floats, row: int, innovation: float, noise: float) -> None:
+        """Use one scalar measurement of vehicle i: update the estimated error and the covariance.
+
+        Measurements with independent noise may be used one after the other; the result is that of all at once.
+
+        jacobian: derivatives of measurements by the error state (M, 15)
+        row: row of the measurement
+        innovation: measured minus predicted value
+        noise: variance of the measurement's noise
+        """
+        cov, covariance = self.cov, self._column  # covariance of error state and measurement
+        variance, left = noise, innovation
+        for j in range(15):
+            covariance[j] = 0.0
+        for k in range(15):
+            if jacobian[row, k] != 0.0:
+                for j in range(15):
+                    covariance[j] += cov[i, j, k] * jacobian[row, k]
+        for k in range(15):
+            variance += jacobian[row, k] * covariance[k]
+            left -= jacobian[row, k] * self.error[k]
+        for j in range(15):
+            gain = covariance[j] / variance
+            self.error[j] += gain * left
+            for k in range(15):
+                cov[i, j, k] -= gain * covariance[k]
+
+    def repair(self, i: int) -> None:
+        """Make the covariance of vehicle i symmetric. Replace each negative variance by a small positive one.
+
+        Rounding errors can make a variance negative. Its correlations are set to zero, as in PX4.
+        """
+        cov = self.cov
+        for j in range(15):
+            for k in range(j):
+                cov[i, j, k] = cov[i, k, j] = 0.5 * (cov[i, j, k] + cov[i, k, j])
+        for j in range(15):
+            if cov[i, j, j] < 0.0:
+                for k in range(15):
+                    cov[i, j, k] = cov[i, k, j] = 0.0
+                cov[i, j, j] = _SMALL_VARIANCE
