@@ -29,7 +29,7 @@ def verdict(run: Path) -> str:
     """Return the result of a run in one sentence. run: path of the run folder."""
     outcome, summary = read_json(run / "outcome.json"), read_json(run / "summary.json")
     if not outcome:
-        return f"{run.name}: no outcome was recorded: the supervisor did not end this run"
+        return f"{run.name}: no outcome was recorded: the supervisor was killed, or could not write it"
     word = {EXIT_OK: "succeeded", EXIT_INTERRUPTED: "interrupted by Ctrl-C"}.get(
         outcome["exit_code"], "FAILED"
     )

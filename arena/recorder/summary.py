@@ -27,7 +27,7 @@ def as_text(summary: Mapping[str, Any]) -> str:
 
 def _head(s: Mapping[str, Any]) -> str:
     if s.get("exit_code") is None:
-        return "no outcome was recorded: the supervisor did not end this run"
+        return "no outcome was recorded: the supervisor was killed, or could not write it"
     ended = f"exit {s['exit_code']}" + (f": {'; '.join(s['failed'])}" if s.get("failed") else "")
     return f"{s['name']}: {_n(s['duration_s'], 1)} s, ended because {s['reason'] or s['cause']}, {ended}"
 

@@ -79,6 +79,7 @@ class ChaosFlight:
             self._set_up()
             flight = self._flight
             took_off = self._until_up()
+            _ = flight.folder  # a full disk may leave no file that marks it
             self._apply_faults(time.monotonic())
             ended = self._end(flight)
             self._observe(flight)

@@ -88,7 +88,7 @@ def test_verdict_says_that_a_flight_was_slower_than_asked(
 def test_verdict_without_an_outcome_says_so(tmp_path: Path) -> None:
     run = make_run(tmp_path)
     (run / "outcome.json").unlink()
-    assert verdict(run).endswith("no outcome was recorded: the supervisor did not end this run")
+    assert verdict(run).endswith("no outcome was recorded: the supervisor was killed, or could not write it")
 
 
 def test_verdict_of_a_run_of_an_earlier_version_is_read(tmp_path: Path) -> None:
