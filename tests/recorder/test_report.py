@@ -66,7 +66,7 @@ def test_killed_supervisor_is_named(without_plots, tmp_path):
     run = make_run(tmp_path / "run")
     (run / "outcome.json").unlink()
     text = report(run)
-    assert "did not end this run" in text and "missing: outcome.json" in text
+    assert "the supervisor was killed, or could not write it" in text and "missing: outcome.json" in text
     assert json.loads((run / "summary.json").read_text())["vehicles"]["uav1"]["tracking"]["rms_m"]
 
 
