@@ -8,6 +8,7 @@ The module of a verb defines `register(app)`. Only the module of the requested v
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 import os
 import sys
@@ -47,12 +48,18 @@ VERBS = {
 GROUPS = ("params", "signing")
 EMERGENCY = ("land-all", "kill-all")
 _HELP = ("-h", "--help")
+_GARBAGE_THRESHOLD = 50_000
+"""New objects between two runs of the garbage collector. Imports make no garbage: Python's default of 700 makes them slower."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return the exit code. A traceback is printed only with `--debug`."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     debug = _take_debug(arguments)
+    gc.set_threshold(_GARBAGE_THRESHOLD)
+    os.environ.setdefault(
+        "OPENBLAS_NUM_THREADS", "1"
+    )  # numpy starts a thread per core at its import; no verb uses them
     try:
         if arguments[:1] and arguments[0] in EMERGENCY and not set(_HELP) & set(arguments):
             return _emergency(arguments)

@@ -21,6 +21,7 @@ from arena.plan import ProcessSpec, Restart, make_plan
 from arena.plan.process_table import TABLE, ProcessKind
 from arena.recorder import columns
 from arena.schema import load_arena
+from arena.schema.descriptions import descriptions
 from arena.schema.mocap import Mocap
 from arena.schema.models import NOT_YET, json_schema
 from arena.schema.ports import PORTS, Port
@@ -264,7 +265,7 @@ def scenarios_page() -> str:
         f"```yaml\n{vocabulary.EXAMPLE}```",
         _meanings(
             "key",
-            {key: (f.description or "").replace("\n", " ") for key, f in ScenarioFile.model_fields.items()},
+            {key: text.replace("\n", " ") for key, text in descriptions(ScenarioFile).items()},
         ),
         "## Steps",
         "Steps follow each other. A step begins when all expectations of the step before are fulfilled. An entry with only\n"

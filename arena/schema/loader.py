@@ -161,7 +161,11 @@ for _name, _pattern, _ in _KINDS:
     _Resolver.add_implicit_resolver(_TAG + _name, re.compile(f"^(?:{_pattern})$"), None)
 
 
-class _Dumper(yaml.SafeDumper):
+# libyaml's emitter writes the same text in a fifth of the time
+_SafeDumper: Any = yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDumper
+
+
+class _Dumper(_SafeDumper):  # type: ignore[misc]
     """YAML writer that quotes every text that `_Resolver` would read as another type."""
 
     yaml_implicit_resolvers = _Resolver.yaml_implicit_resolvers

@@ -309,7 +309,10 @@ PLANNED_VALUES: Mapping[tuple[str, str], str] = {
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema of arena.yaml (JSON Schema draft 2020-12)."""
+    from arena.schema.descriptions import add_descriptions
+
     made = ArenaFile.model_json_schema()
+    add_descriptions(made, ArenaFile)
     for name in ("VehicleKeys", "VehicleDefaults"):
         made["$defs"][name]["properties"]["program"]["anyOf"].insert(0, {"type": "string"})
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": "arena.yaml"}

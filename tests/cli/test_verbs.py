@@ -15,6 +15,7 @@ import typer.main
 import arena.cli as cli
 from arena.errors import RunError
 from arena.schema import load_arena
+from arena.schema.base import Strict
 
 
 @pytest.fixture
@@ -202,6 +203,17 @@ def test_list_of_verbs_is_printed_without_their_modules() -> None:
     assert (
         imported("from arena.cli import main; main(['--help'])", *HEAVY, "arena.schema", "arena.plan") == []
     )
+
+
+def test_check_imports_neither_the_supervisor_loop_nor_mavlink_nor_rich(folder: Path) -> None:
+    code = "from arena.cli import main; assert main(['check']) == 0"
+    assert imported(code, "pymavlink", "rich.console", "matplotlib", "psutil", "arena.supervisor.loop") == []
+
+
+def test_check_reads_no_source_of_models(folder: Path) -> None:
+    code = "from arena.cli import main; assert main(['check']) == 0"
+    assert imported(code, "arena.schema.descriptions") == []
+    assert not Strict.model_config.get("use_attribute_docstrings")
 
 
 def test_list_of_verbs_equals_the_docstrings_of_the_verbs() -> None:
