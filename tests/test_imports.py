@@ -90,7 +90,9 @@ MAY: dict[str, set[str]] = {
     "uav": GROUND | {"mocap", "mocap.client", "schema"},
     "emergency": GROUND | {"schema", "plan"},
     "smoke": GROUND | {"schema", "plan", "supervisor", "recorder"},
-    "cli": GROUND | {"mocap", "schema", "plan", "supervisor", "emergency", "recorder", "params", "smoke"},
+    "campaign": GROUND | {"schema", "recorder", "smoke"},
+    "cli": GROUND
+    | {"mocap", "schema", "plan", "supervisor", "emergency", "recorder", "params", "smoke", "campaign"},
 }
 # Rooms without a row: a package with a `__main__` is a process, one inside `mocap` holds a vendor's protocol.
 PROCESS = GROUND | {"mocap.client"}
@@ -106,6 +108,7 @@ HEAVY = {
     "mavsdk": {"uav"},
     "matplotlib": {"recorder"},
     "serial": {"transport"},
+    "pyarrow": {"campaign"},
 }
 
 

@@ -30,6 +30,7 @@ VERBS = {
     "params": "Generate, push, pull, compare and check the PX4 parameters of vehicles.",
     "signing": "Make and set up keys for MAVLink message signing.",
     "smoke": "Fly scenarios without a window, several at a time, and report which passed. All files are checked before the first flight.",
+    "campaign": "Fly many simulated flights over seeds and settings: `arena campaign SWEEP`. Show their results.",
     "up": "Start an arena and supervise it until its end. Ctrl-C lands the vehicles, then stops the arena.",
     "runs": "List the run folders of an arena, oldest first, and every arena that is up.",
     "summary": "Print the full result of a run: the verdict and the report (summary.txt).",
@@ -45,7 +46,7 @@ VERBS = {
     "land-all": "Land all vehicles and wait until each is on the ground and disarmed. Works without supervisor and router.",
     "kill-all": "Stop every motor at once, also in the air. To land, use land-all.",
 }
-GROUPS = ("params", "signing")
+GROUPS = ("params", "signing", "campaign")
 EMERGENCY = ("land-all", "kill-all")
 _HELP = ("-h", "--help")
 _GARBAGE_THRESHOLD = 50_000

@@ -13,6 +13,9 @@ import typer
 import yaml
 
 from arena import UAV
+from arena.campaign import preparation
+from arena.campaign.design import Flight, flights
+from arena.campaign.sweep import load_sweep
 from arena.cli import build, main
 from arena.schema import load_arena
 from arena.smoke.language.scenario import Scenario, load_scenarios
@@ -110,6 +113,9 @@ def test_yaml_blocks_are_valid(block, tmp_path):
     if "steps" in found:
         assert scenarios_of(block.text, found, tmp_path)
         return
+    if "vary" in found:
+        assert flights_of(block.text, found, tmp_path)
+        return
     if "jobs" in found:
         for step in found["jobs"]["fly"]["steps"]:
             words = shlex.split(step.get("run", ""))
@@ -131,6 +137,19 @@ def scenarios_of(text: str, found: dict, folder: Path) -> list[Scenario]:
     (folder / "fly.py").touch()
     (folder / "scenario.yaml").write_text(text)
     return load_scenarios(folder / "scenario.yaml")
+
+
+def flights_of(text: str, found: dict, folder: Path) -> list[Flight]:
+    """Parse a block as a sweep file, and check every flight of it in an arena with one vehicle."""
+    arena = folder / found["arena"]
+    arena.parent.mkdir(parents=True, exist_ok=True)
+    arena.write_text("vehicles:\n  uav1: {autopilot: builtin, program: fly.py}\n")
+    (arena.parent / "fly.py").touch()
+    (folder / "sweep.yaml").write_text(text)
+    sweep = load_sweep(folder / "sweep.yaml")
+    made = flights(sweep)
+    preparation.check(sweep, made)
+    return made
 
 
 def stub(found: object, folder: Path) -> None:

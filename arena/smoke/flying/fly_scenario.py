@@ -38,11 +38,13 @@ class FlightOptions:
     results: folder in which each scenario gets a folder for its run folders.
     speed: simulated seconds per second, or "max", as `arena up --speed`.
     seed: seed of world and motion capture; None: as the YAML files say.
+    report: whether a failed flight gets a summary and plots.
     """
 
     results: Path
     speed: str = "max"
     seed: int | None = None
+    report: bool = True
 
 
 def fly(scenario: Scenario, options: FlightOptions) -> Result:
@@ -71,7 +73,7 @@ def fly(scenario: Scenario, options: FlightOptions) -> Result:
         run=str(session.run or ""),
         facts=_facts(scenario.arena),
     )
-    if not result.verdict.passed and session.run is not None:
+    if options.report and not result.verdict.passed and session.run is not None:
         _make_report(session.run)
         result = replace(result, pictures=tuple(draw(result, referee.rows, session.run)))
     return replace(result, wall_s=time.monotonic() - began)

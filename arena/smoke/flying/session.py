@@ -44,6 +44,7 @@ class LaunchOptions:
     overrides: `key=value` texts, as `arena up --set`.
     speed: simulated seconds per second, or "max", as `arena up --speed`.
     seed: seed of the world and the motion capture; None: as the YAML file says.
+    arguments: further arguments of `arena up`.
     """
 
     arena: Path
@@ -51,6 +52,7 @@ class LaunchOptions:
     overrides: Sequence[str] = ()
     speed: str = "max"
     seed: int | None = None
+    arguments: Sequence[str] = ()
 
     def argv(self, address: str) -> list[str]:
         """Return the command line of `arena up` on this address."""
@@ -70,6 +72,7 @@ class LaunchOptions:
             self.speed,
             "--runs",
             str(self.runs),
+            *self.arguments,
             *sets,
         ]
 
@@ -123,6 +126,29 @@ class Session:
         except (OSError, ValueError):
             return {}
         return found if isinstance(found, dict) else {}
+
+    def run_to_end(self, limit_s: float) -> int:
+        """Start the arena, wait until it ends by itself, and return the exit code of `arena up`. Nothing observes this arena.
+
+        limit_s: longest wall time [s].
+        Raises RunError if the arena does not start, or does not end in time.
+        """
+        try:
+            old = set(self._options.runs.glob("*/plan.json"))
+            self._begin()
+            runs = self._options.runs
+            found = self._until(lambda: set(runs.glob("*/plan.json")) - old, "made no run folder")
+            self.run = found.pop().parent
+            arena_up = self._arena_up
+            if arena_up is None:
+                raise RunError("no arena is up")
+            return arena_up.wait(limit_s)
+        except subprocess.TimeoutExpired:
+            raise RunError(
+                f"the arena did not end within {limit_s:g} s of wall time: it was stopped"
+            ) from None
+        finally:
+            self.close()
 
     # -- start
 

@@ -1,0 +1,6 @@
+"""Campaigns: many simulated flights over seeds and settings, their results as one table, and plots.
+
+`sweep` reads the sweep file, `sampler` draws values, `design` lists the flights, `preparation` checks them. `store` keeps
+one line per flight, `measures` computes the values of a flight, `table` and `report` show all flights. `fly` flies one
+flight, and `runner` flies all of them with worker processes.
+"""

@@ -1,0 +1,93 @@
+"""A whole campaign: prepares the folder, flies what is missing, records each flight, and writes table and plots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from arena.campaign.design import Flight
+from arena.campaign.report import in_campaign
+from arena.campaign.runner import OnRecord
+from arena.campaign.store import Listing, Record, Store, changed_inputs
+from arena.campaign.table import write_all
+from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, InputError
+
+
+class FlyAll(Protocol):
+    """Function that flies flights, such as `runner.fly_all` with its number of jobs."""
+
+    def __call__(
+        self, flights: Sequence[Flight], folder: Path, *, on_record: OnRecord, on_poll: Callable[[], None]
+    ) -> None: ...
+
+
+class Progress(Protocol):
+    """Display of the progress of a campaign."""
+
+    def begin(self, total: int, flown: int) -> None:
+        """Show the number of all flights, and of those that an earlier campaign in this folder has flown."""
+
+    def add(self, record: Record) -> None:
+        """Show the result of one flight."""
+
+    def refresh(self) -> None:
+        """Draw the display again. Called several times per second."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finished:
+    """The end of a campaign. records: all flights with a result, in the order of the listing."""
+
+    records: Sequence[Record]
+    files: Sequence[Path]
+    exit_code: int
+
+
+def fly_campaign(
+    store: Store, listing: Listing, flights: Sequence[Flight], fly_all: FlyAll, progress: Progress
+) -> Finished:
+    """Fly the flights that have no result yet in this folder, and write table and plots.
+
+    Ctrl-C ends the flights in the air; the results so far are kept, and the exit code is 130.
+    Raises InputError if the folder belongs to other files, RunError if another campaign flies in it.
+    """
+    interrupted = False
+    with store.locked():
+        _refuse_other(store, listing)
+        store.write_listing(listing)
+        done = {r.id for r in store.records().values() if not r.lost}
+        missing = [flight for flight in flights if flight.id not in done]
+        progress.begin(len(flights), len(flights) - len(missing))
+        with store.appending() as results:
+
+            def note(record: Record) -> None:
+                results.append(record)
+                progress.add(record)
+
+            try:
+                fly_all(missing, store.folder, on_record=note, on_poll=progress.refresh)
+            except KeyboardInterrupt:
+                interrupted = True
+        records = in_campaign(listing, store.records().values())
+        files = write_all(listing, records, store.folder)
+    passed = len(records) == len(flights) and all(r.passed for r in records)
+    code = EXIT_INTERRUPTED if interrupted else EXIT_OK if passed else EXIT_FAILED
+    return Finished(records=records, files=files, exit_code=code)
+
+
+def _refuse_other(store: Store, listing: Listing) -> None:
+    """Raise InputError if the results in the folder are of another campaign, or of other versions of its files."""
+    before = store.listing()
+    if before is None or not store.records():
+        return
+    if (before.name, before.kind) != (listing.name, listing.kind):
+        raise InputError(
+            f"{store.folder}: has the results of the campaign {before.name!r}, got {listing.name!r}. Choose another --results"
+        )
+    if changed := changed_inputs(before.inputs, listing.inputs):
+        raise InputError(
+            f"{store.folder}: {', '.join(changed)} changed since the first flights, so new flights cannot be compared with "
+            "them. Choose another --results, or delete the folder"
+        )

@@ -1,0 +1,132 @@
+"""The design of a campaign: sweep -> list of flights. Pure. The same sweep gives the same flights with the same ids."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from arena.campaign.sampler import in_range, latin_hypercube, random_points, whole_numbers
+from arena.campaign.sweep import LARGEST_CAMPAIGN, PLACEHOLDER, Setting, Sweep, Value, is_drawn
+from arena.errors import InputError
+
+_DIGITS = 6  # significant digits of drawn values, so that a value on the command line is the flown value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flight:
+    """A flight of a campaign.
+
+    id: hexadecimal digits computed from overrides and seed, so that a flight keeps its id when the sweep gets more flights.
+    number: position in the campaign, from 1.
+    kind: `arena` or `scenario`.  file: path of that file.
+    settings: values of the varied settings.
+    overrides: `key=value` texts, as `arena up --set`.
+    wall_limit_s: wall time after which the flight of an arena is ended [s].
+    """
+
+    id: str
+    number: int
+    kind: str
+    file: str
+    seed: int
+    settings: Mapping[str, Value]
+    overrides: tuple[str, ...]
+    wall_limit_s: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the flight as a JSON-ready object."""
+        return asdict(self)
+
+
+def flights(sweep: Sweep) -> list[Flight]:
+    """Return all flights: each point of the settings with each seed. Raises InputError if there are too many."""
+    every = points(sweep)
+    if len(every) * len(sweep.seeds) > LARGEST_CAMPAIGN:
+        raise InputError(
+            f"{sweep.file}: got {len(every) * len(sweep.seeds)} flights, expected at most {LARGEST_CAMPAIGN}: "
+            "give fewer values, samples or seeds"
+        )
+    pairs = itertools.product(every, sweep.seeds)
+    return [_flight(sweep, number, point, seed) for number, (point, seed) in enumerate(pairs, start=1)]
+
+
+def points(sweep: Sweep) -> list[dict[str, Value]]:
+    """Return the points of the settings: each combination of listed values, with each drawn sample."""
+    listed = [name for name in sweep.settings if name not in sweep.drawn]
+    grid = itertools.product(*(listed_values(sweep.settings[name]) for name in listed))
+    samples = drawn_values(sweep)
+    found = [
+        dict(zip((*listed, *sweep.drawn), (*cell, *sample), strict=True))
+        for cell in grid
+        for sample in samples
+    ]
+    return [{name: point[name] for name in sweep.settings} for point in found]
+
+
+def listed_values(setting: Setting) -> list[Value]:
+    """Return the values of a setting with `values`, or with a range and `steps`."""
+    if setting.values is not None:
+        return list(setting.values)
+    low, high = _range(setting)
+    values = in_range(np.linspace(0.0, 1.0, setting.steps or 2), low, high, setting.scale)
+    return [round(v) if setting.integer else _short(v) for v in values.tolist()]
+
+
+def drawn_values(sweep: Sweep) -> list[tuple[Value, ...]]:
+    """Return one tuple per sample, with a value for each setting that is drawn. Without such settings: one empty tuple."""
+    settings = [s for s in sweep.settings.values() if is_drawn(s)]
+    if not settings:
+        return [()]
+    draw = latin_hypercube if sweep.sampling == "latin_hypercube" else random_points
+    shares = draw(sweep.samples, len(settings), np.random.default_rng(sweep.sampling_seed))
+    columns = [_column(setting, share) for setting, share in zip(settings, shares.T, strict=True)]
+    return list(zip(*columns, strict=True))
+
+
+def _column(setting: Setting, share: Any) -> list[Value]:
+    low, high = _range(setting)
+    if setting.integer:
+        return [int(v) for v in whole_numbers(share, low, high, setting.scale)]
+    return [_short(v) for v in in_range(share, low, high, setting.scale).tolist()]
+
+
+def _range(setting: Setting) -> tuple[float, float]:
+    if setting.min is None or setting.max is None:
+        raise ValueError("a setting without values has a range")
+    return setting.min, setting.max
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
+
+
+def overrides_of(name: str, setting: Setting, value: Value) -> tuple[str, ...]:
+    """Return the `key=value` texts that give a setting this value."""
+    text = json.dumps(value, ensure_ascii=False)
+    return tuple(t.replace(PLACEHOLDER, text) for t in setting.set) or (f"{name}={text}",)
+
+
+def _flight(sweep: Sweep, number: int, point: Mapping[str, Value], seed: int) -> Flight:
+    varied = [o for name, value in point.items() for o in overrides_of(name, sweep.settings[name], value)]
+    overrides = (*sweep.overrides, *varied)
+    return Flight(
+        id=flight_id(overrides, seed),
+        number=number,
+        kind=sweep.kind,
+        file=sweep.flown,
+        seed=seed,
+        settings=point,
+        overrides=overrides,
+        wall_limit_s=sweep.wall_limit_s,
+    )
+
+
+def flight_id(overrides: Sequence[str], seed: int) -> str:
+    """Return the id of a flight: 10 hexadecimal digits of a hash of its overrides and its seed."""
+    return hashlib.sha256(json.dumps([list(overrides), seed]).encode()).hexdigest()[:10]

@@ -1,0 +1,91 @@
+"""Measures of one flight, such as the tracking error, from the logs of its vehicles and outcome.json. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from arena.recorder.analysis import analyse
+from arena.recorder.flight_log import Flight
+
+Numbers = Mapping[str, float | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """A measure of one flight.
+
+    of_flight: function that computes the value of the flight from the known values of its vehicles.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    of_flight: Callable[[Sequence[float]], float] = max
+
+
+MEASURES = (
+    Measure(name="tracking_rms_m", unit="m", meaning="distance to the position reference in OFFBOARD, rms"),
+    Measure(
+        name="tracking_max_m", unit="m", meaning="distance to the position reference in OFFBOARD, largest"
+    ),
+    Measure(
+        name="setpoint_error_m",
+        unit="m",
+        meaning="distance to a constant position reference at its end, largest",
+    ),
+    Measure(
+        name="landing_error_m", unit="m", meaning="horizontal distance of the landing point from its target"
+    ),
+    Measure(name="estimate_rms_m", unit="m", meaning="error of the estimated position while armed, rms"),
+    Measure(name="estimate_max_m", unit="m", meaning="error of the estimated position while armed, largest"),
+    Measure(name="tilt_max_deg", unit="deg", meaning="largest tilt"),
+    Measure(name="touchdown_m_s", unit="m/s", meaning="speed of the last touchdown"),
+    Measure(name="airborne_s", unit="s", meaning="simulated time in the air"),
+    Measure(name="crashes", unit="1", meaning="number of vehicles that crashed", of_flight=sum),
+)
+
+
+def of_vehicle(flight: Flight | None, judged: Mapping[str, Any]) -> dict[str, float | None]:
+    """Return the measures of one vehicle; None for a measure without data.
+
+    flight: log of the vehicle.  judged: what the simulated world has recorded about the vehicle; {} if unknown.
+    """
+    found: dict[str, float | None] = dict.fromkeys((m.name for m in MEASURES), None)
+    if flight is not None:
+        made = analyse(flight)
+        found |= {
+            "tracking_rms_m": made["tracking"]["rms_m"],
+            "tracking_max_m": made["tracking"]["max_m"],
+            "setpoint_error_m": made["setpoints"]["worst_m"],
+            "landing_error_m": made["landing"]["error_m"],
+            "estimate_rms_m": made["estimator"]["pos_rms_m"],
+            "estimate_max_m": made["estimator"]["pos_max_m"],
+        }
+    found |= {
+        "tilt_max_deg": judged.get("max_tilt_deg"),
+        "touchdown_m_s": judged.get("touchdown_m_s"),
+        "airborne_s": judged.get("airborne_s"),
+        "crashes": float(bool(judged["crashed"])) if "crashed" in judged else None,
+    }
+    return found
+
+
+def of_flight(vehicles: Mapping[str, Numbers]) -> dict[str, float | None]:
+    """Return the measures of a flight: the largest value of its vehicles, and the sum of their crashes.
+
+    vehicles: vehicle -> its measures.
+    """
+    found: dict[str, float | None] = {}
+    for measure in MEASURES:
+        known = [v for own in vehicles.values() if (v := own.get(measure.name)) is not None]
+        found[measure.name] = measure.of_flight(known) if known else None
+    return found
+
+
+def judged_vehicles(outcome: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
+    """Return vehicle -> what the simulated world has recorded about it, from the content of outcome.json."""
+    stats = outcome.get("processes", {}).get("world", {}).get("stats") or {}
+    found = stats.get("vehicles")
+    return found if isinstance(found, dict) else {}

@@ -1,0 +1,43 @@
+"""Samples of several ranges: random points and Latin hypercubes. Pure: the generator is an argument."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from arena.geometry import Array
+
+
+def random_points(count: int, ranges: int, rng: np.random.Generator) -> Array:
+    """Return points (count, ranges) that are uniformly distributed in [0, 1)."""
+    return rng.random((count, ranges))
+
+
+def latin_hypercube(count: int, ranges: int, rng: np.random.Generator) -> Array:
+    """Return points (count, ranges) in [0, 1): each of `count` equal parts of each range contains exactly one point.
+
+    Source: McKay, Beckman, Conover, Technometrics 21 (1979) 239.
+    """
+    parts = (
+        np.stack([rng.permutation(count) for _ in range(ranges)], axis=1) if ranges else np.zeros((count, 0))
+    )
+    return (parts + rng.random((count, ranges))) / count
+
+
+def in_range(share: Array, low: float, high: float, scale: Literal["linear", "log"]) -> Array:
+    """Return the values of a range at these shares: 0 is `low`, 1 is `high`.
+
+    scale: `log` interpolates the logarithm, so that equal shares have equal ratios.
+    """
+    if scale == "log":
+        return np.asarray(np.exp(np.log(low) + share * (np.log(high) - np.log(low))))
+    return low + share * (high - low)
+
+
+def whole_numbers(share: Array, low: float, high: float, scale: Literal["linear", "log"]) -> Array:
+    """Return integers from `low` to `high` at these shares in [0, 1); on a linear scale, all have the same probability."""
+    first, last = np.ceil(low), np.floor(high)
+    if scale == "log":
+        return np.asarray(np.clip(np.round(in_range(share, low, high, "log")), first, last))
+    return np.asarray(np.minimum(first + np.floor(share * (last - first + 1)), last))

@@ -1,0 +1,172 @@
+"""The folder of a campaign: one JSON line per flight in results.jsonl, and the list of flights in campaign.json.
+
+A line is appended and flushed when its flight ends. So a killed campaign loses only the flights in the air, and a line
+that was cut short by the kill is ignored.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import fcntl
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+from arena.campaign.design import Flight
+from arena.campaign.sweep import Value
+from arena.errors import InputError, RunError
+
+RESULTS, CAMPAIGN, LOCK = "results.jsonl", "campaign.json", "campaign.lock"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """The result of one flight: one line of results.jsonl.
+
+    lost: whether the flight has no result, because its worker ended. A lost flight is flown again when the campaign is resumed.
+    reasons: why the flight failed; empty if it passed.
+    run: path of the run folder, relative to the folder of the campaign; "" if there is none.
+    wall_s: duration in wall time [s].
+    measures: measure -> value; None without data.  vehicles: vehicle -> its measures.
+    """
+
+    id: str
+    number: int
+    seed: int
+    settings: Mapping[str, Value]
+    passed: bool
+    lost: bool = False
+    reasons: tuple[str, ...] = ()
+    run: str = ""
+    wall_s: float = 0.0
+    measures: Mapping[str, float | None] = field(default_factory=dict)
+    vehicles: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Listing:
+    """The content of campaign.json.
+
+    sweep: path of the sweep file.  kind: `arena` or `scenario`.
+    inputs: path -> SHA-256 of the files that determine a flight.
+    flights: id, number, seed and settings of each flight.
+    """
+
+    name: str
+    sweep: str
+    kind: str
+    inputs: Mapping[str, str]
+    flights: Sequence[Mapping[str, Any]]
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Names of the varied settings."""
+        return tuple(self.flights[0]["settings"]) if self.flights else ()
+
+
+class Store:
+    """The folder of one campaign. Only the campaign that holds `locked` may write.
+
+    Reading needs no lock.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the lock of the folder. Raises RunError if another campaign holds it, InputError if the folder cannot be made.
+
+        The lock is a POSIX record lock: it ends with this process, and workers do not inherit it.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            file = (self.folder / LOCK).open("w")
+        except OSError as error:
+            raise InputError(f"{self.folder}: cannot be written: {error.strerror}") from error
+        with file:
+            try:
+                fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise RunError(
+                    f"{self.folder}: another `arena campaign` flies in this folder. Wait for its end, or choose another --results"
+                ) from None
+            yield
+
+    def write_listing(self, listing: Listing) -> None:
+        """Write campaign.json as a whole, so that a reader never sees half of the file."""
+        new = self.folder / f"{CAMPAIGN}.new"
+        new.write_text(json.dumps(dataclasses.asdict(listing), indent=1) + "\n")
+        new.replace(self.folder / CAMPAIGN)
+
+    def listing(self) -> Listing | None:
+        """Return the content of campaign.json; None if there is no such file. Raises InputError if it is not valid."""
+        path = self.folder / CAMPAIGN
+        try:
+            return Listing(**json.loads(path.read_text()))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, TypeError) as error:
+            raise InputError(f"{path}: cannot be read: {error}. Choose another folder") from error
+
+    def records(self) -> dict[str, Record]:
+        """Return id -> record of every flight with a line. A later line of the same flight replaces an earlier one."""
+        try:
+            text = (self.folder / RESULTS).read_text(errors="replace")
+        except FileNotFoundError:
+            return {}
+        return {record.id: record for record in read_lines(text.split("\n"))}
+
+    @contextmanager
+    def appending(self) -> Iterator[Appender]:
+        """Open results.jsonl for appending during a `with` block."""
+        with (self.folder / RESULTS).open("ab") as file:
+            yield Appender(file)
+
+
+class Appender:
+    """Writer of results.jsonl. Each record is on the disk when `append` returns."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        if file.tell() and not _ends_with_newline(Path(file.name)):
+            file.write(b"\n")  # the last line was cut short when the campaign was killed
+
+    def append(self, record: Record) -> None:
+        line = json.dumps(dataclasses.asdict(record), ensure_ascii=False)
+        self._file.write(line.encode() + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+def _ends_with_newline(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(-1, os.SEEK_END)
+        return file.read(1) == b"\n"
+
+
+def read_lines(lines: Iterable[str]) -> Iterator[Record]:
+    """Yield the records of the lines of results.jsonl. Lines that are not complete are ignored."""
+    for line in lines:
+        try:
+            raw = json.loads(line)
+            yield Record(**{**raw, "reasons": tuple(raw["reasons"])})
+        except (ValueError, TypeError, KeyError):
+            continue
+
+
+def changed_inputs(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    """Return the paths of files that have changed since the campaign began, or that are new or missing."""
+    return sorted(path for path in {*before, *now} if before.get(path) != now.get(path))
+
+
+def listing_of(
+    name: str, sweep: str, kind: str, inputs: Mapping[str, str], flights: Sequence[Flight]
+) -> Listing:
+    """Return the content of campaign.json for these flights."""
+    rows = [{"id": f.id, "number": f.number, "seed": f.seed, "settings": dict(f.settings)} for f in flights]
+    return Listing(name=name, sweep=sweep, kind=kind, inputs=inputs, flights=rows)

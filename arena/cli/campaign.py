@@ -1,0 +1,143 @@
+"""`arena campaign`: fly many simulated flights over seeds and settings, and show their results.
+
+Exit codes: 0 all flights passed; 1 a flight failed or was lost; 2 the sweep, or an arena of it, is not valid, so nothing was
+flown; 130 after Ctrl-C, when all arenas have ended. The results so far are kept.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from arena.errors import InputError
+
+if TYPE_CHECKING:
+    from arena.campaign.progress import ProgressBar, ProgressLines
+
+_LOG_COLUMNS = 160  # width without a terminal, so that the lines in a log file are not wrapped
+
+
+class _FlyByDefault(TyperGroup):
+    """Group whose command `fly` can be left out: `arena campaign SWEEP` is `arena campaign fly SWEEP`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Insert `fly` if the first word is neither a command nor the option for help."""
+        known = {*self.commands, *self.get_help_option_names(ctx)}
+        return super().parse_args(ctx, ["fly", *args] if args and args[0] not in known else args)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of `arena campaign` to the typer app."""
+    group = typer.Typer(
+        cls=_FlyByDefault,
+        no_args_is_help=True,
+        help="Fly many simulated flights over seeds and settings: `arena campaign SWEEP`. Show their results.",
+    )
+    for command in (fly, show):
+        group.command()(command)
+    app.add_typer(group, name="campaign")
+
+
+def fly(
+    sweep: Annotated[Path, typer.Argument(metavar="SWEEP", help="the sweep file, which lists what varies")],
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "-j",
+            "--jobs",
+            metavar="N",
+            min=1,
+            help="number of flights at the same time; default: number of CPU cores",
+        ),
+    ] = None,
+    results: Annotated[
+        Path | None,
+        typer.Option(
+            "--results", metavar="DIR", help="folder of the results; default: campaigns/NAME of the campaign"
+        ),
+    ] = None,
+    list_: Annotated[
+        bool, typer.Option("--list", help="check and list the flights, without flying them")
+    ] = False,
+) -> None:
+    """Fly a campaign, or resume it: flights that have a result are not flown again. The word `fly` can be left out."""
+    from arena.campaign import design, preparation, runner
+    from arena.campaign.campaign import fly_campaign
+    from arena.campaign.report import describe
+    from arena.campaign.store import Store, listing_of
+    from arena.campaign.sweep import load_sweep
+    from arena.campaign.table import WITHOUT_PYARROW, has_pyarrow
+
+    found = load_sweep(sweep)
+    flights = design.flights(found)
+    arena = preparation.check(found, flights)
+    if list_:
+        for flight in flights:
+            print(f"{flight.id}  {describe(flight.number, flight.seed, flight.settings)}")
+        return
+    if not has_pyarrow():
+        print(WITHOUT_PYARROW, file=sys.stderr)
+    inputs = preparation.input_digests(found, arena)
+    listing = listing_of(found.name, str(sweep), found.kind, inputs, flights)
+    store = Store((results or Path("campaigns") / found.name).resolve())
+    with _progress() as progress:
+        finished = fly_campaign(
+            store,
+            listing,
+            flights,
+            partial(runner.fly_all, jobs=jobs or len(os.sched_getaffinity(0))),
+            progress,
+        )
+    _print(store.folder)
+    raise SystemExit(finished.exit_code)
+
+
+def show(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="folder of the results of a campaign")],
+) -> None:
+    """Print the results of a campaign, also while it flies. Write the table and the plots of all flights so far."""
+    from arena.campaign.report import in_campaign
+    from arena.campaign.store import Store
+    from arena.campaign.table import WITHOUT_PYARROW, has_pyarrow, write_all
+
+    store = Store(folder)
+    listing = store.listing()
+    if listing is None:
+        raise InputError(f"{folder}: has no campaign.json, so it is not the folder of a campaign")
+    write_all(listing, in_campaign(listing, store.records().values()), folder)
+    if not has_pyarrow():
+        print(WITHOUT_PYARROW, file=sys.stderr)
+    _print(folder)
+
+
+def _progress() -> ProgressBar | ProgressLines:
+    from rich.console import Console
+
+    from arena.campaign.progress import Pace, ProgressBar, ProgressLines
+
+    console = Console()
+    return ProgressBar(Pace(), console) if console.is_terminal else ProgressLines(Pace(), _say)
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+def _print(folder: Path) -> None:
+    from rich.console import Console
+
+    from arena.campaign.report import in_campaign, text
+    from arena.campaign.store import Store
+
+    store = Store(folder)
+    if (listing := store.listing()) is None:
+        return
+    console = Console(width=None if sys.stdout.isatty() else _LOG_COLUMNS)
+    console.print(text(listing, in_campaign(listing, store.records().values())))
+    print(f"results: {folder}", flush=True)
