@@ -75,10 +75,21 @@ def vision(count: int) -> Callable[[], object]:
     return lambda: estimator.fuse_vision(rows, p_n, q_nb, var_p, var_yaw, 1.0)
 
 
+def rotors(count: int) -> Callable[[], object]:
+    """Return a physics step of the rotors in hover."""
+    from arena.schema.library import load_profile
+    from arena.vehicle_models.multirotor_dynamics import Rotors
+
+    every = Rotors([load_profile("iris")] * count, step_s=0.002)
+    motors, air_b, height = np.full((count, 4), 0.5), np.full((count, 3), 0.1), np.full(count, 2.0)
+    return lambda: every.step(motors, air_b, height)
+
+
 PARTS: dict[str, Callable[[int], Callable[[], object]]] = {
     "control": control,
     "prediction": prediction,
     "vision": vision,
+    "rotors": rotors,
 }
 
 

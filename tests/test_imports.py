@@ -48,7 +48,7 @@ MAY: dict[str, set[str]] = {
     "run_dirs": set(),
     "signing_key": {"errors", "wire"},
     "atmosphere": set(),
-    "vehicle_models": {"errors", "thrust_curve", "constants"},
+    "vehicle_models": {"errors", "thrust_curve", "constants", "kernels"},
     "transport": {"errors"},
     "wire": {"constants", "errors", "geometry"},
     "mocap": {"errors"},  # the table of vendors; their packages are found by name

@@ -112,10 +112,10 @@ class Battery:
 
     @property
     def supply(self) -> Array:
-        """Factor on the motor commands [-] (V, 1). It models that motors turn slower at a lower battery voltage.
+        """Factor on the motor commands [-] (V,). It models that motors turn slower at a lower battery voltage.
 
         The factor is the voltage divided by the voltage at which the thrust curve was measured. It is 1 if
         thrust does not depend on the voltage.
         """
         per_volt = self._supply_per_volt
-        return np.where(per_volt > 0.0, self.voltage * per_volt, 1.0)[:, None]
+        return np.where(per_volt > 0.0, self.voltage * per_volt, 1.0)

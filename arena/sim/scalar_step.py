@@ -28,11 +28,7 @@ class ScalarStep:
 
     def __init__(self, bodies: Bodies, dynamics: Dynamics, vehicles: int, *, step_s: float) -> None:
         self._bodies, self._dynamics, self._h = bodies, dynamics, step_s
-        self._each = [dynamics.scalar(i) for i in range(vehicles)]
-
-    def update(self, vehicle: int) -> None:
-        """Copy the dynamics of one vehicle again, because a fault (such as a failed rotor) has changed them."""
-        self._each[vehicle].update()
+        self._count = vehicles
 
     def advance(self, motors: Array, wind_n: Array, substeps: int) -> Array:
         """Move the bodies by one sensor period.
@@ -43,24 +39,20 @@ class ScalarStep:
 
         Returns the mean specific force [m/s2] [FRD] (V, 3).
         """
-        bodies, wind, dynamics = self._bodies, wind_n.tolist(), self._dynamics
-        if dynamics.voltage_matters:
-            motors = np.minimum(motors * dynamics.supply, 1.0)
-        commands, spins = motors.tolist(), dynamics.spin.tolist()
-        count = len(self._each)
+        bodies, wind, dynamics, count = self._bodies, wind_n.tolist(), self._dynamics, self._count
+        dynamics.set_motors(motors)
         now = [bodies.motion(i) for i in range(count)]
         accel = [[0.0, 0.0, 0.0] for _ in range(count)]
         for _ in range(substeps):
-            for i, vehicle in enumerate(self._each):
+            for i in range(count):
                 (v, r, height), (north, east, down) = now[i], wind[i]
                 air = (v[0] - north, v[1] - east, v[2] - down)
-                bodies.apply_wrench(i, *vehicle.step(spins[i], commands[i], _b_from_n(r, air), height))
+                bodies.apply_wrench(i, *dynamics.step_one(i, _b_from_n(r, air), height))
             bodies.advance()
             for i in range(count):
                 before, now[i] = now[i], bodies.motion(i)
                 _add(accel[i], _specific_force(before[0], before[1], now[i][0], self._h))
         bodies.read()
-        dynamics.spin = np.array(spins)
         return np.array(accel) / substeps
 
 

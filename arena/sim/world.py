@@ -141,7 +141,7 @@ class World:
         self._observed_steps = self.steps
         self._battery.step(self._dynamics.spin)
         if self._dynamics.voltage_matters:
-            self._dynamics.supply = self._battery.supply
+            self._dynamics.supply[:] = self._battery.supply
         bodies, contacts = self.bodies, self.bodies.contacts()
         self._crashes.step(
             now=self.now,
@@ -182,8 +182,6 @@ class World:
         share: remaining share of the thrust 0..1 [-]
         """
         self._dynamics.scale_thrust(vehicle, rotor, share)
-        if self._scalar is not None:
-            self._scalar.update(vehicle)
 
     def override_discharge(self, vehicle: int, empty_in_s: float | None) -> None:
         """Set a constant discharge rate of one battery.
@@ -208,7 +206,7 @@ class World:
             v_n=bodies.v_n,
             omega_b=bodies.omega_b,
             accel_b=self._accel_b,
-            motors=self._dynamics.spin,
+            motors=self._dynamics.spin.copy(),
         )
 
     def sense(self, requested: Collection[str] = ()) -> dict[str, Array]:

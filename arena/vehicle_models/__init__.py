@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from arena.errors import InputError
-from arena.vehicle_models.model import CrashLimits, Dynamics, ScalarDynamics, VehicleModel
+from arena.vehicle_models.model import CrashLimits, Dynamics, VehicleModel
 from arena.vehicle_models.multirotor import Multirotor
 
 __all__ = [
@@ -19,7 +19,6 @@ __all__ = [
     "VEHICLE_MODELS",
     "CrashLimits",
     "Dynamics",
-    "ScalarDynamics",
     "VehicleModel",
     "vehicle_model",
 ]

@@ -27,28 +27,11 @@ class CrashLimits:
     tilt_rad: float
 
 
-class ScalarDynamics(Protocol):
-    """`Dynamics` of one vehicle in plain floats, which is faster than numpy for one or two vehicles."""
-
-    def update(self) -> None:
-        """Copy changed values from `Dynamics`. Call this after `Dynamics.scale_thrust`."""
-        ...
-
-    def step(
-        self, spin: list[float], motors: list[float], air_b: Triple, height: float
-    ) -> tuple[Triple, Triple]:
-        """Compute one physics step of one vehicle's actuators, in place of `Dynamics.step`. Return force and torque on the body.
-
-        spin: state of the actuators, updated in place
-        """
-        ...
-
-
 class Dynamics(Protocol):
     """Actuators of V vehicles of one class: compute force and torque on the bodies from commands, batched.
 
     spin: state of the actuators, given as the command that would maintain this state, 0..1 [-] (V, R)
-    supply: battery voltage divided by nominal voltage [-] (V, 1); written by the world
+    supply: battery voltage divided by nominal voltage [-] (V,); written by the world
     voltage_matters: whether the thrust of any vehicle depends on `supply`
     hover: motor command at which each vehicle hovers [-] (V,)
     supply_per_volt: `supply` per volt of the battery [1/V], 0 for a vehicle whose thrust does not depend on
@@ -89,8 +72,15 @@ class Dynamics(Protocol):
         """
         ...
 
-    def scalar(self, vehicle: int) -> ScalarDynamics:
-        """Return the dynamics of one vehicle, computed in plain floats instead of arrays, because this is faster for few vehicles."""
+    def set_motors(self, motors: Array) -> None:
+        """Set the motor commands 0..1 [-] (V, R) for `step_one`."""
+        ...
+
+    def step_one(self, vehicle: int, air_b: Triple, height: float) -> tuple[Triple, Triple]:
+        """Compute one physics step of one vehicle's actuators in plain floats, which is faster for one or two vehicles.
+
+        Returns force [N] and torque about the centre of mass [N m], both [FRD].
+        """
         ...
 
 

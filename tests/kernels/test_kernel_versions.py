@@ -108,6 +108,24 @@ def fly_estimator(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     return seen
 
 
+def spin_rotors(modules: dict[str, ModuleType]) -> list[np.ndarray]:
+    """Run the rotors with random commands, airspeeds and heights. Return all arrays after each step."""
+    rng = np.random.default_rng(7)
+    law = modules["rotor_dynamics"].RotorDynamics(VEHICLES, 6, 64, 32)
+    tables = dict.fromkeys(
+        ("thrust_table", "speed_table", "ground_table", "ground_scale", "ground_reach"), -1.0
+    )
+    fill(law, rng, **tables, drag=-0.3, body_drag=-0.1, per_weight=-0.1, spin_up=0.01, wrench=0.5)
+    fill(law, rng, rise=-0.2, fall=-0.1, speed_loss=-0.02, supply=-0.5)
+    seen = []
+    for _ in range(200):
+        arrays_of(law)["motors"][:] = rng.random((VEHICLES, 6))
+        fill(law, rng, air_b=5.0, height=-1.0)
+        law.step()
+        seen += [values.copy() for values in arrays_of(law).values()]
+    return seen
+
+
 def assert_equal(first: list[np.ndarray], second: list[np.ndarray]) -> None:
     assert len(first) == len(second) > 0
     for one, other in zip(first, second, strict=True):
@@ -130,7 +148,15 @@ def test_estimator_gives_the_same_bits_compiled_and_interpreted() -> None:
     )
 
 
+@needs_compiled
+def test_rotors_give_the_same_bits_compiled_and_interpreted() -> None:
+    assert_equal(
+        spin_rotors(interpreted_modules("rotor_dynamics")), spin_rotors(compiled_modules("rotor_dynamics"))
+    )
+
+
 def test_interpreted_kernels_run() -> None:
+    assert np.isfinite(spin_rotors(interpreted_modules("rotor_dynamics"))[-1]).all()
     assert np.isfinite(fly_cascade(interpreted_modules(*CONTROL))[-1]).all()
     assert np.isfinite(fly_estimator(interpreted_modules(*ESTIMATION))[0]).all()
 

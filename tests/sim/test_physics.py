@@ -31,7 +31,7 @@ def profile_of(**changes: Any) -> dict[str, Any]:
 def rotors_of(profile: dict[str, Any], command: float) -> Rotors:
     """Return rotors that have reached the command."""
     rotors = Rotors([profile], step_s=H)
-    rotors.spin = np.full((1, 4), command)
+    rotors.spin[:] = command
     return rotors
 
 
