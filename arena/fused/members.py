@@ -140,7 +140,7 @@ class _Forwarder:
 class _Logger:
     def __init__(self, context: MemberContext, time: StepTime) -> None:
         self.settings = context.settings
-        self.capture, self.link = MemoryCapture(), LoggerLink()
+        self.capture, self.link = MemoryCapture(), LoggerLink(address(context.settings, "listen"))
         self._logger = Logger(context, time, self.capture, self.link)
         self._period_s = 1.0 / float(self.settings["rate_hz"])
         self._rows = 0

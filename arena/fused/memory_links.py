@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from arena.mocap.client import CapturedFrame
-from arena.transport import Address
+from arena.transport import Address, listen_udp
 
 Inbox = list[tuple[int, str, bytes]]
 """Datagrams for the autopilots: (index of the vehicle in the world, name of the link, data), oldest first."""
@@ -39,17 +39,21 @@ class VisionLink:
 
 
 class LoggerLink:
-    """Datagrams from the router and from the user program for one logger, in place of its socket."""
+    """Datagrams for one logger: the router's come from memory, those of the user program from a socket.
 
-    def __init__(self) -> None:
+    at: address of the socket.
+    """
+
+    def __init__(self, at: Address) -> None:
         self.waiting: deque[bytes] = deque()
+        self._socket = listen_udp(at, "the logger")
 
     def recv(self, size: int) -> bytes:
-        """Return the oldest datagram. Raises BlockingIOError if there is none."""
-        return _take(self.waiting)
+        """Return the oldest datagram, those from memory first. Raises BlockingIOError if there is none."""
+        return self.waiting.popleft() if self.waiting else self._socket.recv(size)
 
     def close(self) -> None:
-        self.waiting.clear()
+        self._socket.close()
 
 
 class MemoryCapture:

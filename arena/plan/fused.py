@@ -13,21 +13,30 @@ from arena.schema import Arena
 _MEMBERS = frozenset({"mocap", "forward", "router", "logger"})
 MODULE, SLICE = "arena.fused", "fused.json"
 _START_TIMEOUT_S = 60.0
+_IN_MEMORY = ("router link", "vision link")  # ports that are not opened
 
 
 def is_fused(arena: Arena) -> bool:
     """Return whether world, motion capture, forwarders, router and loggers run in one process. Raises InputError."""
-    asked, why_not = arena.sim.processes, why_many(arena)
-    if asked == "one" and why_not:
-        raise InputError(f"sim.processes: got one, but {why_not}. Try auto or many.")
-    return not why_not and (asked == "one" or (asked == "auto" and arena.sim.speed != 1.0))
+    return not why_many(arena)
 
 
 def why_many(arena: Arena) -> str:
-    """Return why this arena needs many processes; \"\" if one process can run it."""
+    """Return why the parts of this arena have processes of their own; "" if they share one.
+
+    Raises InputError if the YAML asks for one process and this is not possible.
+    """
+    asked = arena.sim.processes
     others = [v for v in arena.vehicles if v.autopilot != "builtin"]
     if others:
-        return f"{others[0].name} has autopilot: {others[0].autopilot}, which needs processes of its own"
+        reason = f"{others[0].name} has autopilot: {others[0].autopilot}, which needs processes of its own"
+        if asked == "one":
+            raise InputError(f"sim.processes: got one, but {reason}. Try auto or many.")
+        return reason
+    if asked == "many":
+        return "sim.processes is many"
+    if asked == "auto" and arena.sim.speed == 1.0:
+        return "in real time a simulated arena has the same processes as a real one"
     return ""
 
 
@@ -75,6 +84,6 @@ def _with_members(world: ProcessSpec, joined: Sequence[ProcessSpec]) -> ProcessS
         stop_timeout_s=max(p.stop_timeout_s for p in (world, *joined)),
         cpu_budget=1.0,
         memory_budget_mb=world.memory_budget_mb + 20.0 * len(joined),
-        listens=(*world.listens, *(x for p in joined for x in p.listens)),
+        listens=tuple(x for p in (world, *joined) for x in p.listens if not x.what.startswith(_IN_MEMORY)),
         members=tuple(Member(name=p.name, kind=p.kind, vehicle=p.vehicle) for p in joined),
     )

@@ -85,19 +85,28 @@ def _names(same: list[OpenSocket]) -> str:
 
 
 def _sockets_of(plan: Plan, spec: ProcessSpec) -> Iterator[OpenSocket]:
-    slice_ = plan.slices.get(f"{spec.name}.json", {})
-    for x in spec.listens if spec.kind != "mocap" else ():
-        who = _ANSWERS.get((spec.kind, x.what.partition(" of ")[0]), "?")
-        yield OpenSocket(
-            process=spec.name, protocol=x.protocol, address=x.address, port=x.port, what=x.what, who=who
-        )
-    for capture in _captures(slice_):
-        for used in vendor_settings(capture["kind"]).client_sockets(capture):
-            yield _vendor_socket(spec, used)
-    if spec.kind == "mocap":
+    parts = [(spec.name, spec.kind), *((member.name, member.kind) for member in spec.members)]
+    for x in spec.listens:
+        what = x.what.partition(" of ")[0]
+        who = next((_ANSWERS[kind, what] for _, kind in parts if (kind, what) in _ANSWERS), None)
+        if who is not None:  # else a port of the vendor's protocol, see below
+            yield OpenSocket(
+                process=spec.name, protocol=x.protocol, address=x.address, port=x.port, what=x.what, who=who
+            )
+    if not spec.members:
+        for capture in _captures(plan.slices.get(f"{spec.name}.json", {})):
+            for used in vendor_settings(capture["kind"]).client_sockets(capture):
+                yield _vendor_socket(spec, used)
+    for name, kind in parts:
+        yield from _other_sockets(plan, spec, kind, plan.slices.get(f"{name}.json", {}))
+
+
+def _other_sockets(plan: Plan, spec: ProcessSpec, kind: str, slice_: dict[str, Any]) -> Iterator[OpenSocket]:
+    """Yield the sockets of one part of a process that are not in the port table, except those of motion-capture clients."""
+    if kind == "mocap":
         for used in vendor_settings(slice_["kind"]).server_sockets(slice_):
             yield _vendor_socket(spec, used)
-    if spec.kind == "program" and slice_.get("heartbeat"):
+    if kind == "program" and slice_.get("heartbeat"):
         yield OpenSocket(
             process=spec.name,
             protocol="udp",
@@ -106,7 +115,7 @@ def _sockets_of(plan: Plan, spec: ProcessSpec) -> Iterator[OpenSocket]:
             what="heartbeats, sent",
             who="no one: it only sends",
         )
-    if spec.kind == "world":
+    if kind == "world":
         yield _local(spec, "{rt}/clock.sock", "the simulation clock")
     if slice_.get("faults"):
         yield _local(spec, str(slice_["faults"]), "fault injection")

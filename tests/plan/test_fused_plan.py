@@ -6,7 +6,8 @@ import pytest
 
 from arena.errors import InputError
 from arena.plan import Plan, make_plan
-from arena.plan.fused import could_be_member
+from arena.plan.fused import could_be_member, why_many
+from arena.plan.open_ports import open_sockets
 from arena.schema import load_arena
 
 TWO = "vehicles:\n  uav1: {program: fly.py}\n  uav2: {start: {position: [1, 0, 0]}}\n"
@@ -42,7 +43,9 @@ def test_one_process_for_px4_is_refused_with_the_reason(tmp_path):
 
 def test_fused_plan_keeps_ports_slices_and_needs(tmp_path):
     many, one = plan_of(tmp_path), plan_of(tmp_path, TWO, "sim.processes=one")
-    assert {x for p in one.processes for x in p.listens} == {x for p in many.processes for x in p.listens}
+    of_many = {x for p in many.processes for x in p.listens}
+    in_memory = {x for x in of_many if x.what.startswith(("router link", "vision link"))}
+    assert {x for p in one.processes for x in p.listens} == of_many - in_memory and len(in_memory) == 8
     world, program = one.processes[0], one.processes[1]
     joined = [p.name for p in many.processes if p.name not in ("world", "program.uav1")]
     assert [m.name for m in world.members] == joined
@@ -53,10 +56,40 @@ def test_fused_plan_keeps_ports_slices_and_needs(tmp_path):
     assert Plan.from_json(one.to_json()) == one
 
 
+def test_accepted_senders_of_every_socket_are_known(tmp_path):
+    plan = plan_of(tmp_path, TWO, "sim.processes=one")
+    found = {x.what.partition(" of ")[0]: x.who for x in open_sockets(plan) if x.process == "world"}
+    assert found.keys() >= {
+        "panic link",
+        "tools",
+        "programs",
+        "ground stations",
+        "log stream",
+        "NatNet commands",
+        "fault injection",
+    }
+    assert "?" not in found.values()
+
+
 def test_world_does_not_wait_for_programs_that_cannot_use_its_clock(tmp_path):
     (tmp_path / "fly.sh").touch(mode=0o755)
     plan = plan_of(tmp_path, TWO.replace("fly.py", "fly.sh"), "sim.processes=one")
     assert plan.slices["world.json"]["expected"] == []
+
+
+@pytest.mark.parametrize(
+    ("sets", "reason"),
+    [
+        ((), "in real time"),
+        (("sim.processes=many", "sim.speed=max"), "sim.processes is many"),
+        (("sim.speed=max", "defaults.autopilot=px4", "px4.home=stand-in"), "uav1 has autopilot: px4"),
+        (("sim.speed=max",), ""),
+    ],
+)
+def test_reason_for_many_processes(tmp_path, sets, reason):
+    plan_of(tmp_path)
+    found = why_many(load_arena(tmp_path / "arena.yaml", sets))
+    assert found.startswith(reason) and bool(found) == bool(reason)
 
 
 @pytest.mark.parametrize(
