@@ -32,7 +32,7 @@ nightly: .venv/compiled
 	$(BIN)/python -m pytest -m "nightly and crowd" -q
 
 bench: .venv/compiled
-	for each in flights world router; do $(BIN)/python benchmarks/$$each.py || exit 1; done
+	for each in flights world router startup; do $(BIN)/python benchmarks/$$each.py || exit 1; done
 
 docs: .venv/ready
 	$(BIN)/python -m arena.cli.reference
