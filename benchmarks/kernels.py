@@ -80,7 +80,8 @@ def rotors(count: int) -> Callable[[], object]:
     from arena.schema.library import load_profile
     from arena.vehicle_models.multirotor_dynamics import Rotors
 
-    every = Rotors([load_profile("iris")] * count, step_s=0.002)
+    profile = load_profile("iris").model_dump(exclude_none=True)
+    every = Rotors([profile] * count, step_s=0.002)
     motors, air_b, height = np.full((count, 4), 0.5), np.full((count, 3), 0.1), np.full(count, 2.0)
     return lambda: every.step(motors, air_b, height)
 
