@@ -18,6 +18,7 @@ import selectors
 import socket
 import struct
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
@@ -93,7 +94,44 @@ class SimTime:
         return self._page[1] == 1.0
 
 
-class SimClock:
+class LockstepClock(ABC):
+    """Clock on which a thread sleeps in simulation time, and does regular work (chores) while it sleeps."""
+
+    _chores: Callable[[], None] | None = None
+    _chores_every_s, _chores_due = 0.0, 0.0
+
+    @property
+    @abstractmethod
+    def lockstep(self) -> bool:
+        """True if simulation time stands still while a client of the clock is awake."""
+
+    @abstractmethod
+    def now(self) -> float:
+        """Return the time [s]."""
+
+    @abstractmethod
+    def sleep_only(self, t: float) -> float:
+        """Sleep until the time t [s], without chores. Return the time after the sleep [s]."""
+
+    def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
+        """Call `chores` in every later `sleep_until`, every `every_s` of simulation time [s], on the thread that sleeps."""
+        self._chores, self._chores_every_s = chores, every_s
+        self._chores_due = self.now() + every_s
+
+    def sleep_until(self, t: float) -> float:
+        """Sleep until the time t [s]. Return the time after the sleep [s]."""
+        while self._chores is not None and self._chores_due < t:
+            now = self.sleep_only(self._chores_due)
+            self._chores_due = now + self._chores_every_s
+            self._chores()
+        return self.sleep_only(t)
+
+    def rate(self, hz: float) -> Rate:
+        """Return a timer for a loop with a fixed rate [Hz]."""
+        return Rate(self, hz)
+
+
+class SimClock(LockstepClock):
     """Client of the simulation clock, for programs that sleep in simulation time. path: name of the shared
     memory without `.page`, and of the socket without `.sock`.
 
@@ -101,10 +139,8 @@ class SimClock:
     """
 
     def __init__(self, path: str | Path, name: str) -> None:
-        time = SimTime(path)
-        self.now, self._lockstep = time.now, time.lockstep
-        self._chores: Callable[[], None] | None = None
-        self._chores_every_s, self._chores_due = 0.0, 0.0
+        self._time = SimTime(path)
+        self._lockstep = self._time.lockstep
         try:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             self._socket.connect(f"{path}.sock")
@@ -114,22 +150,12 @@ class SimClock:
 
     @property
     def lockstep(self) -> bool:
-        """True if simulation time stands still while a client of the clock is awake."""
         return self._lockstep
 
-    def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
-        """Call `chores` in every later `sleep_until`, every `every_s` of simulation time [s], on the thread that sleeps."""
-        self._chores, self._chores_every_s = chores, every_s
-        self._chores_due = self.now() + every_s
+    def now(self) -> float:
+        return self._time.now()
 
-    def sleep_until(self, t: float) -> float:
-        while self._chores is not None and self._chores_due < t:
-            now = self._sleep(self._chores_due)
-            self._chores_due = now + self._chores_every_s
-            self._chores()
-        return self._sleep(t)
-
-    def _sleep(self, t: float) -> float:
+    def sleep_only(self, t: float) -> float:
         self.request_wake(t)
         while (now := self.wait_for_wake(None)) is None:
             pass
@@ -160,9 +186,6 @@ class SimClock:
         if len(packet) != _DOUBLE.size:
             raise RunError(_ENDED)
         return float(_DOUBLE.unpack(packet)[0])
-
-    def rate(self, hz: float) -> Rate:
-        return Rate(self, hz)
 
     def fileno(self) -> int:
         """Return a file descriptor that is readable when the requested wake-up time has come, or when the

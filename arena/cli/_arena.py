@@ -52,7 +52,7 @@ def what_would_run(arena: Arena, plan: Plan) -> list[str]:
 
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
     lines += not_possible(arena) + without_effect(arena) + copilot_notes(arena) + open_lines(plan)
-    programs = sum(p.kind == "program" for p in plan.processes)
+    programs = sum(p.is_program for p in plan.processes)
     lines.append(f"{len(plan.processes)} processes, {programs} of them user programs")
     return [*lines, _how_many(arena, plan)] if arena.simulated else lines
 
@@ -61,7 +61,7 @@ def _how_many(arena: Arena, plan: Plan) -> str:
     """Return a line that says whether the parts of a simulated arena share one process, and why."""
     from arena.plan.fused import why_many
 
-    members = [member.name for spec in plan.processes for member in spec.members]
+    members = [member.name for spec in plan.processes if spec.kind == "world" for member in spec.members]
     if members:
         return f"the process world contains {', '.join(members)}"
     return f"each part is a process of its own: {why_many(arena)}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from arena.errors import InputError
-from arena.plan.model import Plan
+from arena.plan.model import Plan, ProcessSpec
 
 WORD = "yes"
 
@@ -20,9 +20,7 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
     real = [v for v in plan.vehicles if not v.simulated]
     if not real:
         return ""
-    programs = {
-        p.vehicle: p.argv[1] if len(p.argv) > 1 else p.argv[0] for p in plan.processes if p.kind == "program"
-    }
+    programs = {name: _file(plan, p) for p in plan.processes for name in p.flies}
     print(f"{plan.name} flies {len(real)} real vehicle{'s' if len(real) > 1 else ''}:")
     for v in real:
         print(f"  {v.name}: system id {v.id}, {v.profile}, flown by {programs.get(v.name, 'no program')}")
@@ -45,6 +43,13 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
         return "--yes"
     confirm(WORD, f"Type {WORD} to start: ", needs="real vehicles need", unchanged="Nothing was started")
     return f"typed {WORD}"
+
+
+def _file(plan: Plan, process: ProcessSpec) -> str:
+    """Return the file of a user program."""
+    if process.kind == "group":
+        return str(plan.slices[f"{process.name}.json"]["program"])
+    return process.argv[1] if len(process.argv) > 1 else process.argv[0]
 
 
 def confirm(word: str, prompt: str, *, needs: str, unchanged: str) -> None:

@@ -18,6 +18,7 @@ from arena import errors
 from arena.cli import VERBS, build_complete
 from arena.mocap.vendors import VENDORS, vendor_settings
 from arena.plan import ProcessSpec, Restart, make_plan
+from arena.plan.model import PROGRAMS
 from arena.plan.process_table import TABLE, ProcessKind
 from arena.recorder import columns
 from arena.schema import load_arena
@@ -67,7 +68,7 @@ def yaml_page() -> str:
     text += "  the vehicle's own entry, `--set key=value`.\n\n"
     text += "## The arena\n\n" + _keys(schema)
     order = [
-        "World", "Origin", "Sim", "Px4Keys", "Mocap", "MocapNoise", "VehicleKeys", "Start",
+        "World", "Origin", "Sim", "Px4Keys", "Mocap", "MocapNoise", "VehicleKeys", "Start", "Grid",
         "Measured", "Signing", "Program", "Tool", "VehicleDefaults", "Preflight", "Failsafe", "OffboardLoss",
         "PositionLoss", "LowBattery", "RcLoss", "DataLinkLoss", "FenceLoss", "AttitudeLoss",
         "Geofence", "Copilot", "GeofenceRule", "SeparationRule", "TiltRule", "SpeedRule",
@@ -180,7 +181,7 @@ def processes_page() -> str:
     """Return the page of processes: the table of all kinds, then the processes of an arena with one vehicle."""
     head = ("process", "module", "purpose", "CPU, memory budget", "restart", "ports")
     text = "# Processes\n\nThe table lists every kind of process, in start order. `ps` shows a process as `arena:NAME`.\n"
-    text += "Each vehicle has a separate process of the kinds with `.VEHICLE`.\n\n"
+    text += "Each vehicle has a separate process of the kinds with `.VEHICLE`, each group of programs one of the kind `group.NAME`.\n\n"
     text += table(head, (_kind(row) for row in TABLE))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arena.yaml"
@@ -205,10 +206,10 @@ def processes_page() -> str:
 
 def _kind(row: ProcessKind) -> list[str]:
     restart: Restart = row.fields.get("restart", Restart(mode="on_failure"))
-    mode = "as the YAML says" if row.kind in ("copilot", "program") else restart.mode
-    ports = [port.rule for port in PORTS if port.binder(row.kind) is not None]
+    mode = "as the YAML says" if row.kind in ("copilot", *PROGRAMS) else restart.mode
+    ports = [port.rule for port in PORTS if port.binder("program" if row.per_group else row.kind) is not None]
     return [
-        f"`{row.kind}{'.VEHICLE' if row.per_vehicle else ''}`",
+        f"`{row.kind}{'.VEHICLE' if row.per_vehicle else '.NAME' if row.per_group else ''}`",
         f"`{row.module}`" if row.module else "",
         row.purpose,
         f"{row.cpu_budget:g} cores, {row.memory_budget_mb:g} MB",

@@ -69,8 +69,15 @@ def fused_slices(
     does not wait, because the copilot needs simulation time to become ready.
     """
     members = ["world", *(p.name for p in processes if p.kind in _MEMBERS)]
-    programs = [v.name for v in arena.vehicles if v.program is not None and v.program.path.endswith(".py")]
-    world = {**made["world.json"], "expected": [] if arena.copilot is not None else programs}
+    programs = [
+        f"group.{v.program.group}" if v.program.group else v.name
+        for v in arena.vehicles
+        if v.program is not None and v.program.path.endswith(".py")
+    ]
+    world = {
+        **made["world.json"],
+        "expected": [] if arena.copilot is not None else list(dict.fromkeys(programs)),
+    }
     return {**made, "world.json": world, SLICE: {"name": "world", "members": members}}
 
 

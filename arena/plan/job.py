@@ -22,12 +22,19 @@ class Job:
     fleet: vehicle name -> firmware parameters.
     python: path of the Python interpreter for arena's processes and `.py` programs.
     vehicle: vehicle that the process belongs to; None for a process of the whole arena.
+    group: group whose programs run in the process; "" for all other processes.
     """
 
     arena: Arena
     fleet: Fleet
     python: str
     vehicle: Vehicle | None = None
+    group: str = ""
+
+    @property
+    def vehicles(self) -> tuple[Vehicle, ...]:
+        """Return the vehicles of the process's group."""
+        return self.arena.groups[self.group]
 
     @property
     def v(self) -> Vehicle:

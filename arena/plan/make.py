@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -55,7 +56,7 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
 def process_names(arena: Arena) -> list[str]:
     """Return the names of the arena's processes in start order."""
     job = Job(arena=arena, fleet={}, python="")
-    names = [row.name(each.vehicle) for row in TABLE for each in jobs(row, job)]
+    names = [row.name(each) for row in TABLE for each in jobs(row, job)]
     return names + [name for name, _, _ in _named_tools(arena)]
 
 
@@ -67,11 +68,9 @@ def _slices(job: Job) -> Iterator[tuple[str, dict[str, Any]]]:
     for row in TABLE:
         if row.slice is None:
             continue
-        all_vehicles = [
-            Job(arena=job.arena, fleet=job.fleet, python=job.python, vehicle=v) for v in job.arena.vehicles
-        ]
+        all_vehicles = [dataclasses.replace(job, vehicle=v) for v in job.arena.vehicles]
         for each in all_vehicles if row.kind == "program" else jobs(row, job):
-            yield f"{row.name(each.vehicle)}.json", row.slice(each)
+            yield f"{row.name(each)}.json", row.slice(each)
 
 
 def _vehicle(arena: Arena, v: Vehicle) -> VehiclePlan:

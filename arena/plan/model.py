@@ -11,6 +11,9 @@ import json
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+PROGRAMS = ("program", "group")
+"""Kinds of processes that run user programs."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Restart:
@@ -39,7 +42,7 @@ class Listen:
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """A part of the fused arena that has no process of its own. name, kind, vehicle: as in `ProcessSpec`."""
+    """A part of the fused arena, or a program of a group, that has no process of its own. name, kind, vehicle: as in `ProcessSpec`."""
 
     name: str
     kind: str
@@ -64,7 +67,7 @@ class ProcessSpec:
     cpu_budget: expected CPU [cores]; the supervisor reports a process that uses more.
     memory_budget_mb: expected resident memory [MB]; the supervisor reports a process that uses more.
     listens: UDP and TCP ports that the process binds.
-    members: parts of the arena that run in this process; empty if it is only itself.
+    members: parts of the arena, or programs of a group, that run in this process; empty if it is only itself.
     """
 
     name: str
@@ -88,6 +91,19 @@ class ProcessSpec:
     memory_budget_mb: float = 200.0
     listens: tuple[Listen, ...] = ()
     members: tuple[Member, ...] = ()
+
+    @property
+    def is_program(self) -> bool:
+        """True for a user's program: that of one vehicle, or that of a group."""
+        return self.kind in PROGRAMS
+
+    @property
+    def flies(self) -> tuple[str, ...]:
+        """Return the vehicles that this program flies; () for other processes."""
+        if not self.is_program:
+            return ()
+        own = (self.vehicle, *(m.vehicle for m in self.members))
+        return tuple(name for name in own if name is not None)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -93,8 +93,8 @@ def _sockets_of(plan: Plan, spec: ProcessSpec) -> Iterator[OpenSocket]:
             yield OpenSocket(
                 process=spec.name, protocol=x.protocol, address=x.address, port=x.port, what=x.what, who=who
             )
-    if not spec.members:
-        for capture in _captures(plan.slices.get(f"{spec.name}.json", {})):
+    for name, _ in parts if spec.is_program or not spec.members else ():
+        for capture in _captures(plan.slices.get(f"{name}.json", {})):
             for used in vendor_settings(capture["kind"]).client_sockets(capture):
                 yield _vendor_socket(spec, used)
     for name, kind in parts:

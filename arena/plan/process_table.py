@@ -8,14 +8,14 @@ docs/reference/processes.md are made from the rows. A process stops before the p
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from arena.mocap.vendors import vendor_settings
 from arena.plan import slices
 from arena.plan.copilot_slice import copilot
 from arena.plan.job import Job, Json, flies_real_px4
-from arena.plan.model import Listen, ProcessSpec, Restart
+from arena.plan.model import Listen, Member, ProcessSpec, Restart
 from arena.schema import Arena, Vehicle
 from arena.schema.ports import PORTS
 
@@ -46,6 +46,7 @@ class ProcessKind:
     module: package that `python -m` runs with the path of the slice; "" if the user gives the command.
     purpose: what the process does, for the reference page.
     per_vehicle: whether each vehicle can have such a process; false: the arena has at most one.
+    per_group: whether each group of programs has such a process.
     exists: function that returns whether this arena, or this vehicle, has such a process.
     needs: function that returns the names of processes that must be ready first.
     slice: function that makes the process's JSON configuration (slice); None if the process has no slice.
@@ -59,6 +60,7 @@ class ProcessKind:
     module: str = ""
     purpose: str
     per_vehicle: bool = False
+    per_group: bool = False
     exists: Callable[[Job], bool] = lambda job: True
     needs: Callable[[Job], tuple[str, ...]]
     slice: Callable[[Job], Json] | None = None
@@ -68,9 +70,10 @@ class ProcessKind:
     configured: Callable[[Job], Mapping[str, Any]] = lambda job: {}
     command: Callable[[Job, str], tuple[str, ...]] | None = None
 
-    def name(self, vehicle: Vehicle | None) -> str:
+    def name(self, job: Job) -> str:
         """Return the name of the process."""
-        return self.kind if vehicle is None else f"{self.kind}.{vehicle.name}"
+        owner = job.group or (job.vehicle.name if job.vehicle is not None else "")
+        return f"{self.kind}.{owner}" if owner else self.kind
 
 
 def _world_if_simulated(job: Job) -> tuple[str, ...]:
@@ -117,7 +120,14 @@ def _logger_needs(job: Job) -> tuple[str, ...]:
 
 
 def _program_needs(job: Job) -> tuple[str, ...]:
-    v = job.v
+    return _needs_of_program(job, job.v)
+
+
+def _group_needs(job: Job) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for v in job.vehicles for name in _needs_of_program(job, v)))
+
+
+def _needs_of_program(job: Job, v: Vehicle) -> tuple[str, ...]:
     poses = (f"forward.{v.name}",) if v.forward else ("world",) if v.simulated else ()
     link = (f"link.{v.name}",) if v.wire is not None else ()
     return (*poses, *link, "router", *required_copilot(job.arena), f"logger.{v.name}")
@@ -136,6 +146,19 @@ def _program_fields(job: Job) -> dict[str, Any]:
     return {
         "cwd": job.arena.folder,
         "restart": Restart(mode=job.v.program.restart if job.v.program else "never"),
+    }
+
+
+def _group_fields(job: Job) -> dict[str, Any]:
+    program, size = job.vehicles[0].program, len(job.vehicles)
+    return {
+        "cwd": job.arena.folder,
+        "restart": Restart(mode=program.restart if program else "never"),
+        "cpu_budget": 1.0,
+        "memory_budget_mb": 300.0 + 5.0 * size,
+        "members": tuple(
+            Member(name=f"program.{v.name}", kind="program", vehicle=v.name) for v in job.vehicles
+        ),
     }
 
 
@@ -239,7 +262,7 @@ TABLE: tuple[ProcessKind, ...] = (
         kind="program",
         purpose="the user's program of a vehicle",
         per_vehicle=True,
-        exists=lambda job: job.v.program is not None,
+        exists=lambda job: job.v.program is not None and not job.v.program.group,
         needs=_program_needs,
         slice=slices.program,
         cpu_budget=0.3,
@@ -248,15 +271,31 @@ TABLE: tuple[ProcessKind, ...] = (
         configured=_program_fields,
         command=_program_command,
     ),
+    ProcessKind(
+        kind="group",
+        module="arena.uav.group",
+        purpose="the user's programs of a group of vehicles, in one process",
+        per_group=True,
+        needs=_group_needs,
+        slice=slices.group,
+        cpu_budget=1.0,
+        memory_budget_mb=300.0,
+        fields={"ready": "started", "stopped_for_s": None, "nice": NICE_PROGRAM, "outlives": False},
+        configured=_group_fields,
+    ),
 )
 
 
 def jobs(row: ProcessKind, job: Job) -> Iterator[Job]:
     """Yield one `Job` (all that is needed to describe one process) for each process of this kind in the arena."""
     arena = job.arena
+    if row.per_group:
+        for group in arena.groups:
+            yield replace(job, group=group)
+        return
     candidates = arena.vehicles if row.per_vehicle else (None,)
     for vehicle in candidates:
-        made = Job(arena=arena, fleet=job.fleet, python=job.python, vehicle=vehicle)
+        made = replace(job, vehicle=vehicle)
         if row.exists(made):
             yield made
 
@@ -265,7 +304,7 @@ def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
     """Return the `ProcessSpec` of one process: all that the supervisor needs to start, watch and stop the
     process.
     """
-    vehicle, name = job.vehicle, row.name(job.vehicle)
+    vehicle, name = job.vehicle, row.name(job)
     argv = (job.python, "-m", row.module, f"{{run}}/slices/{name}.json")
     fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), "outlives": True}
     if vehicle is not None and vehicle.wire is not None and row.module:
@@ -277,11 +316,21 @@ def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
         argv=row.command(job, name) if row.command else argv,
         env=ENV,
         needs=row.needs(job),
-        cpu_budget=row.cpu_budget,
-        memory_budget_mb=row.memory_budget_mb,
-        listens=tuple(listens(job.arena, row.kind, vehicle)),
-        **{**fields, **row.fields, **row.configured(job)},
+        listens=tuple(_group_listens(job) if job.group else listens(job.arena, row.kind, vehicle)),
+        **{
+            "cpu_budget": row.cpu_budget,
+            "memory_budget_mb": row.memory_budget_mb,
+            **fields,
+            **row.fields,
+            **row.configured(job),
+        },
     )
+
+
+def _group_listens(job: Job) -> Iterator[Listen]:
+    """Yield the ports of the programs of a group."""
+    for v in job.vehicles:
+        yield from listens(job.arena, "program", v)
 
 
 def listens(arena: Arena, kind: str, vehicle: Vehicle | None) -> Iterator[Listen]:

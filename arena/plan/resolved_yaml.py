@@ -8,6 +8,7 @@ from typing import Any
 from arena.mocap.vendors import vendor_settings
 from arena.plan.firmware import Firmware, Fleet, all_firmware
 from arena.schema import Arena, Vehicle
+from arena.schema.arena import Program
 from arena.schema.loader import dump_yaml
 from arena.schema.models import Tool
 
@@ -33,11 +34,7 @@ def arena_yaml(arena: Arena, fleet: Fleet | None = None) -> str:
 
 
 def _vehicle(v: Vehicle, firmware: Firmware) -> dict[str, Any]:
-    program = (
-        {"path": v.program.path, "args": list(v.program.args), "restart": v.program.restart}
-        if v.program
-        else None
-    )
+    program = _program(v.program) if v.program else None
     made = {
         "id": v.id,
         "profile": v.profile_key,
@@ -63,6 +60,11 @@ def _vehicle(v: Vehicle, firmware: Firmware) -> dict[str, Any]:
         "params": firmware.values,
     }
     return {key: _plain(value) for key, value in made.items() if value is not None}
+
+
+def _program(program: Program) -> dict[str, Any]:
+    group = {"group": program.group, "run": "once" if program.once else "each"} if program.group else {}
+    return {"path": program.path, "args": list(program.args), "restart": program.restart, **group}
 
 
 def _mocap(arena: Arena) -> dict[str, Any]:

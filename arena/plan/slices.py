@@ -317,7 +317,35 @@ def program(job: Job) -> Json:
         "log": [arena.address, v.ports.logger],
         "run": "{run}",
         "barriers": "{rt}/barriers",
-        "programs": [x.name for x in arena.vehicles if x.program is not None],
+        "programs": [x.name for x in arena.vehicles if x.program is not None and not x.program.once],
+    }
+
+
+def group(job: Job) -> Json:
+    """Return the configuration (slice) of the process that runs the programs of a group."""
+    vehicles = job.vehicles
+    first = vehicles[0]
+    if first.program is None:
+        raise ValueError(
+            f"cannot make the configuration of the group {job.group}: {first.name} has no program"
+        )
+    return {
+        "name": f"group.{job.group}",
+        "program": first.program.path,
+        "once": first.program.once,
+        "clock": _clock(first),
+        "members": [
+            {
+                "vehicle": v.name,
+                "argv": [
+                    "--uav",
+                    f"{{run}}/slices/program.{v.name}.json",
+                    *(v.program.args if v.program else ()),
+                ],
+            }
+            for v in vehicles
+        ],
+        "heartbeat": heartbeat_address(job.arena),
     }
 
 

@@ -18,7 +18,8 @@ from arena.constants import MAX_ROTORS
 from arena.geometry import Array, euler_from_quat, quat_conj, quat_log, quat_multiply, quat_rotate
 from arena.recorder.columns import columns
 from arena.recorder.samples import MAX_GAP_S, Held, Series, leading_quaternion, position_velocity
-from arena.wire.telemetry import (
+from arena.wire.telemetry import Telemetry
+from arena.wire.telemetry_values import (
     Actuators,
     Attitude,
     AttitudeReference,
@@ -30,7 +31,6 @@ from arena.wire.telemetry import (
     Mag,
     Reference,
     Status,
-    Telemetry,
 )
 from arena.wire.truth_page import Truth
 

@@ -80,11 +80,18 @@ class Fence:
 
 @dataclass(frozen=True, kw_only=True)
 class Program:
-    """The user program of a vehicle. path: absolute path of the program."""
+    """The user program of a vehicle.
+
+    path: absolute path of the program.
+    group: name of the group whose programs run in one process; "" for a process of its own.
+    once: whether one program flies all vehicles of the group.
+    """
 
     path: str
     args: tuple[str, ...] = ()
     restart: RestartMode = "never"
+    group: str = ""
+    once: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,6 +207,17 @@ class Arena:
     def simulated(self) -> tuple[Vehicle, ...]:
         """Vehicles with a body in the simulated world. The world's arrays have one row per vehicle in this order."""
         return tuple(v for v in self.vehicles if v.simulated)
+
+    @property
+    def groups(self) -> dict[str, tuple[Vehicle, ...]]:
+        """Groups whose programs run in one process: name -> vehicles, in the order of the YAML."""
+        names = dict.fromkeys(
+            v.program.group for v in self.vehicles if v.program is not None and v.program.group
+        )
+        return {
+            name: tuple(v for v in self.vehicles if v.program is not None and v.program.group == name)
+            for name in names
+        }
 
     @property
     def hardware(self) -> tuple[Vehicle, ...]:

@@ -15,6 +15,7 @@ from arena.mocap.vendors import vendor_settings
 from arena.schema.arena import Arena, Vehicle
 from arena.schema.checking import Check
 from arena.schema.checks_fence import fence
+from arena.schema.checks_groups import GROUPS
 from arena.schema.checks_real import REAL
 from arena.schema.checks_vehicle import VEHICLE
 from arena.schema.loader import YamlPath
@@ -277,6 +278,7 @@ _CHECKS = (
     _px4,
     *REAL,
     *VEHICLE,
+    *GROUPS,
     _ids,
     _ports,
     _port_range,

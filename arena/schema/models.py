@@ -41,7 +41,7 @@ def _program(value: Any) -> Any:
         return value
     if isinstance(value, str):
         return {"path": value}
-    raise ValueError("a path, or a mapping with the keys path, args and restart")
+    raise ValueError("a path, or a mapping with the keys path, args, restart, group and run")
 
 
 Speed = Annotated[
@@ -53,6 +53,7 @@ Words = tuple[str, ...]
 Radio = Literal["required", "none"]
 AxesCheck = Literal["required", "none"]
 RestartMode = Literal["never", "on_failure", "always"]
+GroupName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 
 
@@ -165,6 +166,19 @@ class Program(Strict):
     """Command-line arguments."""
     restart: RestartMode = "never"
     """When to start the process again after it has ended."""
+    group: GroupName | None = None
+    """Name of a group: the programs of all vehicles of a group run in one process. The program must be a Python file."""
+    run: Literal["each", "once"] = "each"
+    """`each`: the program runs once for each vehicle of the group. `once`: it runs once and flies all of them (`UAV.all_from_args`)."""
+
+
+class Grid(Strict):
+    """Places of the vehicles of a range such as `uav1..uav48`: row after row."""
+
+    columns: Annotated[int, Field(ge=1, le=250)]
+    """Number of vehicles in a row. A row runs to the east."""
+    spacing_m: Annotated[float, Field(gt=0, le=100)] = 1.0
+    """Distance between two columns, and between two rows [m]. The next row is farther south."""
 
 
 class Start(Strict):
@@ -174,6 +188,8 @@ class Start(Strict):
     """North, east, down of the vehicle's lowest point [m]; D = 0 is on the floor."""
     rpy_deg: tuple[Degrees, Degrees, Degrees] = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw [deg]."""
+    grid: Grid | None = None
+    """Only for a range of vehicles: its first vehicle stands at `position`, the others in a grid. Default: all at `position`."""
 
 
 class VehicleDefaults(Strict):
@@ -210,7 +226,7 @@ class VehicleDefaults(Strict):
     pose_rate_hz: Positive | None = None
     """Poses per second to the autopilot; must divide mocap.rate_hz. Default: the highest divisor up to 60."""
     program: Annotated[Program | None, BeforeValidator(_program)] = None
-    """The user's program: a path, or a mapping with the keys path, args and restart. Default: none."""
+    """The user's program: a path, or a mapping with the keys path, args, restart, group and run. Default: none."""
     args: Words | None = None
     """Arguments of the program."""
     neighbours: Words | None = None
@@ -274,7 +290,7 @@ class ArenaFile(Strict):
     tools: dict[str, Tool] = Field(default_factory=dict)
     """Commands that run beside the arena."""
     vehicles: Annotated[dict[str, VehicleKeys], Field(min_length=1)]
-    """The vehicles, by name."""
+    """The vehicles, by name. A name `uav1..uav48` stands for 48 vehicles with the same keys."""
 
 
 NOT_YET: Mapping[tuple[str, str | None], str] = {

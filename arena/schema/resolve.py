@@ -21,6 +21,7 @@ from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
 from arena.schema.ports import MOST_ID, vehicle_ports
 from arena.schema.profile import Profile
 from arena.schema.px4 import STAND_IN
+from arena.schema.ranges import place_in_grid
 from arena.schema.source import Source
 from arena.transport import DEFAULT_BAUD, ConnectionUrl, parse_url
 
@@ -250,6 +251,11 @@ class _Merge:
                 if layer is not None and key in layer.model_fields_set:
                     layers[key], words = getattr(layer, key), self.source.origin(path)
             self._note(f"start.{key}", layers[key], words)
+        if (member := self.source.range_of(self.name)) is not None and layers["grid"] is not None:
+            rule = f"rule: start.grid of {member.key}"
+            layers["position"] = self._note(
+                "start.position", place_in_grid(layers["position"], layers["grid"], member.index), rule
+            )
         return Start(**layers)
 
     def _px4_version(self, autopilot: Autopilot) -> str:
@@ -299,7 +305,13 @@ class _Merge:
         if given is None:
             return None
         path = (self.folder / given.path).absolute()
-        return Program(path=str(path), args=(*given.args, *args), restart=given.restart)
+        return Program(
+            path=str(path),
+            args=(*given.args, *args),
+            restart=given.restart,
+            group=given.group or "",
+            once=given.run == "once",
+        )
 
     def _tools(self) -> dict[str, Tool]:
         tools = {**(self.common.tools or {}), **(self.own.tools or {})}

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
 
 from arena.errors import InputError, Problem
 from arena.schema.loader import Document, YamlPath, dotted, parse_scalar
+from arena.schema.ranges import RangeMember, expand_ranges
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,11 +21,17 @@ class Source:
     document: the document as read from the file.
     data: values of the document with the overrides applied.
     overrides: paths that `--set` changed.
+    ranges: vehicle -> the range of vehicles that names it.
     """
 
     document: Document
     data: Any
     overrides: tuple[YamlPath, ...] = ()
+    ranges: Mapping[str, RangeMember] = field(default_factory=dict)
+
+    def range_of(self, vehicle: str) -> RangeMember | None:
+        """Return the range of vehicles, such as `uav1..uav48`, that names this vehicle; None if it has a key of its own."""
+        return self.ranges.get(vehicle)
 
     def given(self, path: YamlPath) -> bool:
         """Return whether the YAML or `--set` gives a value other than null at this path."""
@@ -57,6 +64,8 @@ class Source:
         """
         if any(path[: len(o)] == o for o in self.overrides):
             return "--set", 0
+        if len(path) > 1 and path[0] == "vehicles" and (member := self.ranges.get(str(path[1]))) is not None:
+            path = ("vehicles", member.key, *path[2:])
         return self.document.file, self.document.line(path)
 
     def origin(self, path: YamlPath) -> str:
@@ -77,7 +86,8 @@ class Source:
 
 def with_overrides(document: Document, overrides: Sequence[str]) -> Source:
     """Return the document with `--set` overrides (`key=value` texts) applied. Raises InputError with every wrong override."""
-    data, paths, problems = copy.deepcopy(document.data), [], []
+    expanded, ranges = expand_ranges(document)
+    data, paths, problems = copy.deepcopy(expanded), [], []
     for text in overrides:
         try:
             paths.append(_lay(data, text))
@@ -86,7 +96,7 @@ def with_overrides(document: Document, overrides: Sequence[str]) -> Source:
             problems.append(Problem(file=f"--set {text}", line=0, field="", message=why))
     if problems:
         raise InputError(problems)
-    return Source(document=document, data=data, overrides=tuple(paths))
+    return Source(document=document, data=data, overrides=tuple(paths), ranges=ranges)
 
 
 def _lay(data: Any, text: str) -> YamlPath:

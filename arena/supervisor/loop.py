@@ -325,7 +325,7 @@ class Supervisor:
         if self.phase is Phase.REPORT and self._result.task is not None and hurry:
             self._result.task.stop()
         elif hurry and (not first or cause is Cause.DOWN) and not self._orders.kill:
-            programs = {spec.name for spec in self.plan.processes if spec.kind == "program"}
+            programs = {spec.name for spec in self.plan.processes if spec.is_program}
             self._orders.kill, self._orders.why = programs, f"{cause}: killed without waiting"
             serves = "a real vehicle" if self._shutdown.at_once else "a vehicle"
             self._event(f"programs are killed; processes that serve {serves} continue until it has landed")

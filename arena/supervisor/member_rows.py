@@ -1,4 +1,4 @@
-"""Rows of the process table for the members of the fused arena, which have no process of their own. Pure."""
+"""Rows of the process table for the members of the fused arena and of groups, which have no process of their own. Pure."""
 
 from __future__ import annotations
 
@@ -33,7 +33,16 @@ def member_rows(
             "kind": member.kind,
             "vehicle": member.vehicle,
             "member_of": spec.name,
+            **_ended(row, stats[member.name]),
             "stats": stats[member.name],
         }
         for member in spec.members
     }
+
+
+def _ended(row: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """Return state, reason and exit of a program of a group that has ended before its process; {} for other members."""
+    code, said = own.get("exit_code"), own.get("exit")
+    if row["state"] != "READY" or not isinstance(code, int) or not isinstance(said, str):
+        return {}
+    return {"state": "EXITED", "reason": said, "exit_code": code, "exit": said}

@@ -323,7 +323,7 @@ class ProcessSet:
         Facts about a vehicle (VEHICLE_FACTS) from user programs and tools are ignored, because the landing relies on them. The
         number of facts is limited per process, so that no process can crowd out the facts of another.
         """
-        user = self.specs[name].kind in ("program", "tool")
+        user = self.specs[name].is_program or self.specs[name].kind == "tool"
         taken: dict[str, Any] = {}
         for key in within_limit(facts, self._names.setdefault(name, set())):
             if user and key.endswith(VEHICLE_FACTS):

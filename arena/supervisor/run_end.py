@@ -133,7 +133,7 @@ def is_done(
 
     forgotten: vehicles that an operator has declared dead (`arena forget`).
     """
-    programs = all(statuses[s.name].state in ENDED for s in plan.processes if s.kind == "program")
+    programs = all(statuses[s.name].state in ENDED for s in plan.processes if s.is_program)
     settled = all(statuses[s.name].state in ENDED | {State.READY} for s in plan.processes if s.kind != "tool")
     still = {*grounded(plan, statuses, stats), *forgotten}
     disarmed = all(facts.get(f"{v.name}.armed") is False for v in plan.vehicles if v.name not in still)
@@ -164,7 +164,7 @@ def may_fly(
     does not fly without its world. A real vehicle that has sent no facts at all was never commanded by this run.
     """
     world_gone = is_world_gone(plan, statuses)
-    programs_ran = any(statuses[s.name].started for s in plan.processes if s.kind == "program")
+    programs_ran = any(statuses[s.name].started for s in plan.processes if s.is_program)
     flying, still = [], grounded(plan, statuses, stats)
     for vehicle in (v for v in plan.vehicles if v.name not in still and v.name not in forgotten):
         fact = f"{vehicle.name}.armed"
@@ -270,7 +270,7 @@ def _failure(spec: ProcessSpec, then: ProcessStatus, last: ProcessStatus, until_
         return ""
     if then.state in ENDED and (then.state is State.FATAL or (then.exit is not None and then.exit.code != 0)):
         return then.reason
-    if spec.kind == "program" and until_done and then.state not in ENDED:
+    if spec.is_program and until_done and then.state not in ENDED:
         return f"had not ended by itself ({last.reason})"
     return ""
 

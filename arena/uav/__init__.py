@@ -13,6 +13,7 @@ from arena.errors import (
     VehicleError,
 )
 from arena.uav.data_groups import Snapshot
+from arena.uav.fleet import Fleet
 from arena.uav.heartbeat import Heartbeat
 from arena.uav.vehicle import UAV
 
@@ -21,6 +22,7 @@ Heart = Heartbeat  # deprecated name
 __all__ = [
     "UAV",
     "CommandRefusedError",
+    "Fleet",
     "Heart",
     "Heartbeat",
     "NotConfirmedError",

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from arena.clock import SimClock
+from arena.clock import Clock, SimClock
 from arena.errors import InputError
 from arena.mocap.vendors import VENDORS, vendor_settings
+from arena.uav.membership import MEMBERSHIP, Membership
 
 
 def read_arguments(argv: Sequence[str] | None = None) -> dict[str, Any]:
@@ -21,9 +22,37 @@ def read_arguments(argv: Sequence[str] | None = None) -> dict[str, Any]:
 
     argv: arguments without the program's name; None for those of this process.
     """
+    member = MEMBERSHIP.get() if argv is None else None
+    if member is not None:
+        return _of_member(member)
     given, others = _parser().parse_known_args(argv)
-    found = _from_slice(given.uav) if given.uav else _by_hand(given)
+    found = _from_slice(given.uav, _clock) if given.uav else _by_hand(given)
     return {**found, "args": others}
+
+
+def read_group(member: Membership | None) -> list[dict[str, Any]]:
+    """Return the keyword arguments for `UAV` of each vehicle of a group. Raises InputError if the program has no group."""
+    if member is None or not member.once:
+        raise InputError(
+            "UAV.all_from_args: this program flies one vehicle. Use UAV.from_args, or write "
+            "`program: {path: FILE.py, group: NAME, run: once}` in the YAML"
+        )
+    return [_arguments_of(member, argv) for argv in member.argv.values()]
+
+
+def _of_member(member: Membership) -> dict[str, Any]:
+    if member.once:
+        raise InputError(
+            "UAV.from_args: this program flies a whole group (`run: once` in the YAML). Use UAV.all_from_args"
+        )
+    return _arguments_of(member, next(iter(member.argv.values())))
+
+
+def _arguments_of(member: Membership, argv: Sequence[str]) -> dict[str, Any]:
+    """Return the keyword arguments for `UAV` of one vehicle of a group. argv: `--uav FILE` and the program's own arguments."""
+    given, others = _parser().parse_known_args(argv)
+    found = _from_slice(given.uav, lambda stem, name: member.threads.clock(name))
+    return {**found, "args": others, "receiver": member.receiver}
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -45,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _from_slice(file: str) -> dict[str, Any]:
+def _from_slice(file: str, clock_of: Callable[[str | None, str], Clock | None]) -> dict[str, Any]:
     try:
         settings = json.loads(Path(file).read_text())
         return {
@@ -55,7 +84,7 @@ def _from_slice(file: str) -> dict[str, Any]:
             "system_id": settings["id"],
             "capture": settings.get("capture"),
             "body": settings.get("body"),
-            "clock": _clock(settings.get("clock"), settings["vehicle"]),
+            "clock": clock_of(settings.get("clock"), settings["vehicle"]),
             "neighbours": [(n["name"], n["body"]) for n in settings.get("neighbours", ())],
             "stale_s": settings.get("stale_s", 0.5),
             "heartbeat": _address(settings.get("heartbeat", settings.get("heart"))),

@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.clock import Clock, SimClock
+from arena.clock import Clock, LockstepClock
 from arena.errors import ArenaError, InputError, NotConfirmedError
 from arena.transport import Address, open_udp, parse_url, receive_datagrams
 from arena.uav.poses import Poses
+from arena.uav.receiver import Receiver
 from arena.wire.mavlink_codec import Codec
 from arena.wire.telemetry import Telemetry
 
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from arena.mocap.client import MocapClient
 
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-_POLL_PERIOD_S = 0.02  # wall time between two polls: 50 wake-ups a second instead of 600
 _MIN_REFRESH_S = 0.001
 _CHORES_EVERY_S = 0.1
 _HEARTBEAT_S = 1.0
@@ -44,10 +44,17 @@ class Connection:
     poses: object that stores the captured poses.
     capture: settings for `arena.mocap.client`; a list if different servers track different bodies; None
     without motion capture.
+    receiver: background thread that this connection shares with others; None for a thread of its own.
     """
 
     def __init__(
-        self, url: str, system_id: int, clock: Clock, poses: Poses, capture: Capture | None = None
+        self,
+        url: str,
+        system_id: int,
+        clock: Clock,
+        poses: Poses,
+        capture: Capture | None = None,
+        receiver: Receiver | None = None,
     ) -> None:
         self.telemetry = Telemetry(system_id)
         self.poses = poses
@@ -61,13 +68,12 @@ class Connection:
         self._polled = self._polled_at = -1.0
         self._heartbeat_due = 0.0
         self._ending = threading.Event()
-        self._thread: threading.Thread | None = None
-        self._lockstep = isinstance(clock, SimClock) and clock.lockstep
-        if isinstance(clock, SimClock) and self._lockstep:
-            clock.do_while_asleep(self._chores, _CHORES_EVERY_S)
+        self._receiver = Receiver() if receiver is None else receiver
+        self._lockstep = isinstance(clock, LockstepClock) and clock.lockstep
+        if isinstance(clock, LockstepClock) and self._lockstep:
+            clock.do_while_asleep(self.chores, _CHORES_EVERY_S)
         else:
-            self._thread = threading.Thread(target=self._run, name="arena.uav connection", daemon=True)
-            self._thread.start()
+            self._receiver.add(self.chores)
 
     def refresh(self) -> None:
         """Read data that has arrived at the sockets, unless they were read in the last millisecond, or, in lockstep, at the
@@ -99,8 +105,7 @@ class Connection:
     def close(self) -> None:
         """Close the sockets. No command is sent, so a vehicle in the air enters its failsafe."""
         self._ending.set()
-        if self._thread is not None and threading.current_thread() is not self._thread:
-            self._thread.join(1.0)
+        self._receiver.remove(self.chores)
         with self._receiving:
             self._socket.close()
             for client in self._captures:
@@ -119,11 +124,7 @@ class Connection:
             for client in self._captures:
                 self._poll_capture(client, now)
 
-    def _run(self) -> None:
-        while not self._ending.wait(_POLL_PERIOD_S):
-            self._chores()
-
-    def _chores(self) -> None:
+    def chores(self) -> None:
         """Receive data, and send the heartbeat if it is due."""
         self.poll()
         now = self._clock.now()

@@ -13,7 +13,7 @@ import numpy as np
 from arena.geometry import Array, euler_from_quat, quat_conj, quat_rotate
 from arena.uav.data_source import Body, Source
 from arena.uav.poses import Pose
-from arena.wire.telemetry import Attitude, Baro, Imu, Local
+from arena.wire.telemetry_values import Attitude, Baro, Imu, Local
 
 
 class Ekf:

@@ -4,10 +4,10 @@ connection.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,10 +20,15 @@ from arena.uav.connection import Capture, Connection
 from arena.uav.data_groups import Actuation, Ekf, Info, Sensors, Snapshot
 from arena.uav.data_source import Body, Source
 from arena.uav.heartbeat import Heartbeat
+from arena.uav.membership import MEMBERSHIP
 from arena.uav.poses import Poses
-from arena.uav.setpoints import AttitudeKind, attitude, duration_s, period_s, scalar, vector
+from arena.uav.receiver import Receiver
+from arena.uav.setpoints import AttitudeKind, Encoder, attitude, duration_s, period_s, scalar, vector
 from arena.uav.start_barrier import StartBarrier
 from arena.uav.vehicle_control import STREAM_HZ, VehicleControl
+
+if TYPE_CHECKING:
+    from arena.uav.fleet import Fleet
 
 _LAST_WITH_ACTUATOR_CONTROL = 1, 13
 
@@ -46,6 +51,7 @@ class UAV:
     run: folder of the run, None for a program started by hand.
     barriers: folder with the files of `wait_for`. programs: vehicles of the run that have a program.
     args: arguments for the program itself.
+    receiver: background thread that receives for several vehicles of this process; None for a thread of its own.
 
     Setpoints are sent only while one of the methods runs. If a program stops calling them, nothing is sent,
     and the autopilot's offboard failsafe lands the vehicle. `close` sends no command.
@@ -73,13 +79,14 @@ class UAV:
         barriers: str | None = None,
         programs: Sequence[str] = (),
         args: Sequence[str] = (),
+        receiver: Receiver | None = None,
     ) -> None:
         self.clock: Clock = WallClock() if clock is None else clock
         self.args = list(args)
         self._curve = curve_of(thrust_curve)
         pairs = [(n, n) if isinstance(n, str) else n for n in neighbours]
         poses = Poses((body or ns) if capture else None, pairs if capture else ())
-        self._connection = Connection(link, system_id, self.clock, poses, capture)
+        self._connection = Connection(link, system_id, self.clock, poses, capture, receiver)
         self._source = Source(
             ns=ns,
             stale_s=stale_s,
@@ -117,7 +124,23 @@ class UAV:
         """
         from arena.uav.arguments import read_arguments
 
-        return cls(**read_arguments(argv))
+        made = cls(**read_arguments(argv))
+        if argv is None and (member := MEMBERSHIP.get()) is not None:
+            member.opened.append(made)
+        return made
+
+    @classmethod
+    def all_from_args(cls) -> Fleet:
+        """Return all vehicles of the group that this program flies (`program: {group: NAME, run: once}` in the YAML)."""
+        from arena.uav.arguments import read_group
+        from arena.uav.fleet import Fleet
+
+        member = MEMBERSHIP.get()
+        found = read_group(member)
+        assert member is not None
+        for each in found:
+            member.opened.append(cls(**each))
+        return Fleet(member.opened, member.threads)
 
     def snapshot(self) -> Snapshot:
         """Return the data groups with the values of this instant, so that values of several groups belong
@@ -285,6 +308,23 @@ class UAV:
                 f"{who}. Use set_ang_vel_thrust"
             )
         self._send(message, freq)
+
+    @property
+    def encoder(self) -> Encoder:
+        """Encoder of the vehicle's setpoints, for `send`."""
+        return self._control.encoder
+
+    def send(self, message: mavlink.MAVLink_message) -> None:
+        """Send a setpoint and return at once. Raises OffboardLostError if the program no longer controls the vehicle."""
+        self._control.send(message)
+
+    def hold_until(self, done: Callable[[], bool], timeout: ArrayLike) -> bool:
+        """Wait until `done` returns true, and return whether it did within `timeout` [s]. A vehicle in OFFBOARD holds its position."""
+        return bool(self._control.wait_until(done, duration_s(timeout)))
+
+    def chores(self) -> None:
+        """Receive data, and send the heartbeat if it is due. A fleet calls it, because one thread sleeps for all vehicles."""
+        self._connection.chores()
 
     def close(self) -> None:
         """Close the connection. No command is sent: a vehicle in the air enters its offboard failsafe."""

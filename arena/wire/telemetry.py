@@ -9,18 +9,32 @@ the time at which it was received.
 from __future__ import annotations
 
 import struct
+import threading
 from collections import deque
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from typing import Generic, Self, TypeVar, overload
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavlink_frame import AUTOPILOT, parse_frames
+from arena.wire.mavlink_frame import AUTOPILOT, parse_frames, uint_at
 from arena.wire.px4_mode import mode_words
-
-Array = NDArray[np.float64]
+from arena.wire.telemetry_values import (
+    Ack,
+    Actuators,
+    Attitude,
+    AttitudeReference,
+    Baro,
+    Gps,
+    Ground,
+    HeartbeatState,
+    Imu,
+    Local,
+    Mag,
+    Reference,
+    Status,
+    Text,
+)
 
 _GAUSS_T = 1e-4
 _HPA_PA = 100.0
@@ -28,171 +42,76 @@ _HIGHRES_MAG = 0x01C0
 _HIGHRES_BARO = 0x1A00
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Local:
-    """Estimated position and velocity, from LOCAL_POSITION_NED.
+_Handler = Callable[["Telemetry", mavlink.MAVLink_message, float], None]
+T = TypeVar("T")
 
-    received_at: time of arrival [s]. boot_s: the autopilot's time [s]. pos: [m] [NED] (3,). vel: [m/s] [NED]
-    (3,).
-    """
-
-    received_at: float
-    boot_s: float
-    pos: Array
-    vel: Array
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Attitude:
-    """Estimated attitude, from ATTITUDE_QUATERNION.
-
-    q_nb: [-] wxyz (4,). ang_vel: body rates [rad/s] [FRD] (3,).
-    """
-
-    received_at: float
-    boot_s: float
-    q_nb: Array
-    ang_vel: Array
+_HIGHRES, _SERVOS = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU, mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
+_FIELDS_UPDATED = 60  # offset of this field in the payload of HIGHRES_IMU
+_SLOTS = {
+    number: number
+    for number in (
+        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+        mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+        mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED,
+        mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET,
+        _HIGHRES,
+        _SERVOS,
+    )
+} | {mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: _SERVOS}
+"""Messages that are decoded when their value is read: message id -> slot, in which a newer frame replaces an older one. The
+frames of HIGHRES_IMU do not all have new values of magnetometer and barometer: the newest of each combination waits."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Imu:
-    """Inertial measurement, from HIGHRES_IMU.
+class _Newest(Generic[T]):
+    """Attribute with the newest value of a group. slot: waiting frames that are decoded when the value is read; None: none wait."""
 
-    boot_s: the autopilot's time [s]. acc_body: specific force [m/s2] [FRD] (3,). ang_vel: [rad/s] [FRD] (3,).
-    """
+    def __init__(self, slot: int | None = None) -> None:
+        self._slot = slot
 
-    received_at: float
-    boot_s: float
-    acc_body: Array
-    ang_vel: Array
+    def __set_name__(self, owner: type[Telemetry], name: str) -> None:
+        self._name = f"_{name}"
 
+    @overload
+    def __get__(self, telemetry: None, owner: type[Telemetry]) -> Self: ...
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Mag:
-    """Measured magnetic field, from HIGHRES_IMU. mag: [T] [FRD] (3,)."""
+    @overload
+    def __get__(self, telemetry: Telemetry, owner: type[Telemetry]) -> T | None: ...
 
-    received_at: float
-    mag: Array
+    def __get__(self, telemetry: Telemetry | None, owner: type[Telemetry]) -> T | Self | None:
+        if telemetry is None:
+            return self
+        if self._slot in telemetry.waiting:
+            telemetry.decode_waiting(self._slot)
+        value: T | None = telemetry.__dict__.get(self._name)
+        return value
 
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Baro:
-    """Barometer, from HIGHRES_IMU. pressure: [Pa]. temperature: [deg C]. alt: pressure altitude [m]."""
-
-    received_at: float
-    pressure: float
-    temperature: float
-    alt: float
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Gps:
-    """Satellite position, from GPS_RAW_INT.
-
-    pos: latitude [deg], longitude [deg], altitude above mean sea level [m] (3,).
-    """
-
-    received_at: float
-    pos: Array
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Actuators:
-    """Actuator outputs, from SERVO_OUTPUT_RAW or ACTUATOR_CONTROL_TARGET.
-
-    group: output port or mixer group. output: 0..1 [-] (8,); unused outputs are zero.
-    """
-
-    received_at: float
-    group: int
-    output: Array
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class HeartbeatState:
-    """Mode and arming state, from HEARTBEAT. mode: name of the flight mode, as returned by `mode_words`."""
-
-    received_at: float
-    mode: str
-    armed: bool
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Status:
-    """State of the autopilot, from SYS_STATUS.
-
-    prearm: the vehicle can be armed in its current mode. battery: remaining charge [%], or nan.
-    """
-
-    received_at: float
-    prearm: bool
-    battery: float
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Ground:
-    """Landed state, from EXTENDED_SYS_STATE. landed: on the ground, according to the land detector."""
-
-    received_at: float
-    landed: bool
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Reference:
-    """Position reference that the autopilot follows, from POSITION_TARGET_LOCAL_NED.
-
-    pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad]. Values that are not controlled are nan.
-    """
-
-    received_at: float
-    boot_s: float
-    pos: Array
-    vel: Array
-    yaw: float
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class AttitudeReference:
-    """Attitude reference that the autopilot follows, from ATTITUDE_TARGET.
-
-    q_nb: [-] wxyz (4,). ang_vel: [rad/s] [FRD] (3,). thrust: normalised 0..1 [-].
-    """
-
-    received_at: float
-    boot_s: float
-    q_nb: Array
-    ang_vel: Array
-    thrust: float
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Text:
-    """Message text of the autopilot, from STATUSTEXT. severity: 0 emergency .. 7 debug."""
-
-    received_at: float
-    severity: int
-    text: str
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Ack:
-    """Reply to a command, from COMMAND_ACK. target: (system, component) that sent the command."""
-
-    received_at: float
-    command: int
-    result: int
-    target: tuple[int, int]
+    def __set__(self, telemetry: Telemetry, value: T | None) -> None:
+        telemetry.__dict__[self._name] = value
 
 
 class Telemetry:
     """Decoder that keeps the newest value of each group, such as `local` or `attitude`; None before the first message.
 
-    A new message replaces the whole value of its group.
+    A new message replaces the whole value of its group. Frequent messages are decoded when their value is read, and only the
+    newest one: a program that flies many vehicles reads few of the values.
+    waiting: slot -> the newest frames that are not decoded yet, with their time of arrival [s]; see `_SLOTS`
     system_id, component_id: ids of the autopilot; messages of other senders are ignored
     only: message ids to decode; None decodes all messages that belong to a group
     refused: number of frames with a wrong checksum or layout
     """
+
+    local = _Newest[Local](mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+    attitude = _Newest[Attitude](mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
+    imu = _Newest[Imu](_HIGHRES)
+    mag = _Newest[Mag](_HIGHRES)
+    baro = _Newest[Baro](_HIGHRES)
+    gps = _Newest[Gps]()
+    actuators = _Newest[Actuators](_SERVOS)
+    heartbeat = _Newest[HeartbeatState]()
+    status = _Newest[Status]()
+    ground = _Newest[Ground]()
+    reference = _Newest[Reference](mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED)
+    attitude_reference = _Newest[AttitudeReference](mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET)
 
     def __init__(
         self, system_id: int, only: Collection[int] | None = None, component_id: int = AUTOPILOT
@@ -203,18 +122,8 @@ class Telemetry:
         }
         self._codec = mavlink.MAVLink(None)
         self.received_at: float | None = None
-        self.local: Local | None = None
-        self.attitude: Attitude | None = None
-        self.imu: Imu | None = None
-        self.mag: Mag | None = None
-        self.baro: Baro | None = None
-        self.gps: Gps | None = None
-        self.actuators: Actuators | None = None
-        self.heartbeat: HeartbeatState | None = None
-        self.status: Status | None = None
-        self.ground: Ground | None = None
-        self.reference: Reference | None = None
-        self.attitude_reference: AttitudeReference | None = None
+        self.waiting: dict[int, dict[int, tuple[int, bytes, float]]] = {}
+        self._lock = threading.RLock()  # a background thread may receive while the program reads
         self.version: tuple[int, int, int] | None = None
         self.texts: deque[Text] = deque(maxlen=32)
         self.acks: deque[Ack] = deque(maxlen=32)
@@ -233,14 +142,45 @@ class Telemetry:
             handler = self._handlers.get(frame.msgid)
             if handler is None or frame.sysid != self._system or frame.compid != self._component:
                 continue
-            try:
-                handler(self, self._codec.decode(bytearray(datagram[frame.start : frame.end])), now)
-                received = True
-            except (mavlink.MAVError, ValueError, TypeError, struct.error):
-                self.refused += 1  # a correct checksum, but another layout
+            data = datagram[frame.start : frame.end]
+            slot = _SLOTS.get(frame.msgid)
+            if slot is None:
+                received = self._decode(handler, data, now) or received
+                continue
+            received, key = True, 0
+            if slot == _HIGHRES:
+                key = uint_at(datagram, frame, _FIELDS_UPDATED, 2) & (_HIGHRES_MAG | _HIGHRES_BARO)
+            with self._lock:
+                frames = self.waiting.setdefault(slot, {})
+                frames.pop(key, None)  # so that the frames stay in the order of arrival
+                frames[key] = frame.msgid, data, now
         if received:
             self.received_at = now
         return received
+
+    def decode_waiting(self, slot: int) -> None:
+        """Decode the waiting frames of one slot, in the order of arrival."""
+        with self._lock:
+            for number, data, now in self.waiting.pop(slot, {}).values():
+                self._decode(self._handlers[number], data, now)
+
+    def __copy__(self) -> Self:
+        """Return a copy with the present values, which does not change any more."""
+        with self._lock:
+            for slot in list(self.waiting):
+                self.decode_waiting(slot)
+            made = type(self).__new__(type(self))
+            made.__dict__ |= {**self.__dict__, "waiting": {}}
+        return made
+
+    def _decode(self, handler: _Handler, data: bytes, now: float) -> bool:
+        """Decode a frame and store its values. Return false if its layout is wrong, though its checksum is correct."""
+        try:
+            handler(self, self._codec.decode(bytearray(data)), now)
+        except (mavlink.MAVError, ValueError, TypeError, struct.error):
+            self.refused += 1
+            return False
+        return True
 
     def recent_texts(self, since: float, worst: int = mavlink.MAV_SEVERITY_INFO) -> list[str]:
         """Return the STATUSTEXTs received since a time [s], each text once.
@@ -339,7 +279,7 @@ class Telemetry:
         self.version = number >> 24 & 0xFF, number >> 16 & 0xFF, number >> 8 & 0xFF
 
 
-_HANDLERS: dict[int, Callable[[Telemetry, mavlink.MAVLink_message, float], None]] = {
+_HANDLERS: dict[int, _Handler] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: Telemetry._heartbeat,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: Telemetry._sys_status,
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: Telemetry._gps,

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
-from end_to_end.flight import ROOT, Hangar
+from end_to_end.flight import ROOT, Flight, Hangar
 
 from arena.cli import main
 
 EXAMPLES = sorted((ROOT / "examples").glob("*/arena.yaml"))
 FLOWN_ELSEWHERE = {"01_two_quads"}
 CROWDED = {"10_ten_quads"}
-SHORT = [e for e in EXAMPLES if e.parent.name not in FLOWN_ELSEWHERE | CROWDED]
+SWARM = {"11_swarm"}
+SHORT = [e for e in EXAMPLES if e.parent.name not in FLOWN_ELSEWHERE | CROWDED | SWARM]
 
 
 def name_of(yaml: Path) -> str:
@@ -52,3 +54,32 @@ def test_example_flies_lands_and_exits_with_0(hangar: Hangar, yaml: Path) -> Non
 @pytest.mark.parametrize("yaml", [e for e in EXAMPLES if name_of(e) in CROWDED], ids=name_of)
 def test_large_example_flies_lands_and_exits_with_0(hangar: Hangar, yaml: Path) -> None:
     fly(hangar, yaml)
+
+
+@pytest.mark.crowd
+@pytest.mark.nightly
+def test_swarm_writes_its_word_and_every_vehicle_lands(hangar: Hangar) -> None:
+    yaml = ROOT / "examples" / "11_swarm" / "arena.yaml"
+    flight = hangar.up(
+        yaml, "--until-done", "--time-limit", "1500", "--speed", "max", "--set", "defaults.autopilot=builtin"
+    )
+    assert flight.wait(600) == 0, flight.said()
+    vehicles = flight.summary["vehicles"]
+    assert len(vehicles) == 48 and flight.summary["failed"] == []
+    assert all(told["landing"]["landed"] and told["crashed"] == "" for told in vehicles.values())
+    assert nearest_m(flight) > 0.5
+    flight.assert_nothing_left()
+
+
+def nearest_m(flight: Flight) -> float:
+    """Return the smallest true distance of two airborne vehicles in the flight's logs [m]."""
+    tracks = {}
+    for name in flight.summary["vehicles"]:
+        rows = [r for r in flight.rows(name) if r["truth.pos.north"]]
+        times = [float(r["time.seconds"]) for r in rows]
+        axes = ("north", "east", "down")
+        tracks[name] = np.array([[float(r[f"truth.pos.{a}"]) for a in axes] for r in rows]), np.array(times)
+    times = np.arange(0.0, min(t[-1] for _, t in tracks.values()), 0.1)
+    at = np.array([[np.interp(times, t, p[:, k]) for k in range(3)] for p, t in tracks.values()])
+    apart = np.linalg.norm(at[:, None] - at[None], axis=2)
+    return float(apart[np.triu_indices(len(at), 1)].min())

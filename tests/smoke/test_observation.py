@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from arena.smoke.flying.observation import VehicleStates
-from arena.wire.telemetry import HeartbeatState, Local, Telemetry
+from arena.wire.telemetry import Telemetry
+from arena.wire.telemetry_values import HeartbeatState, Local
 from arena.wire.truth_page import Truth
 
 PROFILE = {"height_m": 0.1, "radius_m": 0.25}

@@ -1,0 +1,114 @@
+"""Process that runs the programs of a group: `python -m arena.uav.group SLICE`.
+
+The file is read and compiled once. With `run: each` it runs once for each vehicle, in a thread of its own, with its own
+global variables; `UAV.from_args` returns the vehicle of the thread. With `run: once` it runs once, and `UAV.all_from_args`
+returns all vehicles. The exit code is 1 if a program failed.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from types import CodeType
+from typing import Any
+
+from arena.errors import InputError
+from arena.process_context import ProcessContext, run_process
+from arena.uav.group_clock import GroupThreads
+from arena.uav.membership import MEMBERSHIP, Membership
+from arena.uav.receiver import Receiver
+
+Report = Callable[[str, int, str], None]
+
+
+class Group:
+    """Programs of a group.
+
+    settings: slice of the process. report: function that is called with vehicle, exit code and reason when a program has ended.
+    """
+
+    def __init__(self, settings: Mapping[str, Any], report: Report) -> None:
+        self._name, self._file = str(settings["name"]), str(settings["program"])
+        self._once = bool(settings["once"])
+        self._argv = {str(m["vehicle"]): tuple(m["argv"]) for m in settings["members"]}
+        self._report = report
+        self._code = _compiled(self._file)
+        self._threads, self._receiver = GroupThreads(settings["clock"], self._name), Receiver()
+        self._codes: dict[str, int] = {}
+
+    def run(self) -> int:
+        """Run the programs until all have ended. Return the exit code of the process."""
+        if self._once:
+            self._run_program(self._argv)
+        else:
+            self._threads.run_all([partial(self._run_program, {v: a}) for v, a in self._argv.items()])
+        failed = [vehicle for vehicle, code in self._codes.items() if code]
+        if failed and not self._once:
+            names, count = ", ".join(sorted(failed)), len(self._codes)
+            print(f"{self._name}: {len(failed)} of {count} programs failed: {names}", file=sys.stderr)
+        return 1 if failed else 0
+
+    def _run_program(self, argv: dict[str, tuple[str, ...]]) -> None:
+        """Run the program for some vehicles. Never raises."""
+        membership = Membership(
+            argv=dict(argv), once=self._once, threads=self._threads, receiver=self._receiver
+        )
+        token = MEMBERSHIP.set(membership)
+        code, why = 0, ""
+        try:
+            exec(self._code, {"__name__": "__main__", "__file__": self._file, "__builtins__": __builtins__})
+        except SystemExit as end:
+            code, why = _exit_of(end)
+        except BaseException as error:
+            code, why = 1, f"{type(error).__name__}: {error}"
+            _print_failure(next(iter(argv)) if not self._once else self._name, error)
+        finally:
+            for uav in membership.opened:
+                uav.close()
+            MEMBERSHIP.reset(token)
+        for vehicle in argv:
+            self._codes[vehicle] = code
+            self._report(vehicle, code, why)
+
+
+def _compiled(file: str) -> CodeType:
+    try:
+        return compile(Path(file).read_bytes(), file, "exec", dont_inherit=True)
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(f"{file}: {error}") from error
+
+
+def _exit_of(end: SystemExit) -> tuple[int, str]:
+    """Return the exit code that `sys.exit` asks for, and its message."""
+    if end.code is None or isinstance(end.code, int):
+        return int(end.code or 0), ""
+    return 1, str(end.code)
+
+
+def _print_failure(who: str, error: BaseException) -> None:
+    """Print the traceback of a program, each line with the vehicle's name. The lines of the runner are left out."""
+    trace = error.__traceback__.tb_next if error.__traceback__ is not None else None
+    lines = "".join(traceback.format_exception(type(error), error, trace)).splitlines()
+    print("\n".join(f"{who}: {line}" for line in lines), file=sys.stderr, flush=True)
+
+
+def _make(context: ProcessContext) -> Callable[[], int]:
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_DFL)  # as in a program that has a process of its own
+    program = str(context.settings["program"])
+    sys.path[0], sys.argv = str(Path(program).parent), [program]
+
+    def report(vehicle: str, code: int, why: str) -> None:
+        said = f"exit {code}" + (f" ({why})" if why else "")
+        of = f"program.{vehicle}"
+        context.send({"of": of, "event": f"EXITED: {said}", "stats": {"exit_code": code, "exit": said}})
+
+    return Group(context.settings, report).run
+
+
+if __name__ == "__main__":
+    sys.exit(run_process("group", _make))

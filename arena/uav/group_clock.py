@@ -1,0 +1,135 @@
+"""Clocks of the threads of one process: a common simulation clock in lockstep, or separate clocks.
+
+In lockstep exactly one thread runs at a time, and the next thread is the one with the earliest wake-up time, at equal times
+the one that fell asleep first. So the order does not depend on the machine, and threads of one group do not race. The world
+waits for one client, whatever the number of threads.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import threading
+from collections.abc import Callable, Sequence
+
+from arena.clock import Clock, LockstepClock, SimClock, SimTime, WallClock
+from arena.errors import RunError
+
+Work = Callable[[], None]
+
+
+class GroupClock:
+    """Simulation clock that the threads of one process share. Only the thread that has the turn runs.
+
+    clock: client of the world's clock; sleeps for all threads.
+    """
+
+    def __init__(self, clock: LockstepClock) -> None:
+        self.now = clock.now
+        self._clock = clock
+        self._waiting: list[tuple[float, int, threading.Lock]] = []
+        self._order = itertools.count()
+        self._failed: RunError | None = None
+
+    def sleep(self, t: float) -> float:
+        """Let the other threads run until the time t [s]. Return the time after the sleep [s]."""
+        turn = self._ask_for_turn(max(t, self.now()))
+        self._pass_turn()
+        turn.acquire()
+        if self._failed is not None:
+            raise RunError(str(self._failed))
+        return self.now()
+
+    def run_all(self, work: Sequence[Work]) -> None:
+        """Run functions, each in a thread, and return when all have ended. The functions must not raise."""
+        left = len(work)
+        done = threading.Lock()
+        done.acquire()
+
+        def run(one: Work, turn: threading.Lock) -> None:
+            nonlocal left
+            turn.acquire()
+            try:
+                one()
+            finally:
+                left -= 1
+                if left == 0:
+                    heapq.heappush(self._waiting, (self.now(), next(self._order), done))
+                self._pass_turn()
+
+        for one in work:
+            turn = self._ask_for_turn(self.now())
+            threading.Thread(target=run, args=(one, turn), daemon=True).start()
+        if work:
+            self._pass_turn()
+            done.acquire()
+
+    def _ask_for_turn(self, t: float) -> threading.Lock:
+        turn = threading.Lock()
+        turn.acquire()
+        heapq.heappush(self._waiting, (t, next(self._order), turn))
+        return turn
+
+    def _pass_turn(self) -> None:
+        """Give the turn to the next thread. Sleep before that, if no thread is to run now."""
+        if not self._waiting:
+            return
+        t, _, turn = heapq.heappop(self._waiting)
+        if t > self.now() and self._failed is None:
+            try:
+                self._clock.sleep_only(t)
+            except RunError as error:
+                self._failed = error
+        turn.release()
+
+
+class MemberClock(LockstepClock):
+    """Clock of one vehicle of a group, with the chores of this vehicle's connection."""
+
+    def __init__(self, group: GroupClock) -> None:
+        self._group = group
+
+    @property
+    def lockstep(self) -> bool:
+        return True
+
+    def now(self) -> float:
+        return self._group.now()
+
+    def sleep_only(self, t: float) -> float:
+        return self._group.sleep(t)
+
+
+class GroupThreads:
+    """Threads of a group, and their clocks.
+
+    path: name of the simulation clock; None for the wall clock.
+    name: name of the group's process, under which it joins the simulation clock.
+    """
+
+    def __init__(self, path: str | None, name: str) -> None:
+        self._path = path
+        self._group: GroupClock | None = None
+        if path is not None and SimTime(path).lockstep:
+            self._group = GroupClock(SimClock(path, name))
+
+    @property
+    def lockstep(self) -> bool:
+        """True if one thread runs at a time, on a common simulation clock."""
+        return self._group is not None
+
+    def clock(self, name: str) -> Clock:
+        """Return a clock for one thread. name: name under which it joins the simulation clock, if it has a client of its own."""
+        if self._group is not None:
+            return MemberClock(self._group)
+        return WallClock() if self._path is None else SimClock(self._path, name)
+
+    def run_all(self, work: Sequence[Work]) -> None:
+        """Run functions, each in a thread, and return when all have ended. The functions must not raise."""
+        if self._group is not None:
+            return self._group.run_all(work)
+        threads = [threading.Thread(target=one, daemon=True) for one in work]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()

@@ -1,0 +1,35 @@
+"""Membership of a running thread in a group: which vehicles its program flies. `UAV.from_args` reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from arena.uav.group_clock import GroupThreads
+from arena.uav.receiver import Receiver
+
+if TYPE_CHECKING:
+    from arena.uav.vehicle import UAV
+
+
+@dataclass(frozen=True, kw_only=True)
+class Membership:
+    """Vehicles of one program in a group.
+
+    argv: command line for each vehicle: vehicle -> arguments without the program's name.
+    once: whether the program flies all vehicles.
+    threads: threads and clocks of the group. receiver: background thread of all its connections.
+    opened: vehicles that the program has opened; they are closed when it ends.
+    """
+
+    argv: dict[str, Sequence[str]]
+    once: bool
+    threads: GroupThreads
+    receiver: Receiver
+    opened: list[UAV] = field(default_factory=list)
+
+
+MEMBERSHIP: ContextVar[Membership | None] = ContextVar("membership", default=None)
+"""Membership of the running thread; None for a program in a process of its own."""

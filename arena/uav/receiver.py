@@ -1,0 +1,46 @@
+"""Background thread that receives the data of one or several connections on the wall clock."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+_PERIOD_S = 0.02  # 50 wake-ups a second instead of one per datagram
+
+
+class Receiver:
+    """Thread that calls the chores of connections every 20 ms of wall time. It runs while there is a connection."""
+
+    def __init__(self) -> None:
+        self._chores: tuple[Callable[[], None], ...] = ()
+        self._lock = threading.Lock()
+        self._ending = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def add(self, chores: Callable[[], None]) -> None:
+        """Call `chores` regularly from now on. It must not raise."""
+        with self._lock:
+            self._chores = (*self._chores, chores)
+            if self._thread is None:
+                self._ending = threading.Event()
+                run = threading.Thread(
+                    target=self._run, args=(self._ending,), name="arena.uav connection", daemon=True
+                )
+                self._thread = run
+                run.start()
+
+    def remove(self, chores: Callable[[], None]) -> None:
+        """Stop calling `chores`. After the last one, wait until the thread has ended."""
+        with self._lock:
+            self._chores = tuple(each for each in self._chores if each != chores)
+            thread = None if self._chores else self._thread
+            if thread is not None:
+                self._ending.set()
+                self._thread = None
+        if thread is not None and threading.current_thread() is not thread:
+            thread.join(1.0)
+
+    def _run(self, ending: threading.Event) -> None:
+        while not ending.wait(_PERIOD_S):
+            for chores in self._chores:
+                chores()
