@@ -88,6 +88,7 @@ MAY: dict[str, set[str]] = {
     # tool rooms and what a user imports may read the schema and the plan
     "recorder": GROUND | {"mocap.client", "schema", "plan"},
     "uav": GROUND | {"mocap", "mocap.client", "schema"},
+    "uav.group": GROUND | {"uav"},  # runs user programs, which import `arena.uav`
     "emergency": GROUND | {"schema", "plan"},
     "smoke": GROUND | {"schema", "plan", "supervisor", "recorder"},
     "campaign": GROUND | {"schema", "recorder", "smoke"},

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from types import TracebackType
-from typing import Self, overload
+from typing import Protocol, Self, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,15 +15,40 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.clock import LockstepClock
 from arena.errors import ArenaError, SetpointError, StaleDataError, VehicleError
 from arena.geometry import Array
+from arena.uav.data_groups import Ekf, Info
 from arena.uav.group_clock import GroupThreads
-from arena.uav.setpoints import period_s
-from arena.uav.vehicle import UAV
+from arena.uav.setpoints import Encoder, period_s
 
 _CHORES_EVERY_S = 0.1
 _FOREVER_S = 1e9
 
 
-class Fleet(Sequence[UAV]):
+class FleetVehicle(Protocol):
+    """The methods of `UAV` that a fleet calls."""
+
+    ekf: Ekf
+    info: Info
+
+    @property
+    def encoder(self) -> Encoder: ...
+
+    def start_offboard_mission(self) -> None: ...
+
+    def auto_land(self) -> None: ...
+
+    def send(self, message: mavlink.MAVLink_message) -> None: ...
+
+    def hold_until(self, done: Callable[[], bool], timeout: ArrayLike) -> bool: ...
+
+    def chores(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+V = TypeVar("V", bound=FleetVehicle)
+
+
+class Fleet(Sequence[V]):
     """Vehicles that one program flies. A list of `UAV`, in the order of the YAML.
 
     clock: clock of the program. Use it instead of the module `time`.
@@ -31,7 +56,7 @@ class Fleet(Sequence[UAV]):
     autopilots act; the others fly on. At the end of the `with` block an error with all lost vehicles is raised.
     """
 
-    def __init__(self, uavs: Sequence[UAV], threads: GroupThreads) -> None:
+    def __init__(self, uavs: Sequence[V], threads: GroupThreads) -> None:
         self._uavs, self._threads = tuple(uavs), threads
         self.names = tuple(uav.info.drone_ns for uav in uavs)
         self.lost: dict[str, VehicleError] = {}
@@ -44,12 +69,12 @@ class Fleet(Sequence[UAV]):
         return len(self._uavs)
 
     @overload
-    def __getitem__(self, index: int) -> UAV: ...
+    def __getitem__(self, index: int) -> V: ...
 
     @overload
-    def __getitem__(self, index: slice) -> Sequence[UAV]: ...
+    def __getitem__(self, index: slice) -> Sequence[V]: ...
 
-    def __getitem__(self, index: int | slice) -> UAV | Sequence[UAV]:
+    def __getitem__(self, index: int | slice) -> V | Sequence[V]:
         return self._uavs[index]
 
     @property
@@ -65,13 +90,13 @@ class Fleet(Sequence[UAV]):
 
     def start_offboard_mission(self) -> None:
         """Call `start_offboard_mission` of all vehicles at the same time: wait, enter OFFBOARD, arm."""
-        self.each(UAV.start_offboard_mission)
+        self.each(lambda uav: uav.start_offboard_mission())
 
     def auto_land(self) -> None:
         """Land all vehicles at their positions. Return when all are on the ground and disarmed."""
-        self.each(UAV.auto_land)
+        self.each(lambda uav: uav.auto_land())
 
-    def each(self, action: Callable[[UAV], object]) -> None:
+    def each(self, action: Callable[[V], object]) -> None:
         """Call `action` with each vehicle, for all at the same time. Return when all calls have ended.
 
         A vehicle in OFFBOARD whose call has ended holds its position until all calls have ended. A VehicleError ends the part
@@ -80,7 +105,7 @@ class Fleet(Sequence[UAV]):
         flown = list(self._flown())
         ended, errors = set[str](), list[BaseException]()
 
-        def call(uav: UAV) -> None:
+        def call(uav: V) -> None:
             try:
                 self._guarded(uav, lambda: action(uav))
             except BaseException as error:  # raised below, on the thread of the program
@@ -123,7 +148,7 @@ class Fleet(Sequence[UAV]):
         p, v, y = self._rows(pos, "pos"), self._rows(vel, "vel"), self._yaws(yaw)
         a = None if acc is None else self._rows(acc, "acc")
 
-        def message(row: int, uav: UAV, now: float) -> mavlink.MAVLink_message:
+        def message(row: int, uav: V, now: float) -> mavlink.MAVLink_message:
             return uav.encoder.pos_vel_yaw(p[row], v[row], y[row], now, acc=None if a is None else a[row])
 
         self._send(message, freq)
@@ -143,7 +168,7 @@ class Fleet(Sequence[UAV]):
         if error is None and self.lost:
             raise VehicleError(self._words())
 
-    def _send(self, message: Callable[[int, UAV, float], mavlink.MAVLink_message], freq: ArrayLike) -> None:
+    def _send(self, message: Callable[[int, V, float], mavlink.MAVLink_message], freq: ArrayLike) -> None:
         period = period_s(freq)
         now = self.clock.now()
         for row, uav in self._flown():
@@ -153,11 +178,11 @@ class Fleet(Sequence[UAV]):
         self._due = self._due + period if 0.0 <= now - self._due < period else now + period
         self.clock.sleep_until(self._due)
 
-    def _flown(self) -> Iterator[tuple[int, UAV]]:
+    def _flown(self) -> Iterator[tuple[int, V]]:
         """Yield (row, vehicle) of the vehicles that are not lost."""
         yield from ((row, uav) for row, uav in enumerate(self._uavs) if self.names[row] not in self.lost)
 
-    def _guarded(self, uav: UAV, action: Callable[[], object]) -> None:
+    def _guarded(self, uav: V, action: Callable[[], object]) -> None:
         """Call a function for one vehicle. A VehicleError is recorded in `lost`."""
         name = uav.info.drone_ns
         if name in self.lost:

@@ -32,7 +32,7 @@ class GroupClock:
         self._failed: RunError | None = None
 
     def sleep(self, t: float) -> float:
-        """Let the other threads run until the time t [s]. Return the time after the sleep [s]."""
+        """Run the other threads until the time t [s]. Return the time after the sleep [s]."""
         turn = self._ask_for_turn(max(t, self.now()))
         self._pass_turn()
         turn.acquire()

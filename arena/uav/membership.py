@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from arena.uav.group_clock import GroupThreads
 from arena.uav.receiver import Receiver
 
-if TYPE_CHECKING:
-    from arena.uav.vehicle import UAV
+
+class Closable(Protocol):
+    """Connection that can be closed."""
+
+    def close(self) -> None: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +31,7 @@ class Membership:
     once: bool
     threads: GroupThreads
     receiver: Receiver
-    opened: list[UAV] = field(default_factory=list)
+    opened: list[Closable] = field(default_factory=list)
 
 
 MEMBERSHIP: ContextVar[Membership | None] = ContextVar("membership", default=None)

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ from arena.thrust_curve import thrust_curve as curve_of
 from arena.uav.connection import Capture, Connection
 from arena.uav.data_groups import Actuation, Ekf, Info, Sensors, Snapshot
 from arena.uav.data_source import Body, Source
+from arena.uav.fleet import Fleet
 from arena.uav.heartbeat import Heartbeat
 from arena.uav.membership import MEMBERSHIP
 from arena.uav.poses import Poses
@@ -26,9 +27,6 @@ from arena.uav.receiver import Receiver
 from arena.uav.setpoints import AttitudeKind, Encoder, attitude, duration_s, period_s, scalar, vector
 from arena.uav.start_barrier import StartBarrier
 from arena.uav.vehicle_control import STREAM_HZ, VehicleControl
-
-if TYPE_CHECKING:
-    from arena.uav.fleet import Fleet
 
 _LAST_WITH_ACTUATOR_CONTROL = 1, 13
 
@@ -130,17 +128,18 @@ class UAV:
         return made
 
     @classmethod
-    def all_from_args(cls) -> Fleet:
+    def all_from_args(cls) -> Fleet[UAV]:
         """Return all vehicles of the group that this program flies (`program: {group: NAME, run: once}` in the YAML)."""
         from arena.uav.arguments import read_group
-        from arena.uav.fleet import Fleet
 
         member = MEMBERSHIP.get()
         found = read_group(member)
         assert member is not None
+        made = []
         for each in found:
-            member.opened.append(cls(**each))
-        return Fleet(member.opened, member.threads)
+            made.append(cls(**each))
+            member.opened.append(made[-1])
+        return Fleet(made, member.threads)
 
     def snapshot(self) -> Snapshot:
         """Return the data groups with the values of this instant, so that values of several groups belong

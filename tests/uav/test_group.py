@@ -10,7 +10,7 @@ from arena.clock import LockstepClock
 from arena.errors import InputError, OffboardLostError, RunError, VehicleError
 from arena.uav import UAV
 from arena.uav.fleet import Fleet
-from arena.uav.group import Group
+from arena.uav.group.programs import Group
 from arena.uav.group_clock import GroupClock, GroupThreads, MemberClock
 
 from .test_arguments import slice_file

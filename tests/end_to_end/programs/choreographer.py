@@ -3,11 +3,13 @@
 import os
 import signal
 
+import numpy as np
+
 from arena import UAV
 
 with UAV.all_from_args() as fleet:
     fleet.start_offboard_mission()
-    hover = fleet.pos + [0.0, 0.0, -1.2]
+    hover = fleet.pos - np.array([0.0, 0.0, 1.2])
     for _ in range(100):
         fleet.set_pos_yaw(hover, 0.0, 20)
     if "killed" in fleet[0].args:

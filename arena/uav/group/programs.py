@@ -1,4 +1,4 @@
-"""Process that runs the programs of a group: `python -m arena.uav.group SLICE`.
+"""`Group`, which runs the programs of a group of vehicles in this process.
 
 The file is read and compiled once. With `run: each` it runs once for each vehicle, in a thread of its own, with its own
 global variables; `UAV.from_args` returns the vehicle of the thread. With `run: once` it runs once, and `UAV.all_from_args`
@@ -7,7 +7,6 @@ returns all vehicles. The exit code is 1 if a program failed.
 
 from __future__ import annotations
 
-import signal
 import sys
 import traceback
 from collections.abc import Callable, Mapping
@@ -17,7 +16,6 @@ from types import CodeType
 from typing import Any
 
 from arena.errors import InputError
-from arena.process_context import ProcessContext, run_process
 from arena.uav.group_clock import GroupThreads
 from arena.uav.membership import MEMBERSHIP, Membership
 from arena.uav.receiver import Receiver
@@ -94,21 +92,3 @@ def _print_failure(who: str, error: BaseException) -> None:
     trace = error.__traceback__.tb_next if error.__traceback__ is not None else None
     lines = "".join(traceback.format_exception(type(error), error, trace)).splitlines()
     print("\n".join(f"{who}: {line}" for line in lines), file=sys.stderr, flush=True)
-
-
-def _make(context: ProcessContext) -> Callable[[], int]:
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, signal.SIG_DFL)  # as in a program that has a process of its own
-    program = str(context.settings["program"])
-    sys.path[0], sys.argv = str(Path(program).parent), [program]
-
-    def report(vehicle: str, code: int, why: str) -> None:
-        said = f"exit {code}" + (f" ({why})" if why else "")
-        of = f"program.{vehicle}"
-        context.send({"of": of, "event": f"EXITED: {said}", "stats": {"exit_code": code, "exit": said}})
-
-    return Group(context.settings, report).run
-
-
-if __name__ == "__main__":
-    sys.exit(run_process("group", _make))

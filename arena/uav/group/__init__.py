@@ -1,0 +1,1 @@
+"""The process that runs the user programs of a group of vehicles."""

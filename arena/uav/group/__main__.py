@@ -1,0 +1,29 @@
+"""Process that runs the programs of a group: `python -m arena.uav.group SLICE`."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from arena.process_context import ProcessContext, run_process
+from arena.uav.group.programs import Group
+
+
+def _make(context: ProcessContext) -> Callable[[], int]:
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_DFL)  # as in a program that has a process of its own
+    program = str(context.settings["program"])
+    sys.path[0], sys.argv = str(Path(program).parent), [program]
+
+    def report(vehicle: str, code: int, why: str) -> None:
+        said = f"exit {code}" + (f" ({why})" if why else "")
+        of = f"program.{vehicle}"
+        context.send({"of": of, "event": f"EXITED: {said}", "stats": {"exit_code": code, "exit": said}})
+
+    return Group(context.settings, report).run
+
+
+if __name__ == "__main__":
+    sys.exit(run_process("group", _make))
