@@ -33,16 +33,16 @@ def member_rows(
             "kind": member.kind,
             "vehicle": member.vehicle,
             "member_of": spec.name,
-            **_ended(row, stats[member.name]),
+            **_ended(stats[member.name]),
             "stats": stats[member.name],
         }
         for member in spec.members
     }
 
 
-def _ended(row: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """Return state, reason and exit of a program of a group that has ended before its process; {} for other members."""
+def _ended(own: Mapping[str, Any]) -> dict[str, Any]:
+    """Return state, reason and exit of a program of a group that has ended; {} for other members."""
     code, said = own.get("exit_code"), own.get("exit")
-    if row["state"] != "READY" or not isinstance(code, int) or not isinstance(said, str):
+    if not isinstance(code, int) or not isinstance(said, str):
         return {}
     return {"state": "EXITED", "reason": said, "exit_code": code, "exit": said}

@@ -22,6 +22,8 @@ def _make(context: ProcessContext) -> Callable[[], int]:
         of = f"program.{vehicle}"
         context.send({"of": of, "event": f"EXITED: {said}", "stats": {"exit_code": code, "exit": said}})
 
+    for member in context.settings["members"]:  # a restarted process clears what the last one reported
+        context.send({"of": f"program.{member['vehicle']}", "stats": {"exit_code": None, "exit": None}})
     return Group(context.settings, report).run
 
 
