@@ -149,7 +149,9 @@ class ChaosFlight:
         self._radios[late].cut = False
         if since_s >= _LATE_S + _PERMIT_AFTER_S:
             self._permitted = True
-            self._observed[late].armed_without_permit = self._radios[late].state.was_armed
+            armed = self._radios[late].state.was_armed
+            granted = f"{late}: arm permit granted" in self._flight.said()  # by the confirmation of the start
+            self._observed[late].armed_without_permit = armed and not granted
             self._command("arm-permit", late)
 
     # -- faults
