@@ -64,6 +64,6 @@ def vehicle_line(vehicle: str, stats: Mapping[str, Any]) -> str:
 
 
 def _links(status: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return vehicle -> measurements of its link process."""
+    """Return vehicle -> statistics that its link process has reported."""
     processes = status["processes"].values()
     return {row["vehicle"]: row["stats"] for row in processes if row["kind"] == "link"}

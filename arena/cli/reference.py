@@ -170,7 +170,7 @@ def ports_page() -> str:
 
 
 def _answers(port: Port) -> str:
-    """Return a table cell about one port: for each process that binds the port, the senders to which the process replies."""
+    """Return the table cell with the senders that get replies from a port, one entry for each process that may bind the port."""
     found: dict[str, list[str]] = {}
     for binder in port.binders:
         found.setdefault(binder.answers, []).append(f"`{binder.kind}`")

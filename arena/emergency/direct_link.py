@@ -163,7 +163,7 @@ class DirectLink:
             self._kill_link(now)
 
     def _open_beside(self) -> bool:
-        """Open a separate socket to the vehicle, so that the port stays free for the link process.
+        """Open a socket to the vehicle on a port that the kernel chooses. The link process can then still bind its own port.
 
         Return False if the vehicle has no known UDP address.
         """

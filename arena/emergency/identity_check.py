@@ -99,7 +99,7 @@ class IdentityCheck:
         return not state.changed and now - state.since >= ANSWER_S
 
     def receivers(self, now: float) -> list[Source]:
-        """Return the sources to which commands may be sent. The first call starts the wait for telemetry, so call
+        """Return the addresses of vehicles to which commands may be sent. The first call starts the wait for telemetry, so call
         this method when the connection is opened.
         """
         self._opened_at = now if self._opened_at is None else self._opened_at
@@ -107,7 +107,7 @@ class IdentityCheck:
         return [source for source in known if self._may_command(source, now)]
 
     def requests(self, now: float) -> list[tuple[Source, bytes]]:
-        """Return the requests for the uid that are due, as (source, frame)."""
+        """Return the uid requests to send now, as (address of the vehicle, frame)."""
         found = []
         for source, state in self._sources.items():
             active = source == self._recorded or now - state.received_at < SILENT_S

@@ -108,7 +108,7 @@ def _command_own(action: Action, selection: Selection, elsewhere: Callable[[], b
 
 
 def _command_of_user(action: Action, selection: Selection, uid: int, report: Callable[[bool], None]) -> int:
-    """Command the vehicles of another user, in a process with the rights of this user. Return the exit code."""
+    """Command the vehicles of another user, in a process that runs as that user. Return the exit code."""
     try:
         return _command_runs_of(action, selection, uid, report)
     finally:

@@ -48,7 +48,7 @@ class FcuTransport(Protocol):
         """Yield the data that have arrived, with the source of each. Never waits."""
 
     def request(self, source: Source, frame: bytes) -> None:
-        """Send a request for the hardware uid to a source, before all other frames."""
+        """Send a request for the hardware uid to one vehicle, ahead of the frames that wait to be sent."""
 
     def write(self, next_frame: NextFrame, now: float) -> bool:
         """Send frames until the transport accepts no more. Return False if the device is absent or the

@@ -114,7 +114,7 @@ class Px4Links:
         """Do nothing: `AutopilotSet` requires this method, but PX4 receives MAVLink by its own sockets, not through the world."""
 
     def on_request(self, request: Mapping[str, Any]) -> None:
-        """Ignore a request of the supervisor: the router and the hardware links carry out requests for PX4."""
+        """Ignore a request of the supervisor, such as to refuse arming. For PX4 the router carries it out."""
 
     def sticks(self, vehicle: int, on: bool) -> None:
         """Switch a vehicle's simulated radio control on (with centred sticks) or off."""

@@ -342,7 +342,7 @@ class ProcessSet:
                 self._remove(name, child, exit, now)
 
     def _remove(self, name: str, child: Child, exit: Exit, now: float) -> None:
-        """Remove an ended process. Its last packets and its CPU time are kept; its facts are deleted."""
+        """Remove an ended process. Handle the packets that it still sent, keep its CPU time, and delete its facts."""
         self._receive(child)
         if child.channel is not None:
             self._selector.unregister(child.channel)

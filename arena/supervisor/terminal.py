@@ -58,7 +58,7 @@ class Lines:
         return self._writer.blocked_s(now)
 
     def lost_text(self, lost: int) -> str:
-        """Return the line that reports lost lines."""
+        """Return a line that says how many lines of output were lost."""
         return f"{lost} lines are not shown, because the terminal was frozen; `events.jsonl` contains them"
 
     def _submit(self, text: str) -> None:
@@ -74,12 +74,10 @@ class Lines:
             _silence()
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        """Do nothing, because plain lines have no table to redraw."""
+        """Do nothing: output as single lines has no table to redraw."""
 
     def started(self, failed: list[str]) -> None:
-        """Do nothing, because plain lines have no message for the end of the start. The subclass for `arena
-        up --detach` overrides this method.
-        """
+        """Do nothing when all processes have started. The subclass for `arena up --detach` overrides this method."""
 
     def close(self) -> None:
         """Wait until everything is written. Lines may also be printed afterwards."""
@@ -90,7 +88,7 @@ class JsonLines(Lines):
     """Output as one JSON object per line on stdout, for programs."""
 
     def lost_text(self, lost: int) -> str:
-        """Return the line that reports lost lines, as a JSON object."""
+        """Return a JSON object that says how many lines of output were lost."""
         return json.dumps(
             {"time_s": None, "source": "", "level": "change", "text": f"{lost} lines were dropped"}
         )

@@ -25,7 +25,7 @@ class FrameOrder:
         self._run = 0
 
     def place(self, number: int) -> Place:
-        """Classify a frame number as new, repeated or restarted.
+        """Return whether a frame is new or repeated, or whether the numbering has restarted.
 
         - "new": greater than all earlier numbers.
         - "repeated": not greater.

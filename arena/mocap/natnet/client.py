@@ -1,4 +1,4 @@
-"""NatNet client: opens the sockets and times the requests of a `NatNetReceiver`. Never blocks."""
+"""NatNet client: opens the sockets of a `NatNetReceiver` and decides when its requests are sent. Never blocks."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ class Version:
 
     @classmethod
     def parse(cls, text: str) -> Version:
-        """Return the PX4 version that a text such as 1.16, v1.9.2 or 1.18.0-beta1 names.
+        """Return the PX4 version of a text such as 1.16, v1.9.2 or 1.18.0-beta1.
 
         Raises InputError, with a list of the known versions, if the text is not a version or the version is not in the table.
         """

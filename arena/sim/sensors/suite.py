@@ -47,7 +47,7 @@ class SensorSuite:
         self._on_request = {name: group([name]) for name in table if name not in always}
 
     def sample(self, motion: Motion, requested: Collection[str] = ()) -> dict[str, Array]:
-        """Return one sample of every sensor, as measured quantity -> values (V,) or (V, axes). Call this once
+        """Return one sample of every sensor, as a mapping: name of the quantity -> values (V,) or (V, axes). Call this once
         per step.
 
         motion: true motion of the vehicles
