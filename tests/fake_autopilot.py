@@ -325,6 +325,7 @@ TELEMETRY: dict[str, Callable[[FakeAutopilot, int], Any]] = {
     "SYSTEM_TIME": lambda _, ms: mavlink.MAVLink_system_time_message(0, ms),
     "ATTITUDE": lambda _, ms: mavlink.MAVLink_attitude_message(ms, 0.0, 0.0, 0.52, 0.1, 0.2, 0.3),
     "HIGHRES_IMU": _imu,
+    "RC_CHANNELS": lambda _, ms: mavlink.MAVLink_rc_channels_message(ms, 16, *[1500] * 18, 80),
     "SERVO_OUTPUT_RAW": lambda *_: mavlink.MAVLink_servo_output_raw_message(
         0, 0, 1500, 1600, 1700, 1800, 0, 0, 0, 0
     ),

@@ -107,7 +107,7 @@ def test_explain_prints_the_source_of_a_value(folder: Path, capsys: pytest.Captu
     assert told("mocap.rate_hz") == "mocap.rate_hz = 180.0 (default)\n"
     assert told("mocap.rate_hz", "--set", "mocap.rate_hz=120") == "mocap.rate_hz = 120.0 from --set\n"
     assert told("vehicles.uav1.params.MC_ROLL_P") == "vehicles.uav1.params.MC_ROLL_P = 6.0 (profile iris)\n"
-    assert len(told("vehicles.uav1.start").splitlines()) == 2
+    assert len(told("vehicles.uav1.start").splitlines()) == 3
     code, _, err = run("plan", "--explain", "mocap.rate", capsys=capsys)
     assert code == 2 and "Did you mean mocap.rate_hz?" in err
 

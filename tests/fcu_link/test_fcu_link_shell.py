@@ -314,7 +314,7 @@ def test_pilot_keeps_the_vehicle_from_land_all_on_the_panic_link(start, autopilo
     autopilot.armed, autopilot.mode = True, "OFFBOARD"
     with on_udp(autopilot, (link.address, 14999), (link.address, 14540)):
         link.until(lambda: link.stats.get("armed"))
-        autopilot.mode = "POSCTL"
+        autopilot.mode, autopilot.telemetry = "POSCTL", (*autopilot.telemetry, "RC_CHANNELS")
         link.until(lambda: "uav7: pilot has control: POSCTL" in link.events)
         link.send("panic", land, codec=land_all)
         link.until(lambda: link.received("panic", "COMMAND_ACK"))
