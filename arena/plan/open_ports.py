@@ -86,13 +86,19 @@ def _names(same: list[OpenSocket]) -> str:
 
 def _sockets_of(plan: Plan, spec: ProcessSpec) -> Iterator[OpenSocket]:
     parts = [(spec.name, spec.kind), *((member.name, member.kind) for member in spec.members)]
+    servers = [used for name, kind in parts if kind == "mocap" for used in _server_sockets(plan, name)]
+    of_vendor = {used.what for used in servers}
     for x in spec.listens:
-        what = x.what.partition(" of ")[0]
-        who = next((_ANSWERS[kind, what] for _, kind in parts if (kind, what) in _ANSWERS), None)
-        if who is not None:  # else a port of the vendor's protocol, see below
-            yield OpenSocket(
-                process=spec.name, protocol=x.protocol, address=x.address, port=x.port, what=x.what, who=who
-            )
+        if x.what in of_vendor:
+            continue
+        names = (x.what, x.what.partition(" of ")[0])
+        found = (_ANSWERS.get((kind, name)) for _, kind in parts for name in names)
+        who = next((who for who in found if who is not None), "?")
+        yield OpenSocket(
+            process=spec.name, protocol=x.protocol, address=x.address, port=x.port, what=x.what, who=who
+        )
+    for used in servers:
+        yield _vendor_socket(spec, used)
     for name, _ in parts if spec.is_program or not spec.members else ():
         for capture in _captures(plan.slices.get(f"{name}.json", {})):
             for used in vendor_settings(capture["kind"]).client_sockets(capture):
@@ -101,11 +107,13 @@ def _sockets_of(plan: Plan, spec: ProcessSpec) -> Iterator[OpenSocket]:
         yield from _other_sockets(plan, spec, kind, plan.slices.get(f"{name}.json", {}))
 
 
+def _server_sockets(plan: Plan, name: str) -> Iterator[SocketUse]:
+    slice_ = plan.slices[f"{name}.json"]
+    yield from vendor_settings(slice_["kind"]).server_sockets(slice_)
+
+
 def _other_sockets(plan: Plan, spec: ProcessSpec, kind: str, slice_: dict[str, Any]) -> Iterator[OpenSocket]:
-    """Yield the sockets of one part of a process that are not in the port table, except those of motion-capture clients."""
-    if kind == "mocap":
-        for used in vendor_settings(slice_["kind"]).server_sockets(slice_):
-            yield _vendor_socket(spec, used)
+    """Yield the sockets of one part of a process that are neither in the port table nor those of motion capture."""
     if kind == "program" and slice_.get("heartbeat"):
         yield OpenSocket(
             process=spec.name,

@@ -56,6 +56,13 @@ def test_fused_plan_keeps_ports_slices_and_needs(tmp_path):
     assert Plan.from_json(one.to_json()) == one
 
 
+@pytest.mark.parametrize("processes", ["one", "many"])
+def test_every_port_of_the_plan_is_in_the_list_of_sockets(tmp_path, processes):
+    plan = plan_of(tmp_path, TWO + "copilot: {}\n", f"sim.processes={processes}")
+    listed = {(x.protocol, x.port) for x in open_sockets(plan)}
+    assert {(x.protocol, x.port) for p in plan.processes for x in p.listens} <= listed
+
+
 def test_accepted_senders_of_every_socket_are_known(tmp_path):
     plan = plan_of(tmp_path, TWO, "sim.processes=one")
     found = {x.what.partition(" of ")[0]: x.who for x in open_sockets(plan) if x.process == "world"}

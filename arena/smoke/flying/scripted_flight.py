@@ -45,7 +45,9 @@ class ScriptedFlight:
     """
 
     def __init__(self, arena: Arena, options: LaunchOptions) -> None:
-        self.session = Session(options)
+        # a test may kill any process, which is not known before the flight
+        separate = ("sim.processes=many", *options.overrides)
+        self.session = Session(replace(options, overrides=separate))
         self._alone = alone_if_px4(arena)
         self._names = names_of(arena)
         self._flight = FlightHistory(vehicles=tuple(v.name for v in arena.vehicles), fence=fence_of(arena))
