@@ -273,9 +273,14 @@ class ChaosFlight:
         return False
 
     def _forget_unplugged(self, flight: Flight) -> None:
-        """Do what an operator does with a vehicle that sends nothing any more."""
+        """Do what an operator does with a vehicle that sends nothing any more: declare it dead, or connect it again if there is
+        no supervisor to declare it to.
+        """
         for name, radio in self._radios.items():
-            if radio.cut and name not in self._forgotten and flight.process.poll() is None:
+            if radio.cut and flight.process.poll() is not None:
+                radio.send_stranger_home()
+                radio.cut = False
+            elif radio.cut and name not in self._forgotten:
                 self._forgotten.append(name)
                 self._observed[name].declared = True
                 self._command("forget", name, "--yes")
