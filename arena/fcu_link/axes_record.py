@@ -67,7 +67,7 @@ class RecordFile:
         self._path = Path(path) if path else None
 
     def read(self) -> AxesRecord | None:
-        """Return the record; None if there is none, or if it cannot be read."""
+        """Return the record of the last axes check; None if there is no record, or if it cannot be read."""
         if self._path is not None:
             with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
                 return _record(json.loads(self._path.read_text()))

@@ -10,7 +10,7 @@ from arena.mocap.client import CapturedFrame, MocapClient, open_client
 
 
 class RoomCapture:
-    """Client that is opened and closed as needed. settings: `capture` object of the slice; None without motion capture.
+    """Motion-capture client that is open only while it is needed. settings: `capture` object of the slice; None without motion capture.
 
     error: why the client cannot be opened; "" if it can
     """

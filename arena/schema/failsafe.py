@@ -35,7 +35,7 @@ class LowBattery(Strict):
     warn: Share = 0.15
     """Charge at which the vehicle warns."""
     land: Share | None = 0.07
-    """Charge at which the vehicle lands; null: the vehicle does not land because of its battery."""
+    """Charge at which the vehicle lands; null: a low charge does not make the vehicle land."""
 
     @model_validator(mode="after")
     def _in_order(self) -> LowBattery:

@@ -173,7 +173,7 @@ class Program(Strict):
 
 
 class Grid(Strict):
-    """Places of the vehicles of a range such as `uav1..uav48`: row after row."""
+    """Start positions of the vehicles of a range such as `uav1..uav48`, in a grid that is filled row after row."""
 
     columns: Annotated[int, Field(ge=1, le=250)]
     """Number of vehicles in a row. A row runs to the east."""

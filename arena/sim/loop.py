@@ -218,9 +218,10 @@ class Loop:
             self._clock.poll(_MAX_WAIT_S)
 
     def _must_stop(self) -> bool:
-        """Return whether the loop must end: a stop signal has arrived, and the simulation time at which repeated flights end.
+        """Return whether the loop must end because a stop signal has arrived.
 
-        The loop waits for this time for at most 3 s of wall time after the signal.
+        If all programs have ended before the signal, the loop first runs until the simulation time at which `_is_over` is true,
+        so that repeated flights end at the same time. This takes at most 3 s of wall time.
         """
         if not self._context.stopping:
             return False

@@ -1,4 +1,4 @@
-"""Background thread that receives the data of one or several connections on the wall clock."""
+"""Background thread of a program on the wall clock: it receives the data of one or several connections."""
 
 from __future__ import annotations
 
