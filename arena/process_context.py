@@ -87,10 +87,7 @@ class ProcessContext:
             raise InputError(
                 "expected one argument: the configuration file (slices/*.json in the run folder, from `arena up`)"
             )
-        try:
-            settings = json.loads(Path(arguments[0]).read_text())
-        except (OSError, ValueError) as error:
-            raise InputError(f"{arguments[0]}: {error}") from error
+        settings = read_slice(Path(arguments[0]))
         context = cls(str(settings["name"]), settings, supervisor_socket())
         if context.supervised:
             _write_output_in_background()
@@ -227,6 +224,15 @@ def run_process(
     except ArenaError as error:
         print(f"{error_prefix}: {error}", file=sys.stderr)
         return error.exit_code
+
+
+def read_slice(path: Path) -> dict[str, Any]:
+    """Return the configuration of a process. path: JSON file (slice). Raises InputError if the file cannot be read."""
+    try:
+        settings: dict[str, Any] = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: {error}") from error
+    return settings
 
 
 def supervisor_socket() -> socket.socket | None:

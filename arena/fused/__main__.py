@@ -5,15 +5,13 @@ The configuration names the configuration files (slices) of the members in the s
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from arena.errors import InputError
 from arena.fused.members import Members
-from arena.process_context import ProcessContext, run_process
+from arena.process_context import ProcessContext, read_slice, run_process
 from arena.sim.__main__ import autopilots_by_kind
 from arena.sim.loop import run
 
@@ -23,20 +21,12 @@ def main() -> int:
 
 
 def _make(process: ProcessContext, folder: Path) -> Callable[[], None]:
-    slices = {name: _read(folder / f"{name}.json") for name in process.settings["members"]}
+    slices = {name: read_slice(folder / f"{name}.json") for name in process.settings["members"]}
 
     def links(context: ProcessContext, world: Mapping[str, Any], budget_s: float) -> Members:
         return Members(context, {**slices, "world": world}, budget_s=budget_s)
 
     return lambda: run(process, slices["world"], autopilots_by_kind, links)
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        found: dict[str, Any] = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: {error}") from error
-    return found
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ from arena.schema import Arena
 
 _MEMBERS = frozenset({"mocap", "forward", "router", "logger"})
 MODULE, SLICE = "arena.fused", "fused.json"
-_START_TIMEOUT_S = 60.0
 _IN_MEMORY = ("router link", "vision link")  # ports that are not opened
 
 
@@ -87,7 +86,6 @@ def _with_members(world: ProcessSpec, joined: Sequence[ProcessSpec]) -> ProcessS
         world,
         argv=(python, "-m", MODULE, f"{{run}}/slices/{SLICE}"),
         env=(*world.env, ("PYTHONHASHSEED", "0")),
-        start_timeout_s=_START_TIMEOUT_S,
         stop_timeout_s=max(p.stop_timeout_s for p in (world, *joined)),
         cpu_budget=1.0,
         memory_budget_mb=world.memory_budget_mb + 20.0 * len(joined),

@@ -21,6 +21,7 @@ from pathlib import Path
 from arena.errors import ArenaError, InputError, RunError
 from arena.schema import Arena
 from arena.smoke.flying.session import LaunchOptions, Session
+from arena.smoke.language.model import named_processes
 from arena.smoke.language.scenario import Scenario
 from arena.smoke.referee.referee import Referee
 from arena.smoke.referee.verdict import Result
@@ -116,7 +117,7 @@ def launch_options(scenario: Scenario, folder: Path, options: FlightOptions) -> 
     from arena.plan.fused import could_be_member
     from arena.plan.resolved_yaml import arena_yaml
 
-    separate = any(could_be_member(name) for name in scenario.processes)
+    separate = any(map(could_be_member, named_processes(scenario.steps, scenario.always)))
     overrides = ["sim.processes=many"] if separate else []
     if scenario.arena_file:
         file, overrides = Path(scenario.arena_file), [*scenario.overrides, *overrides]

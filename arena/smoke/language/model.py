@@ -5,7 +5,7 @@ This module must not import these packages.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -225,3 +225,21 @@ class Allowance:
     crash: frozenset[str] = field(default_factory=frozenset)
     fail: frozenset[str] = field(default_factory=frozenset)
     stay_up: bool = False
+
+
+def named_processes(steps: Iterable[Step], always: Iterable[Rule]) -> frozenset[str]:
+    """Return the names of the processes that the actions and conditions of a scenario name.
+
+    steps, always: entries of the scenario with these names.
+    """
+    found: set[str] = set()
+    for step in steps:
+        for action in step.do:
+            found.update(action.processes)
+        for expectation in step.expect:
+            found.update(expectation.condition.processes)
+        if step.trigger is not None and step.trigger.condition is not None:
+            found.update(step.trigger.condition.processes)
+    for rule in always:
+        found.update(rule.condition.processes)
+    return frozenset(found)

@@ -63,18 +63,6 @@ class Scenario:
     always: tuple[Rule, ...]
     fence: Box
 
-    @property
-    def processes(self) -> frozenset[str]:
-        """Names of the processes that the actions and conditions of the scenario name."""
-        conditions = [e.condition for step in self.steps for e in step.expect]
-        conditions += [
-            step.trigger.condition for step in self.steps if step.trigger and step.trigger.condition
-        ]
-        conditions += [rule.condition for rule in self.always]
-        named = [condition.processes for condition in conditions]
-        named += [action.processes for step in self.steps for action in step.do]
-        return frozenset(name for names in named for name in names)
-
 
 def _arena(value: Any) -> Any:
     named = (value,) if isinstance(value, str) else value
