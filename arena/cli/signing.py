@@ -65,12 +65,10 @@ def setup(
     connection = serial_connection(v, url)
     exchange = KeyExchange(v.id, read_key(v.key_file), read_key(old_key) if old_key else None)
     run_exchange(exchange, connection, vehicle)
-    had = (
-        "the vehicle already had this key and signs"
-        if not exchange.changed
-        else "the vehicle has the new key and signs"
-    )
-    print(f"{vehicle}: {had} its messages")
+    if exchange.changed:
+        print(f"{vehicle}: the vehicle has the new key and signs its messages")
+    else:
+        print(f"{vehicle}: the vehicle already had this key and signs its messages")
 
 
 def serial_connection(vehicle: Vehicle, url: str) -> ConnectionUrl:

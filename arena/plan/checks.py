@@ -112,7 +112,9 @@ def _parameters(arena: Arena) -> Iterator[Problem]:
 
 
 def _radio(arena: Arena) -> Iterator[Problem]:
-    """Find vehicles with an RC transmitter whose parameter COM_RC_IN_MODE in the YAML can make PX4 ignore the transmitter."""
+    """Find vehicles with an RC transmitter for which the YAML sets COM_RC_IN_MODE to a value that lets PX4 ignore the
+    transmitter.
+    """
     for v in arena.vehicles:
         value, modes = v.own_params.get("COM_RC_IN_MODE"), rc_priority_modes(px4_version(v))
         if v.radio == "required" and value is not None and value not in modes:

@@ -56,14 +56,16 @@ def _vehicle(job: Job, v: Vehicle) -> Json:
 
 
 def _walls(arena: Arena, v: Vehicle) -> Json:
-    """Return the box in which the vehicle's centre must stay so that its body does not touch the room's walls."""
+    """Return a box for the vehicle's centre. While the centre is in this box, the vehicle's body does not touch the room's
+    walls.
+    """
     (north, east, up), radius = arena.world.size, v.profile.radius_m
     n, e = north / 2.0 - radius, east / 2.0 - radius
     return {"north": [-n, n], "east": [-e, e], "up": up - v.profile.height_m / 2.0}
 
 
 def _captures(arena: Arena) -> list[Json]:
-    """Return the settings of one receiver for each motion capture server that sees at least one vehicle."""
+    """Return the settings of the copilot's motion capture receivers: one receiver per server that sees at least one vehicle."""
     found = []
     for simulated in (True, False):
         bodies = [v.mocap_body for v in arena.vehicles if v.simulated is simulated]

@@ -62,7 +62,7 @@ def all_firmware(arena: Arena) -> dict[str, Firmware]:
 
 
 def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
-    """Return the parameters that a vehicle's autopilot must have.
+    """Return the PX4 parameter values that this arena requires of a vehicle's autopilot, each with its reason.
 
     version: PX4 version to use instead of the vehicle's own; "" for the vehicle's own.
     Raises InputError for a PX4 version that is not in the parameter table.
@@ -75,8 +75,8 @@ def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
 
 
 def origins(arena: Arena) -> dict[str, Origin]:
-    """Return where the PX4 version and each required parameter of every vehicle come from:
-    `vehicles.NAME.params.PARAMETER` -> value and source.
+    """Return the source of the PX4 version and of each required parameter, for every vehicle: `vehicles.NAME.params.PARAMETER`
+    -> value and source.
     """
     found: dict[str, Origin] = {}
     for name, each in all_firmware(arena).items():
@@ -109,7 +109,7 @@ def written_param_findings(arena: Arena) -> list[WrittenParamFinding]:
 
 
 def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
-    """Return the PX4 version whose parameter names apply to a vehicle: `asked` if given, else the vehicle's
+    """Return the PX4 version whose parameter names apply to a vehicle. This is the version `asked` if given, else the vehicle's
     `px4_version` in the YAML, else 1.16.
 
     Raises InputError if `asked` or the version in the YAML is not in the parameter table. For a PX4 binary whose version is
@@ -166,14 +166,14 @@ def _declination_deg(arena: Arena, v: Vehicle) -> float | None:
 
 
 def _held(required: Requirements, autopilot: str) -> Requirements:
-    """Return the requirements that become parameters of this autopilot. The built-in autopilot has no
-    parameters for rotor geometry and RC mapping, because it reads both from the profile.
+    """Return the requirements that the parameters of this autopilot can meet. The built-in autopilot has no parameters for
+    rotor geometry and RC mapping, because it reads both from the profile.
     """
     return replace(required, rotors=(), channels=0) if autopilot == "builtin" else required
 
 
 def unmeasured(arena: Arena, vehicle: Vehicle, version: str = "") -> dict[str, float]:
-    """Return the parameters that a real vehicle keeps as they are, because nobody has set or measured them.
+    """Return the parameters that arena does not change on a real vehicle, because nobody has measured or set their values.
 
     Return name -> value of the simulated vehicle of this profile, for comparison; {} for a simulated vehicle.
     version: as in `firmware`.

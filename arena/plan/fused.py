@@ -16,12 +16,15 @@ _IN_MEMORY = ("router link", "vision link")  # ports that are not opened
 
 
 def is_fused(arena: Arena) -> bool:
-    """Return whether world, motion capture, forwarders, router and loggers run in one process. Raises InputError."""
+    """Return whether world, motion capture, forwarders, router and loggers run in one process. Raises InputError if the YAML
+    asks for one process and this is not possible.
+    """
     return not why_many(arena)
 
 
 def why_many(arena: Arena) -> str:
-    """Return why the parts of this arena have processes of their own; "" if they share one.
+    """Return why world, motion capture, forwarders, router and loggers run as separate processes; "" if all of them run in one
+    process.
 
     Raises InputError if the YAML asks for one process and this is not possible.
     """
@@ -40,13 +43,15 @@ def why_many(arena: Arena) -> str:
 
 
 def could_be_member(process: str) -> bool:
-    """Return whether a process with this name is joined with the world in a fused arena. The world itself counts, too."""
+    """Return whether a fused arena (many parts in one process) runs this process inside its process `world`. True for `world`
+    itself, too.
+    """
     kind = process.partition(".")[0]
     return kind == "world" or kind in _MEMBERS
 
 
 def fuse(processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, ...]:
-    """Return the processes of the plan with world, motion capture, forwarders, router and loggers joined in the process `world`."""
+    """Return the processes of a plan after joining motion capture, forwarders, router and loggers with the process `world`."""
     joined = [p for p in processes if p.kind in _MEMBERS]
     names = {p.name for p in joined}
     found = []
@@ -62,7 +67,8 @@ def fuse(processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, ...]:
 def fused_slices(
     arena: Arena, made: dict[str, dict[str, Any]], processes: Sequence[ProcessSpec]
 ) -> dict[str, dict[str, Any]]:
-    """Return the slices of a fused plan: those of the members, and one that names the members.
+    """Return the configuration files (slices) of a plan whose parts run in the process `world`: one file per part, and one file
+    that lists the parts.
 
     The world waits for the programs of Python files before it begins: they use the simulation clock. With a copilot it
     does not wait, because the copilot needs simulation time to become ready.

@@ -17,7 +17,8 @@ Address = list[Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """All that is needed to describe one process of the plan.
+    """Input of the functions that describe one process of the plan: the arena, the vehicle or group of the process, and its PX4
+    parameters.
 
     fleet: vehicle name -> firmware parameters.
     python: path of the Python interpreter for arena's processes and `.py` programs.
@@ -33,7 +34,7 @@ class Job:
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
-        """Return the vehicles of the process's group."""
+        """Return the vehicles of the group whose programs run in this process."""
         return self.arena.groups[self.group]
 
     @property
@@ -63,7 +64,7 @@ def link_of(arena: Arena, vehicle: Vehicle, name: str) -> LinkPlan:
 
 
 def _autopilot_host(arena: Arena, vehicle: Vehicle) -> str:
-    """Return the source address of an autopilot's datagrams.
+    """Return the IP address from which an autopilot sends its datagrams.
 
     PX4 binds its sockets to 0.0.0.0. On the loopback network the kernel then always sends from 127.0.0.1.
     """

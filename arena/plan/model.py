@@ -42,7 +42,9 @@ class Listen:
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """A part of the fused arena, or a program of a group, that has no process of its own. name, kind, vehicle: as in `ProcessSpec`."""
+    """A part of the arena that runs inside another process: in `world` (fused arena), or in the process of a group. name, kind,
+    vehicle: as in `ProcessSpec`.
+    """
 
     name: str
     kind: str

@@ -113,7 +113,9 @@ def _server_sockets(plan: Plan, name: str) -> Iterator[SocketUse]:
 
 
 def _other_sockets(plan: Plan, spec: ProcessSpec, kind: str, slice_: dict[str, Any]) -> Iterator[OpenSocket]:
-    """Yield the sockets of one part of a process that are neither in the port table nor those of motion capture."""
+    """Yield the Unix sockets and sending sockets of one part of a process, which are neither in the port table nor used for
+    motion capture.
+    """
     if kind == "program" and slice_.get("heartbeat"):
         yield OpenSocket(
             process=spec.name,

@@ -328,7 +328,7 @@ def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
 
 
 def _group_listens(job: Job) -> Iterator[Listen]:
-    """Yield the ports of the programs of a group."""
+    """Yield the ports that the process of a group binds: the port of each vehicle's program."""
     for v in job.vehicles:
         yield from listens(job.arena, "program", v)
 

@@ -21,7 +21,9 @@ _MOTOR_1 = 101  # output function of the first motor
 
 
 def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
-    """Return the startup scripts of one simulated PX4: file name in `etc/init.d-posix` -> text. given: name -> value for the templates."""
+    """Return the startup scripts of one simulated PX4: file name in `etc/init.d-posix` -> text. given: values of the
+    placeholders in the script templates, by name.
+    """
     import jinja2
 
     loader = jinja2.FileSystemLoader(str(data_folder("templates") / "px4"))

@@ -24,7 +24,7 @@ Autopilot = Literal["builtin", "px4", "hardware", "hitl"]
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """A value of the arena and the source of the value as text: `arena.yaml:14`, `default`, `profile iris` or `--set`."""
+    """A value of the arena, with its source as text: `arena.yaml:14`, `default`, `profile iris` or `--set`."""
 
     value: Value
     source: str

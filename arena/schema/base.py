@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 
 class Strict(BaseModel):
-    """Base of all YAML models: frozen and strict. Refuses unknown keys, NaN and infinity."""
+    """Base class of the pydantic models of all YAML sections: frozen and strict. Refuses unknown keys, NaN and infinity."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -32,7 +32,7 @@ def _ipv4(text: str) -> str:
     try:
         return str(ipaddress.IPv4Address(text))
     except ValueError as error:
-        raise ValueError("a numeric IPv4 address such as 127.0.0.1") from error
+        raise ValueError("expected a numeric IPv4 address such as 127.0.0.1") from error
 
 
 Address = Annotated[str, AfterValidator(_ipv4)]

@@ -52,7 +52,8 @@ class RealFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """Input of a cross-check, with methods that find the line of a value and make a problem.
+    """Input of a cross-check (a check that involves several YAML keys), with methods that find the line of a value and describe
+    a problem.
 
     pruned: paths of values that are already reported as wrong; checks skip them.
     """
@@ -63,7 +64,9 @@ class Check:
     files: Files
 
     def where(self, vehicle: str, *key: str) -> YamlPath:
-        """Return the YAML path of a vehicle's key: under the vehicle if it is written there, else under `defaults`."""
+        """Return the YAML path of a vehicle's key: the path under the vehicle if the YAML gives the key there, else the path
+        under `defaults`.
+        """
         return self.source.layer(vehicle, *key)
 
     def place_of(self, vehicle: Vehicle, key: str) -> str:

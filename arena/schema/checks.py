@@ -28,13 +28,15 @@ _LEAST_POSE_RATE_HZ = 10.0  # PX4's estimator stops fusing after gaps of 0.2 s
 
 
 def check(c: Check) -> list[Problem]:
-    """Return every problem of the arena."""
+    """Run all cross-checks (checks that involve several YAML keys) and return every problem of the arena."""
     found = [p for one in _CHECKS for p in one(c)]
     return list(dict.fromkeys(p for p in found if p is not None))
 
 
 def _names(c: Check) -> Iterator[Problem]:
-    """Check the names of vehicles and tools, because they become file names, process names and rigid bodies."""
+    """Check the names of vehicles and tools. Only some characters are allowed, because arena also uses these names for files,
+    processes and rigid bodies.
+    """
     said = "expected at most 32 lower-case letters, digits and _, starting with a letter"
     for vehicle in c.arena.vehicles:
         if not _NAME.fullmatch(vehicle.name):
@@ -201,7 +203,8 @@ def _start(c: Check) -> Iterator[Problem]:
 
 
 def _beside(c: Check, v: Vehicle, axis: str, value: float, room: float) -> Iterator[Problem]:
-    """Check on one horizontal axis that a vehicle starts inside the room, with space for its radius before the wall.
+    """Check on one horizontal axis that a simulated vehicle starts inside the room, at least its own radius away from the
+    walls.
 
     room: largest allowed distance from the room's middle [m].
     """

@@ -57,7 +57,9 @@ def _differences(c: Check, group: str, first: Vehicle, other: Vehicle) -> Iterat
 
 
 def _settings(one: Program, two: Program) -> Iterator[tuple[str, str, str]]:
-    """Yield (key, value of the one, value of the other) of all settings that a group has in common."""
+    """Yield (key, value of the first program, value of the second) for each setting that the programs of a group must have in
+    common.
+    """
     yield "path", one.path, two.path
     yield "restart", one.restart, two.restart
     yield "run", "once" if one.once else "each", "once" if two.once else "each"
@@ -66,7 +68,7 @@ def _settings(one: Program, two: Program) -> Iterator[tuple[str, str, str]]:
 
 
 def _grids(c: Check) -> Iterator[Problem]:
-    """Check that only ranges of vehicles have a grid."""
+    """Check that `start.grid`, which places vehicles in rows, is used only for ranges of vehicles such as `uav1..uav48`."""
     for v in c.arena.vehicles:
         path = c.where(v.name, "start", "grid")
         if c.source.given(path) and c.source.range_of(v.name) is None and c.sound(v, "start"):

@@ -83,7 +83,7 @@ class BatteryRule(Strict):
 
 
 class ProgramRule(Strict):
-    """Rule: in OFFBOARD, the user program must send heartbeats. The rule applies once the program has sent a heartbeat since arming."""
+    """Rule: in OFFBOARD, the user program must send heartbeats. The rule applies from the first heartbeat after arming."""
 
     do: Do = "land"
     """Action: none, hold, land or terminate."""
@@ -124,7 +124,8 @@ class Copilot(Strict):
             do: str = getattr(self, rule).do
             if _STEPS.index(do) > _STEPS.index(self.at_most):
                 raise ValueError(
-                    f"at_most to allow {rule}.do: {do}, but at_most is {self.at_most}. Set at_most: {do}, or choose a weaker {rule}.do"
+                    f"expected at_most to allow {rule}.do: {do}, but at_most is {self.at_most}. "
+                    f"Set at_most: {do}, or choose a weaker {rule}.do"
                 )
         return self
 

@@ -1,4 +1,4 @@
-"""Hardware uid of an autopilot in the YAML."""
+"""YAML type of a hardware uid, which is the serial number of a flight controller."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def _uid(value: Any) -> str:
     text = value.lower().removeprefix("0x") if isinstance(value, str) else ""
     if text == "none" or (re.fullmatch(r"[0-9a-f]{16}|[0-9a-f]{36}", text) and text.strip("0")):
         return text
-    raise ValueError("16 or 36 hexadecimal digits in quotes, or none")
+    raise ValueError("expected 16 or 36 hexadecimal digits in quotes, or none")
 
 
 HardwareUid = Annotated[str, BeforeValidator(_uid)]

@@ -14,7 +14,7 @@ def _date(text: str) -> str:
     try:
         return datetime.date.fromisoformat(text).isoformat()
     except ValueError as error:
-        raise ValueError("a date such as 2026-11-20") from error
+        raise ValueError("expected a date such as 2026-11-20") from error
 
 
 class Measured(Strict):

@@ -1,4 +1,4 @@
-"""The YAML keys under `mocap`: keys for all vendors, and keys of each vendor.
+"""The YAML keys under `mocap`: those that every vendor has, and those of a single vendor.
 
 Each vendor with keys of its own has a class here and a row in `VENDOR_KEYS`. `Mocap` inherits the class, so that users write
 these keys directly under `mocap:`. The vendor's package uses their values (`arena.mocap.vendors`).

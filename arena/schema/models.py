@@ -27,12 +27,12 @@ def _speed(value: Any) -> float | Literal["max"]:
         return "max"
     if isinstance(value, (int, float)) and not isinstance(value, bool) and 0.0 < value <= 1000.0:
         return float(value)
-    raise ValueError("a number above 0 to 1000, or max")
+    raise ValueError("expected a number above 0 and at most 1000, or max")
 
 
 def _px4_version(text: str) -> str:
     if not re.fullmatch(r"v?1\.\d{1,2}(\.\d{1,3})?", text):
-        raise ValueError("a PX4 version such as 1.16")
+        raise ValueError("expected a PX4 version such as 1.16")
     return text.removeprefix("v")
 
 
@@ -41,7 +41,7 @@ def _program(value: Any) -> Any:
         return value
     if isinstance(value, str):
         return {"path": value}
-    raise ValueError("a path, or a mapping with the keys path, args, restart, group and run")
+    raise ValueError("expected a path, or a mapping with the keys path, args, restart, group and run")
 
 
 Speed = Annotated[

@@ -47,8 +47,10 @@ class TangentCurve(Strict):
 
 
 class Imu(Strict):
-    """Inertial measurement unit. Noise and bias are rms values per axis. The noise is that of one sample at 250 Hz: its density
-    is this value divided by the square root of 250 Hz, at every `sim.sensor_hz`. The bias is random."""
+    """Inertial measurement unit (IMU). Noise and bias are rms values per axis. The noise is that of one sample at 250 Hz. At
+    another `sim.sensor_hz`, arena keeps the noise density (this value divided by the square root of 250 Hz). The bias is
+    random.
+    """
 
     accel_noise_m_s2: NotNegative
     accel_bias_m_s2: NotNegative
@@ -65,13 +67,13 @@ class Imu(Strict):
 
 
 class Baro(Strict):
-    """Barometer: rms noise of the height, of one sample at 250 Hz as for the IMU."""
+    """Barometer: rms noise of the height [m], valid for one sample at 250 Hz. At other rates the noise density stays the same."""
 
     noise_m: NotNegative
 
 
 class Mag(Strict):
-    """Magnetometer: rms noise per axis, of one sample at 250 Hz as for the IMU."""
+    """Magnetometer: rms noise per axis, valid for one sample at 250 Hz. At other rates the noise density stays the same."""
 
     noise_gauss: NotNegative
 
@@ -95,7 +97,7 @@ class Sensors(Strict):
 
 
 class GroundEffect(Strict):
-    """Ground effect: the increase of thrust near the floor, computed with the method of images."""
+    """Ground effect: near the floor the thrust is higher. The model is the method of images."""
 
     rotor_radius_m: Positive
     body_lift: NotNegative = 2.0
@@ -111,7 +113,9 @@ class Downwash(Strict):
 
 
 class RotorInertia(Strict):
-    """Inertia of one rotor: its motor turns the body the other way while the rotor gains speed."""
+    """Moment of inertia of one rotor with its propeller. When the rotor gains speed, the motor's reaction torque turns the body
+    the other way.
+    """
 
     moment_kg_m2: NotNegative
     """Moment of inertia of rotor and propeller about the rotor's axis [kg m2]. 0: no torque."""

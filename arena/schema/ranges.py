@@ -20,14 +20,17 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class RangeMember:
-    """Origin of a vehicle that a range names. key: the range, such as `uav1..uav48`. index: 0 for its first vehicle."""
+    """Vehicle that belongs to a range of vehicles. key: the range, such as `uav1..uav48`. index: place of the vehicle in the
+    range; 0 for the first.
+    """
 
     key: str
     index: int
 
 
 def expand_ranges(document: Document) -> tuple[Any, dict[str, RangeMember]]:
-    """Return the values of a document with every range of vehicles replaced by its vehicles, and the origin of these vehicles.
+    """Replace every range such as `uav1..uav48` by its vehicles. Return the new values of the document, and vehicle name -> its
+    range.
 
     Raises InputError for a wrong range, and for a name that is given twice.
     """
@@ -56,14 +59,16 @@ def expand_ranges(document: Document) -> tuple[Any, dict[str, RangeMember]]:
 
 
 def place_in_grid(first: Place, grid: Grid, index: int) -> Place:
-    """Return the start of one vehicle of a range [m] [NED]. first: start of the first vehicle. index: 0 for the first."""
+    """Return the start position of one vehicle of a range that is placed in a grid [m] [NED]. first: start of the first
+    vehicle. index: 0 for the first.
+    """
     row, column = divmod(index, grid.columns)
     north, east, down = first
     return round(north - row * grid.spacing_m, 9), round(east + column * grid.spacing_m, 9), down
 
 
 def _names(key: str) -> Iterator[str]:
-    """Yield the names of a range. Yield nothing if it is not a range."""
+    """Yield the names of the vehicles in a range such as `uav1..uav48`. Yield nothing if the text is not a range."""
     found = _RANGE.fullmatch(key)
     if found is None or found[3] not in (None, "", found[1]):
         return

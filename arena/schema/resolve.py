@@ -129,7 +129,9 @@ def pose_rate_hz(frame_rate_hz: float) -> float:
 
 
 class _Merge:
-    """Merge of the layers of one vehicle: built-in defaults, `defaults`, own keys. Records the origin of each value."""
+    """Merges the values of one vehicle from three places: built-in defaults, the YAML section `defaults`, the vehicle's own
+    keys. Records where each value comes from.
+    """
 
     def __init__(
         self,
@@ -228,7 +230,7 @@ class _Merge:
         return str(self._own("signing.key_file", file, "default"))
 
     def _take(self, key: str, default: Any, words: str = "default") -> Any:
-        """Return the value under the vehicle, else the value under `defaults`, else `default`; record its origin."""
+        """Return the value under the vehicle, else the value under `defaults`, else `default`. Record which of them was used."""
         for layer, path in ((self.own, ("vehicles", self.name, key)), (self.common, ("defaults", key))):
             value = getattr(layer, key)
             if value is not None:
@@ -236,7 +238,9 @@ class _Merge:
         return self._note(key, default, words)
 
     def _own(self, key: str, value: Any, words: str) -> Any:
-        """Return the value of a key that cannot be written under `defaults`; record its origin."""
+        """Return the value of a key that can be written only under the vehicle, not under `defaults`. Record where the value
+        comes from.
+        """
         path = ("vehicles", self.name, key)
         return self._note(key, value, self.source.origin(path) if self.source.given(path) else words)
 
@@ -326,7 +330,7 @@ class _Merge:
 
 
 def _trace(origins: dict[str, Origin], source: Source, path: YamlPath, value: Any) -> None:
-    """Record the origin of every value of a YAML section."""
+    """Record where every value of a YAML section comes from."""
     if isinstance(value, BaseModel):
         for key in type(value).model_fields:
             _trace(origins, source, (*path, key), getattr(value, key))

@@ -62,7 +62,7 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
 
 
 def _prune(data: Any, path: YamlPath, *, missing: bool) -> YamlPath:
-    """Remove a wrong value, so that the other values can be validated; return the path that was removed.
+    """Remove a wrong value from the YAML document, so that the other values can be validated. Return the path that was removed.
 
     An item of a list is not removed alone: the mapping key that contains the list is removed.
     """
@@ -102,7 +102,9 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
 
 
 def _instead(kind: type[BaseModel], path: YamlPath) -> str:
-    """Return a hint for an unknown key: the same key in another section if there is exactly one, else the most similar key."""
+    """Return a hint for an unknown key. If exactly one other section has this key, the hint names this section; else it names
+    the most similar key.
+    """
     elsewhere = [keys for keys in _below(kind) if len(keys) > len(path) and keys[-len(path) :] == path]
     if len(elsewhere) == 1:
         return f"Did you mean {dotted(elsewhere[0])}?"
@@ -151,7 +153,7 @@ def _expected(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
     if type_ == "literal_error":
         return ", ".join(_choices(detail)[:-1]) + f" or {_choices(detail)[-1]}"
     if type_ == "value_error":
-        return str(context["error"])
+        return str(context["error"]).removeprefix("expected ")
     if type_ in ("model_type", "model_attributes_type"):
         return f"a mapping with keys such as {', '.join(keys_at(kind, path)[:4])}"
     if type_ in ("too_short",):

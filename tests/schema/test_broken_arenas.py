@@ -224,7 +224,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "speed of zero": (
         "sim: {speed: 0}\nvehicles:\n" + V1,
         "1: sim.speed: ",
-        "a number above 0 to 1000, or max",
+        "a number above 0 and at most 1000, or max",
     ),
     "negative size": (
         "world: {size: [7, -4, 3]}\nvehicles:\n" + V1,
