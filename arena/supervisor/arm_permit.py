@@ -8,6 +8,9 @@ from arena.plan.model import Plan
 from arena.supervisor.process_state import ProcessStatus, State
 
 
+CONFIRMATION_S = 30.0  # the confirmation of `arena up` counts for vehicles that are connected by then
+
+
 def permit_request(vehicle: str, by: str) -> dict[str, str]:
     """Return the request that gives an arm permit; it is for the link process of the vehicle. by: who gives the permit."""
     return {"do": "permit", "vehicle": vehicle, "by": by}
@@ -36,3 +39,27 @@ def check_vehicle(real: Mapping[str, bool], vehicle: str) -> None:
         raise ValueError(f"got vehicle {vehicle!r}, expected a real vehicle: {known}")
     if not real[vehicle]:
         raise ValueError(f"{vehicle}: link.{vehicle} is not ready. Is the vehicle switched on?")
+
+
+class Confirmation:
+    """The confirmation at `arena up`: it permits the vehicles that are connected soon after it to arm.
+
+    It is used once: when all processes are ready, at the latest `CONFIRMATION_S` after the start. So a vehicle whose
+    battery is connected later does not take off.
+
+    by: who has confirmed; "" if nobody has. began: start of the run, in s.
+    """
+
+    def __init__(self, by: str, began: float) -> None:
+        self.by, self._began, self._open = by, began, bool(by)
+
+    def use(self, now: float, all_ready: bool, real: Mapping[str, bool]) -> tuple[list[str], list[str]]:
+        """Return the vehicles that get an arm permit now and those that get none; both are empty except once.
+
+        now: in s, on the clock of `began`. all_ready: whether all processes of the arena are ready. real: result of
+        `real_vehicles`.
+        """
+        if not self._open or not (all_ready or now - self._began >= CONFIRMATION_S):
+            return [], []
+        self._open = False
+        return [name for name, ready in real.items() if ready], [name for name, ready in real.items() if not ready]

@@ -26,7 +26,7 @@ from typing import Any
 from arena.background_writer import BackgroundWriter
 from arena.plan.model import Plan
 from arena.supervisor import child_process, run_end
-from arena.supervisor.arm_permit import check_permit, check_vehicle, permit_request, real_vehicles
+from arena.supervisor.arm_permit import Confirmation, check_permit, check_vehicle, permit_request, real_vehicles
 from arena.supervisor.axes_check import body_requests, check_request
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
@@ -85,6 +85,7 @@ class Supervisor:
         self._operator = OperatorPresence()
         self._end: End | None = None
         self._began = time.monotonic()
+        self._confirmation = Confirmation(options.permit_by, self._began)
         self._quiet_since: float | None = None
         self._next_round = self._next_sample = 0.0
         self._recorded: set[int] | None = None
@@ -235,6 +236,7 @@ class Supervisor:
             self._begin_end(Cause.DONE, "every program has ended and every vehicle is disarmed")
         else:
             self._report_started(now)
+            self._permit_connected(now)
 
     def _report_started(self, now: float) -> None:
         statuses = self._processes.statuses
@@ -248,20 +250,17 @@ class Supervisor:
         noun = "process" if ready == "1" else "processes"
         self._show_line(f"{ready} {noun} ready in {now - self._began:.1f} s")
         self._show.started(failed)
-        if self.options.permit_by:
-            self._permit_connected()
 
-    def _permit_connected(self) -> None:
-        """Permit the connected real vehicles to arm, because the user has already given consent to `arena
-        up`. Report the vehicles that are not connected.
-        """
+    def _permit_connected(self, now: float) -> None:
+        """Give the arm permits of the confirmation at `arena up`, and report the vehicles that get none."""
         real = real_vehicles(self.plan, self._processes.statuses)
-        if connected := [name for name, ready in real.items() if ready]:
+        connected, missing = self._confirmation.use(now, self._all_started, real)
+        if connected:
             try:
-                self._permit(connected, self.options.permit_by)
+                self._permit(connected, self._confirmation.by)
             except ValueError as error:
                 self._show_line(str(error))
-        for name in (name for name, ready in real.items() if not ready):
+        for name in missing:
             self._show_line(
                 f"{name}: not connected, so it has no arm permit; later run `arena arm-permit {name}`"
             )

@@ -9,7 +9,7 @@ import pytest
 from arena.cli.arm_permit import vehicle_line
 from arena.plan import Plan, make_plan
 from arena.schema import load_arena
-from arena.supervisor.arm_permit import check_permit, real_vehicles
+from arena.supervisor.arm_permit import CONFIRMATION_S, Confirmation, check_permit, real_vehicles
 from arena.supervisor.process_state import ProcessStatus, State
 
 ARENA = """
@@ -32,6 +32,21 @@ def test_only_connected_real_vehicles_are_permitted_at_the_start(plan):  # revie
     states = {spec.name: ProcessStatus(since=0.0, state=State.READY) for spec in plan.processes}
     states["link.uav3"] = ProcessStatus(since=0.0, state=State.STARTING)
     assert real_vehicles(plan, states) == {"uav2": True, "uav3": False}
+
+
+def test_a_battery_that_is_connected_long_after_the_confirmation_permits_nothing():  # review fault 3
+    given = Confirmation("ada", began=100.0)
+    only_uav2 = {"uav2": True, "uav3": False}
+    assert given.use(99.9 + CONFIRMATION_S, False, only_uav2) == ([], [])
+    assert given.use(100.0 + CONFIRMATION_S, False, only_uav2) == (["uav2"], ["uav3"])
+    assert given.use(101.0 + CONFIRMATION_S, True, {"uav2": True, "uav3": True}) == ([], [])
+
+
+def test_the_confirmation_is_used_once_when_all_processes_are_ready():
+    given = Confirmation("ada", began=100.0)
+    assert given.use(102.0, True, {"uav2": True}) == (["uav2"], [])
+    assert given.use(103.0, True, {"uav2": True}) == ([], [])
+    assert Confirmation("", began=100.0).use(500.0, True, {"uav2": True}) == ([], [])
 
 
 @pytest.mark.parametrize(
