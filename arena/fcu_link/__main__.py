@@ -212,13 +212,8 @@ class FcuLinkShell:
             axes.stop(f"the other bodies of the room cannot be received: {self._room.error}")
         if axes.record != self._axes_record:
             self._axes_record = axes.record
-            try:
-                self._axes_file.write(axes.record)
-            except OSError as error:
-                self._say(
-                    f"{self._s.vehicle}: cannot write {self._s.axes_file} ({error.strerror}): the axes check is valid until "
-                    f"link.{self._s.vehicle} ends"
-                )
+            effect = f", so the axes check is valid until link.{self._s.vehicle} ends"
+            self._save(self._s.axes_file, partial(self._axes_file.write, axes.record), effect)
         if axes.status != self._axes_status:
             self._axes_status = axes.status
             self._process.stats({"axes_check": axes.status})
@@ -285,14 +280,17 @@ class FcuLinkShell:
         text = format_params(self._s.params, self._s.id, header=header, types=types)
         self._save(self._s.params_file, partial(_write_text, Path(self._s.params_file), text))
 
-    def _save(self, path: str, write: Callable[[], None]) -> None:
-        """Write a file in a thread, because a disk that does not respond must not stop the link. An error is reported."""
+    def _save(self, path: str, write: Callable[[], None], effect: str = "") -> None:
+        """Write a file in a thread, because a disk that does not respond must not stop the link.
+
+        An error is reported. effect: what the error leads to, as the end of its message.
+        """
 
         def save() -> None:
             try:
                 write()
             except OSError as error:
-                self._file_errors.put(f"{self._s.vehicle}: cannot write {path}: {error.strerror}")
+                self._file_errors.put(f"{self._s.vehicle}: cannot write {path}: {error.strerror}{effect}")
 
         self._files.submit(save)
 
