@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from arena.plan.model import Plan
 from arena.supervisor.process_state import ProcessStatus, State
 
-
 CONFIRMATION_S = 30.0  # the confirmation of `arena up` counts for vehicles that are connected by then
 
 
@@ -62,4 +61,6 @@ class Confirmation:
         if not self._open or not (all_ready or now - self._began >= CONFIRMATION_S):
             return [], []
         self._open = False
-        return [name for name, ready in real.items() if ready], [name for name, ready in real.items() if not ready]
+        return [name for name, ready in real.items() if ready], [
+            name for name, ready in real.items() if not ready
+        ]

@@ -26,7 +26,13 @@ from typing import Any
 from arena.background_writer import BackgroundWriter
 from arena.plan.model import Plan
 from arena.supervisor import child_process, run_end
-from arena.supervisor.arm_permit import Confirmation, check_permit, check_vehicle, permit_request, real_vehicles
+from arena.supervisor.arm_permit import (
+    Confirmation,
+    check_permit,
+    check_vehicle,
+    permit_request,
+    real_vehicles,
+)
 from arena.supervisor.axes_check import body_requests, check_request
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
