@@ -198,7 +198,9 @@ class FcuLinkShell:
             self._process.confirm(request)
 
     def _set_time(self, now: float) -> None:
-        """Pass the identity of this computer's start and its clocks to the axes check, whose record depends on them."""
+        """Pass the computer's start id, its time in suspend and the date to the axes check, which stores these values in its
+        record.
+        """
         suspended_s = time.clock_gettime(time.CLOCK_BOOTTIME) - now
         self._core.axes.set_time(
             self._computer, suspended_s, time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())

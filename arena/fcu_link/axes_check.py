@@ -1,4 +1,5 @@
-"""Guided identity and axes check of a real vehicle, and the record without which it must not arm. Pure.
+"""Guided check of a real vehicle: a person moves it by hand, and its captured body must move as its IMU measures. Without the
+record of a passed check, the vehicle must not arm. Pure.
 
 `arena preflight` starts the check. It runs only while the vehicle is disarmed, and it never arms: while it runs, arming is
 refused, because a person holds the vehicle.
@@ -34,7 +35,7 @@ _ROOM_UNSEEN = (
 
 
 class AxesCheck:
-    """Check of one vehicle, and its record.
+    """Guided identity and axes check of one vehicle, and the record of the last check that the vehicle has passed.
 
     record: last check that the vehicle has passed; None if there is none
     running: a check is running
@@ -62,7 +63,9 @@ class AxesCheck:
         return self._check is not None
 
     def reasons(self, uid: str) -> list[str]:
-        """Return why the vehicle must not be armed; empty if arming is allowed. uid: hardware uid of its autopilot."""
+        """Return why the vehicle must not be armed because of its axes check; empty if arming is allowed. uid: hardware uid of
+        the vehicle's autopilot.
+        """
         if self.running:
             return ["the axes check is running"]
         if not self._required:
@@ -81,7 +84,9 @@ class AxesCheck:
     def on_request(
         self, request: Mapping[str, Any], now: float, refusal: str, uid: str, *, armed: bool
     ) -> None:
-        """Process a request of the supervisor for this vehicle (see `process_context`). refusal, uid: see `start`."""
+        """Process a request of the supervisor to start or stop the vehicle's axes check (see `process_context`). refusal, uid:
+        see `start`.
+        """
         match request.get("do"):
             case "body":
                 self.on_definition(str(request.get("definition") or ""))
@@ -92,7 +97,9 @@ class AxesCheck:
                 self.stop(f"stopped by {request.get('by')}")
 
     def start(self, by: str, now: float, refusal: str, uid: str) -> None:
-        """Start a check. by: who asked for it. refusal: why it must not run; "" if it may. uid: hardware uid of the autopilot."""
+        """Start an axes check. by: person who requested the check. refusal: why the check must not run; "" if it may. uid:
+        hardware uid of the autopilot.
+        """
         if not self._s.preflight.poses:
             refusal = refusal or "the vehicle gets no poses (forward: false), so there is nothing to compare"
         self.stop("another check was started")
@@ -108,7 +115,7 @@ class AxesCheck:
             self._show()
 
     def stop(self, why: str) -> None:
-        """End a running check without a result."""
+        """End a running axes check without a result. Does nothing if no check runs."""
         if self._check is not None:
             self._check.stop(why)
             self._finish()
@@ -116,11 +123,13 @@ class AxesCheck:
     # -- the vehicle and its body
 
     def set_time(self, computer: str, suspended_s: float, date: str) -> None:
-        """Set the id of this computer's start, the time for which it was suspended since then [s], and the time of day (UTC)."""
+        """Set the id of this computer's start, the time that the computer has been suspended since then [s], and the date and
+        time of day (UTC).
+        """
         self._computer, self._suspended_s, self._date = computer, suspended_s, date
 
     def on_definition(self, definition: str) -> None:
-        """Set the definition of the rigid body that the pose forwarder has reported; "" while it is unknown."""
+        """Store the definition of the rigid body, as the pose forwarder has reported it; "" while it is unknown."""
         if definition and self._definition and definition != self._definition:
             self.stop("the rigid body was defined again during the check")
             self.events.append("its rigid body was defined again: the axes check is not valid any more")
@@ -131,7 +140,7 @@ class AxesCheck:
         self._boot = BootTime(computer=self._computer, at_s=now + self._suspended_s - boot_s)
 
     def on_reboot(self) -> None:
-        """Forget the start of the autopilot, because it has rebooted or is another one."""
+        """Discard the start time of the autopilot, because the autopilot has rebooted or was exchanged."""
         self.stop("the autopilot has rebooted")
         self._boot = None
 
@@ -152,7 +161,7 @@ class AxesCheck:
             self._delay_param = value
 
     def on_pose(self, m: Any, now: float) -> None:
-        """Process an ODOMETRY message that is sent to the vehicle."""
+        """Process an ODOMETRY message, which contains a captured pose and is sent to the vehicle."""
         if self._check is not None:
             self._check.on_pose(m.q, (m.x, m.y, m.z), now)
 
@@ -169,7 +178,7 @@ class AxesCheck:
     # -- periodic
 
     def tick(self, now: float) -> None:
-        """Advance the check. Call it about twenty times a second."""
+        """Advance the axes check. Call this method about twenty times a second."""
         if self._check is None:
             return
         if self._missing:
@@ -183,7 +192,7 @@ class AxesCheck:
             self._show()
 
     def due(self, now: float) -> list[Any]:
-        """Return the messages to send to the autopilot now."""
+        """Return the messages that the axes check must send to the autopilot now."""
         if self._check is None:
             return []
         due = [m] if (m := self._clock.request(now)) is not None else []
@@ -196,7 +205,7 @@ class AxesCheck:
 
     @property
     def _missing(self) -> str:
-        """Data that the record of a check needs and that were not received yet; "" if nothing is missing."""
+        """Name the data that the record of a check needs and that have not been received yet; "" if nothing is missing."""
         if not self._definition:
             return "the pose forwarder has not reported the definition of the rigid body"
         return "the autopilot has not sent its time since boot (SYSTEM_TIME)" if self._boot is None else ""

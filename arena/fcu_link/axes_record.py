@@ -17,21 +17,23 @@ BOOT_TOLERANCE_S = 5.0  # quartz clocks drift by up to 1 s in 3 h
 
 @dataclass(frozen=True, kw_only=True)
 class BootTime:
-    """Start of an autopilot. computer: id of this computer's start. at_s: time of the autopilot's start by this
-    computer's clock, which counts from the computer's start [s].
+    """Time at which an autopilot was started. computer: id of this computer's start. at_s: time of the autopilot's start,
+    counted from the computer's start [s].
     """
 
     computer: str
     at_s: float
 
     def same_as(self, other: BootTime) -> bool:
-        """Return whether both are the same start of the autopilot."""
+        """Return whether both records are of the same start of the autopilot. Small differences of the time are allowed."""
         return self.computer == other.computer != "" and abs(self.at_s - other.at_s) <= BOOT_TOLERANCE_S
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxesRecord:
-    """A passed axes check. body: name of the rigid body. definition: its definition. by: who made the check. when: UTC."""
+    """Record of a passed axes check. body: name of the rigid body. definition: its definition. by: person who made the check.
+    when: UTC.
+    """
 
     vehicle: str
     uid: str

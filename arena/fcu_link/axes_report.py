@@ -13,7 +13,7 @@ _LARGEST_MS = 300.0  # PX4 accepts no larger value
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """Values that were measured during the check, beside the verdict.
+    """Values that an axes check measured in addition to its verdict.
 
     latency_s, latency_error_s: from the exposure of a frame to its arrival at this computer, by the clock of the motion
         capture server [s]; not finite if it is unknown

@@ -15,7 +15,8 @@ _MAX_ROUND_TRIP_S = 1.0
 
 
 class ClockOffset:
-    """Measurement of the offset. The fastest round trip counts.
+    """Measurement of the offset between this computer's clock and the autopilot's clock. Only the fastest round trip is used,
+    because its error is smallest.
 
     offset_s: this computer's clock minus the autopilot's clock [s]; None before the first answer
     round_trip_s: time from the request to the answer that counts [s]; its half is the largest error of the offset
@@ -38,7 +39,7 @@ class ClockOffset:
         return mavlink.MAVLink_timesync_message(0, number)
 
     def on_timesync(self, m: Any, now: float) -> None:
-        """Process a TIMESYNC message of the autopilot. Requests, and answers to others, are ignored."""
+        """Process a TIMESYNC message of the autopilot. Requests, and answers to requests of other programs, are ignored."""
         sent = self._sent.pop(m.ts1, None) if m.tc1 > 0 else None
         if sent is not None and now - sent < self.round_trip_s:
             self.round_trip_s = now - sent

@@ -118,7 +118,7 @@ class FcuLink:
     def from_vehicle(
         self, data: Buffer, found: ParsedFrames, now: float, source: Source = "the vehicle"
     ) -> Out:
-        """Process data of a source. Return (link or "simulator", datagram) for each receiver; nothing if it is not the vehicle."""
+        """Process data from one source. Return (link or "simulator", datagram) for each receiver; [] if the source is not the vehicle."""
         self._silence.on_data(data, found)
         if not self._is_vehicle(source, data, found, now):
             self.counts["from the vehicle: unknown sender"] += 1
@@ -147,7 +147,7 @@ class FcuLink:
         self._silence.on_data(data, found)
 
     def _is_vehicle(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> bool:
-        """Return whether data come from the vehicle. Drop the frames that wait to be sent if its address or device has changed."""
+        """Return whether data come from the vehicle. After a change of its address or device, drop the frames that wait to be sent."""
         before, uid = self.identity.source, self.identity.uid
         accepted = self.identity.accepts(source, data, found.frames, now)
         if self.identity.source != before:
@@ -304,7 +304,7 @@ class FcuLink:
         return queued.frame
 
     def _pass(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
-        """Queue a frame for the vehicle if its sender may command the vehicle now. Else return the refusal, to be sent on the link."""
+        """Queue a frame for the vehicle if its sender may command the vehicle now. Else return the refusal for the sender's link."""
         if self.identity.source is None:
             self.counts[f"to the vehicle: not connected ({link})"] += 1
             return []
@@ -380,7 +380,7 @@ class FcuLink:
                 self.identity.fix()
 
     def _connected(self, now: float) -> bool:
-        """Return whether the vehicle is accepted and sends."""
+        """Return whether the vehicle is identified and has sent data recently."""
         return self.identity.source is not None and self.alive(now)
 
     def _say(self, text: str) -> None:

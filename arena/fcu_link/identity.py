@@ -31,7 +31,7 @@ _OLD_REQUEST = mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES  # PX4 before v1.1
 
 @dataclass(kw_only=True)
 class _Candidate:
-    """Source (address or device) that sends as an autopilot and whose uid has not been accepted.
+    """Source (UDP address or serial device) that sends as an autopilot, but whose hardware uid has not been accepted yet.
 
     uid: the uid that it has sent; None before
     received_at: time of its last data [s]
@@ -76,7 +76,7 @@ class Identity:
         self._reported: set[str] = set()
 
     def fix(self) -> None:
-        """Keep the uid until the end of the process, because the vehicle has an arm permit or is armed."""
+        """Keep the accepted uid until the end of the process, because the vehicle has an arm permit or is armed."""
         self.fixed = self.fixed or self.uid != ""
 
     def release(self) -> None:

@@ -20,7 +20,8 @@ _HEARTBEAT_S = 1.0
 
 
 class OwnRequests:
-    """Source of the messages. Call `due` about twenty times a second and send what it returns.
+    """Source of the messages that the link process itself sends to the vehicle. Call `due` about twenty times a second and send
+    the messages that it returns.
 
     codec: encodes them as the link's own component
     """
@@ -39,7 +40,9 @@ class OwnRequests:
         self._heartbeat_at = -math.inf
 
     def due(self, now: float, *, connected: bool) -> Iterator[tuple[int, bytes]]:
-        """Yield message id and frame of each message that is due. connected: the vehicle is accepted and sends."""
+        """Yield message id and frame of each message that is due. connected: the vehicle is identified and has sent data
+        recently.
+        """
         unknown = self._identity.source is None and self._identity.has_candidate(now)
         if now - self._heartbeat_at >= _HEARTBEAT_S and not unknown:
             self._heartbeat_at = now
@@ -48,7 +51,7 @@ class OwnRequests:
             yield message.get_msgId(), self._codec.pack(message)
 
     def uid_requests(self, now: float) -> list[tuple[Source, bytes]]:
-        """Return the requests for the hardware uid that are due, as (receiver, frame)."""
+        """Return the requests for the hardware uid that are due, as (address or device to send to, frame)."""
         return [
             (source, self._codec.pack(uid_request(self._system, command)))
             for source, command in self._identity.requests(now)

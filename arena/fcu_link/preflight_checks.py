@@ -200,7 +200,7 @@ class PreflightChecks:
 
 
 def _yaw(q: Sequence[float]) -> float:
-    """Return the yaw of a wxyz quaternion [rad]; nan for an invalid quaternion."""
+    """Return the yaw of an attitude quaternion (w, x, y, z) [rad]; nan for an invalid quaternion."""
     norm = math.sqrt(sum(x * x for x in q))
     return (
         float(yaw_from_quat(np.asarray(q, float) / norm)) if math.isfinite(norm) and norm > 0.5 else math.nan

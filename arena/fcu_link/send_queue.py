@@ -24,7 +24,8 @@ MAX_BYTES = 8192
 
 
 class Priority(IntEnum):
-    """Priority of a frame, by its source. A frame with a smaller number is sent first, if the lanes have sent equal shares.
+    """Priority of a source of frames for the flight controller. If several lanes (parts of the send queue) have sent equal
+    shares, the frame with the smallest number is sent first.
 
     The sources are: land-all and kill-all, the router, the world (the simulator), the pose forwarder.
     """
@@ -36,7 +37,8 @@ class Priority(IntEnum):
 
 
 class Lane(IntEnum):
-    """Part of the send queue, for one kind of frames. PANIC is sent first; the other lanes share the connection.
+    """Part of the queue of frames for the flight controller. PANIC (land-all and kill-all) is always sent first; the other
+    lanes share the connection.
 
     PANIC, SIMULATOR and VISION contain the frames of one source each. COMMAND, SETPOINT and OTHER contain the frames of
     the router.
@@ -82,7 +84,7 @@ class QueuedFrame(NamedTuple):
 
 @dataclass(kw_only=True)
 class _Frames:
-    """Frames that wait in one lane, and the share of the connection that the lane has used.
+    """Frames that wait in one lane (part of the send queue), and the share of the connection that the lane has used.
 
     sent: bytes that the lane has sent, divided by its weight. A lane that was empty starts with the value of the lane that
     sent last.
@@ -154,7 +156,9 @@ class SendQueue:
         self._bytes = 0
 
     def _next_lane(self) -> Lane | None:
-        """Return the lane whose frame is sent next: PANIC if it has frames, else the lane that has sent least for its weight."""
+        """Return the lane (part of the queue) that sends next: PANIC if it has frames, else the lane that has sent least for
+        its weight.
+        """
         if self._lanes[Lane.PANIC].frames:
             return Lane.PANIC
         waiting = {name: lane for name, lane in self._lanes.items() if lane.frames}

@@ -1,4 +1,6 @@
-"""Message signing of the link to a flight controller: the key, the last timestamp, and the reason why messages are not used."""
+"""Message signing of the link to a flight controller: the key, the last timestamp, and the reason why received messages are
+ignored.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,8 @@ class LinkSigning:
         return found._replace(frames=frames)
 
     def greetings(self) -> list[tuple[Source, bytes]]:
-        """Return a heartbeat for each source that sends frames with an old timestamp or a wrong signature.
+        """Return the heartbeats that give restarted vehicles the current timestamp: one for each source that sends an old
+        timestamp or a wrong signature.
 
         The caller signs the heartbeat and sends it to the source, because a vehicle that has restarted reads the current
         timestamp from this heartbeat. Each source gets at most one per second.

@@ -86,7 +86,7 @@ class StreamRequests:
         self._pending = None
 
     def set_rate(self, msgid: int, hz: float | None) -> None:
-        """Require another rate of a message [Hz]; None: the usual one."""
+        """Change the required rate of a message [Hz]. None: the rate that is required while no axes check runs."""
         wanted = self._usual_hz[msgid] if hz is None else max(hz, self._usual_hz[msgid])
         if wanted == self._hz[msgid]:
             return

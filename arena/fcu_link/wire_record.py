@@ -1,4 +1,4 @@
-"""File <run>/wire/<vehicle>.json: the last address and the hardware uid of a real vehicle.
+"""The file <run>/wire/<vehicle>.json, with the last address and the hardware uid of a real vehicle.
 
 The link process writes it for land-all, which needs the address if the link process ends or hangs, and for its own restart.
 """

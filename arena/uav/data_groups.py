@@ -254,7 +254,9 @@ class Actuation:
 
     @property
     def group(self) -> int:
-        """Group number of the outputs: the mixer group in ACTUATOR_CONTROL_TARGET, or the port number in SERVO_OUTPUT_RAW."""
+        """Group number of the actuator outputs: the mixer group in ACTUATOR_CONTROL_TARGET, or the port number in
+        SERVO_OUTPUT_RAW.
+        """
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.actuators, "actuators").group
 

@@ -49,7 +49,7 @@ class Body:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Storage of received telemetry and poses, from which all data groups (`uav.ekf`, `uav.sen`, ...) read.
+    """Storage of one vehicle's received telemetry and poses. All data groups (`uav.ekf`, `uav.sen`, ...) read from it.
 
     refresh: function that reads the received data. now: function that returns the time for computing ages
     [s].

@@ -179,11 +179,15 @@ class Fleet(Sequence[V]):
         self.clock.sleep_until(self._due)
 
     def _flown(self) -> Iterator[tuple[int, V]]:
-        """Yield (row, vehicle) of the vehicles that are not lost."""
+        """Yield (index in the fleet, vehicle) of the vehicles that are not lost. A vehicle is lost when one of its methods has
+        raised a VehicleError.
+        """
         yield from ((row, uav) for row, uav in enumerate(self._uavs) if self.names[row] not in self.lost)
 
     def _guarded(self, uav: V, action: Callable[[], object]) -> None:
-        """Call a function for one vehicle. A VehicleError is recorded in `lost`."""
+        """Call a function for one vehicle of the fleet. If the function raises a VehicleError, print the error and record the
+        vehicle in `lost`.
+        """
         name = uav.info.drone_ns
         if name in self.lost:
             return

@@ -1,4 +1,5 @@
-"""Clocks of the threads of one process: a common simulation clock in lockstep, or separate clocks.
+"""Clocks for the user programs of a group, which run as threads of one process: a common simulation clock in lockstep, or
+separate clocks.
 
 In lockstep exactly one thread runs at a time, and the next thread is the one with the earliest wake-up time, at equal times
 the one that fell asleep first. So the order does not depend on the machine, and threads of one group do not race. The world
@@ -19,7 +20,7 @@ Work = Callable[[], None]
 
 
 class GroupClock:
-    """Simulation clock that the threads of one process share. Only the thread that has the turn runs.
+    """Simulation clock that the threads of one process share. The threads run one at a time.
 
     clock: client of the world's clock; sleeps for all threads.
     """
@@ -71,7 +72,7 @@ class GroupClock:
         return turn
 
     def _pass_turn(self) -> None:
-        """Give the turn to the next thread. Sleep before that, if no thread is to run now."""
+        """Wake the next thread. If no thread is due now, sleep first until the next thread is due."""
         if not self._waiting:
             return
         t, _, turn = heapq.heappop(self._waiting)
@@ -84,7 +85,9 @@ class GroupClock:
 
 
 class MemberClock(LockstepClock):
-    """Clock of one vehicle of a group, with the chores of this vehicle's connection."""
+    """Clock of one vehicle of a group in lockstep. While a program sleeps on this clock, the vehicle's connection receives data
+    and sends heartbeats.
+    """
 
     def __init__(self, group: GroupClock) -> None:
         self._group = group
@@ -101,7 +104,7 @@ class MemberClock(LockstepClock):
 
 
 class GroupThreads:
-    """Threads of a group, and their clocks.
+    """The threads of a group's user programs, and their clocks.
 
     path: name of the simulation clock; None for the wall clock.
     name: name of the group's process, under which it joins the simulation clock.
@@ -119,7 +122,9 @@ class GroupThreads:
         return self._group is not None
 
     def clock(self, name: str) -> Clock:
-        """Return a clock for one thread. name: name under which it joins the simulation clock, if it has a client of its own."""
+        """Return a clock for one thread. name: name of the thread as a client of the simulation clock; not used if all threads
+        share one client.
+        """
         if self._group is not None:
             return MemberClock(self._group)
         return WallClock() if self._path is None else SimClock(self._path, name)

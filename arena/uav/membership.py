@@ -1,4 +1,4 @@
-"""Membership of a running thread in a group: which vehicles its program flies. `UAV.from_args` reads it."""
+"""Data with which a thread of a group finds the vehicles that its program flies. `UAV.from_args` reads these data."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Closable(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Membership:
-    """Vehicles of one program in a group.
+    """The vehicles that one user program of a group flies, with their command lines and clocks.
 
     argv: command line for each vehicle: vehicle -> arguments without the program's name.
     once: whether the program flies all vehicles.

@@ -18,7 +18,7 @@ class Receiver:
         self._thread: threading.Thread | None = None
 
     def add(self, chores: Callable[[], None]) -> None:
-        """Call `chores` regularly from now on. It must not raise."""
+        """Call the function `chores` every 20 ms from now on. The function must not raise."""
         with self._lock:
             self._chores = (*self._chores, chores)
             if self._thread is None:
@@ -30,7 +30,7 @@ class Receiver:
                 run.start()
 
     def remove(self, chores: Callable[[], None]) -> None:
-        """Stop calling `chores`. After the last one, wait until the thread has ended."""
+        """Stop calling the function `chores`. If no other function is left, wait until the thread has ended."""
         with self._lock:
             self._chores = tuple(each for each in self._chores if each != chores)
             thread = None if self._chores else self._thread

@@ -80,7 +80,9 @@ class StartBarrier:
 
 
 class _Waiting:
-    """State of one program that waits at a barrier: reads which programs have arrived, and withdraws this program if it stops waiting."""
+    """State of one program that waits at a barrier. It reads which other programs have arrived, and withdraws this program if
+    it stops waiting.
+    """
 
     def __init__(self, vehicle: str, folder: Path, count: int, programs: Sequence[str]) -> None:
         self._vehicle, self._folder, self._count, self._programs = vehicle, folder, count, programs

@@ -322,7 +322,9 @@ class UAV:
         return bool(self._control.wait_until(done, duration_s(timeout)))
 
     def chores(self) -> None:
-        """Receive data, and send the heartbeat if it is due. A fleet calls it, because one thread sleeps for all vehicles."""
+        """Receive data, and send the heartbeat if it is due. `Fleet` calls this method, because one thread sleeps for all its
+        vehicles.
+        """
         self._connection.chores()
 
     def close(self) -> None:

@@ -201,7 +201,7 @@ class VehicleControl:
         self._offboard = True
 
     def _begin(self) -> None:
-        """Forget an earlier loss of control, because the program now takes control again."""
+        """Clear the record of an earlier loss of control, because the program takes control of the vehicle again."""
         self._lost, self._hold, self._holding_since = "", None, math.inf
         self._offboard = self._armed = False
 
@@ -264,8 +264,8 @@ class VehicleControl:
         self._connection.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
 
     def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> T | None:
-        """Wait until done() returns a true value, and return that value; None after `timeout_s`. If `stream`,
-        send setpoints during the wait.
+        """Wait until done() returns a true value, and return that value; None after `timeout_s`. stream: send setpoints during
+        the wait.
 
         Raises OffboardLostError if the program loses control of the vehicle.
         """

@@ -29,7 +29,8 @@ class Difference(NamedTuple):
 
 
 class ExcludedNames(NamedTuple):
-    """Parameters that comparisons leave out, because users do not set them.
+    """Names of parameters that comparisons leave out, because they are not settings of the user: calibrations, counters and the
+    like.
 
     names: regular expression that matches the whole parameter name.
     why: the reason for leaving them out.
@@ -55,7 +56,7 @@ _PATTERNS = tuple((re.compile(excluded.names), excluded.why) for excluded in NOT
 
 
 def exclusion_reason(name: str) -> str:
-    """Return why a parameter is left out of comparisons; "" if users set it."""
+    """Return why a parameter is left out of comparisons; "" if the parameter is a setting of the user."""
     return next((why for pattern, why in _PATTERNS if pattern.fullmatch(name)), "")
 
 

@@ -89,8 +89,8 @@ class CheckContext:
         return self.table[name].default if name in self.table else None
 
     def bits(self, name: str) -> int:
-        """Return the value of a bit mask parameter. Return 0 if this PX4 version does not have the parameter,
-        or if the value is not finite.
+        """Return the value of a parameter that is a bit mask. Return 0 if this PX4 version does not have the parameter, or if
+        the value is not finite.
         """
         value = self.value(name)
         return int(value) if value is not None and math.isfinite(value) else 0
@@ -106,7 +106,7 @@ class CheckContext:
         fix: str,
         related: tuple[str, ...] = (),
     ) -> Finding:
-        """Return a finding. Its severity is "note" if only default values cause the problem.
+        """Create a finding (a problem of one parameter). Its severity is "note" if only default values cause the problem.
 
         The reason: a parameter that is not in the file may have another value than the default in the vehicle.
         related: other parameters that the problem depends on.

@@ -247,7 +247,7 @@ def _minor(text: str) -> int:
 
 
 def _settings(text: str) -> Mapping[Action, Mapping[str, int]]:
-    """Parse one field of the column `actions` in failsafe_actions.csv: `PARAMETER: action=value ...; PARAMETER: ...`.
+    """Parse one field of the column `actions` in failsafe_actions.csv, such as `PARAMETER: action=value ...; PARAMETER: ...`.
 
     If PX4 has no parameter that selects the action, the column contains the action alone.
     """

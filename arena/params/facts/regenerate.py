@@ -267,7 +267,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _inputs(given: argparse.Namespace) -> Iterator[tuple[str, list[Path], str, Path | None]]:
-    """Yield (version, parameter files, tag or commit, PX4's source tree) for each version on the command line."""
+    """Yield (version, parameter files, tag or commit, PX4 source tree) for each PX4 version at the path that the command line
+    names.
+    """
     if given.place.is_file():
         yield _minor(given.version or given.place.parent.name), [given.place], given.of, given.tree
         return

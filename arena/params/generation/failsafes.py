@@ -145,7 +145,7 @@ def _attitude(w: LineWriter, f: Failsafe) -> Iterator[Line]:
 def _reaction(
     w: LineWriter, key: str, event: Event, action: Action, *, when: str = "", report: bool = True
 ) -> Iterator[Line]:
-    """Yield the parameters with which PX4 takes `action` after `event`.
+    """Yield the parameters with which PX4 takes the failsafe action `action` after `event`.
 
     key: key in the YAML's section `failsafe`.
     when: description of the event; "" for that of `EVENTS`.

@@ -22,7 +22,7 @@ _FORMAT = "arena params push 1"
 
 @dataclass(kw_only=True)
 class VehicleRecord:
-    """Values of one vehicle in the record of a push: wanted, old and written so far.
+    """Values of one vehicle in the record of a push (writing parameters to vehicles): wanted, old and written so far.
 
     wanted: parameter -> value that the user wants.
     before: parameter -> old value, for parameters that differed.
@@ -67,7 +67,7 @@ class PushRecord:
 
     @classmethod
     def read(cls, path: Path) -> PushRecord:
-        """Read a record. Raises InputError if the file is missing or is not a record."""
+        """Read the record of a push from its file. Raises InputError if the file is missing or is not such a record."""
         try:
             raw = json.loads(path.read_text())
             if raw["format"] != _FORMAT:

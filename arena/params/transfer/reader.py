@@ -119,7 +119,7 @@ class _ParamList:
 
     @property
     def missing(self) -> list[str | int]:
-        """Return the indices of the list that have not been received."""
+        """Return the indices of those parameters in the vehicle's list that have not been received."""
         return [index for index in range(self.count) if index not in self.received]
 
     def is_paused(self, now: float) -> bool:

@@ -109,7 +109,7 @@ class RequestWindow(Generic[Key]):
         return [key for key, request in self._requests.items() if request.state in states]
 
     def due(self, now: float) -> list[Key]:
-        """Return the keys of the requests to send now.
+        """Return the keys of the requests to send now, first or repeated.
 
         If all of them are repetitions, the probe is added. An answer to the probe shows that the link works.
         """

@@ -110,7 +110,7 @@ class Transfer:
         self.ending = self.ending or "interrupted"
 
     def due(self, now: float) -> list[bytes]:
-        """Return the frames to send now. now: monotonic time [s]."""
+        """Return the MAVLink frames that the transfer must send now. now: monotonic time [s]."""
         self._update(now)
         if self.done:
             return []

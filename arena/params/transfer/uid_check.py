@@ -31,7 +31,7 @@ class UidCheck:
         self._next = 0.0
 
     def is_due(self, now: float) -> bool:
-        """Return whether the uid must be requested now. Call it only while the vehicle is connected."""
+        """Return whether to request the vehicle's uid now. Call this method only while the vehicle is connected."""
         if self.passed or self.problem or now < self._next:
             return False
         self._next = now + _REQUEST_S

@@ -24,7 +24,8 @@ Report = Callable[[str, int, str], None]
 
 
 class Group:
-    """Programs of a group.
+    """Runs the user program of a group of vehicles in this process: once for all vehicles, or once per vehicle in a thread
+    each.
 
     settings: slice of the process. report: function that is called with vehicle, exit code and reason when a program has ended.
     """
@@ -39,7 +40,7 @@ class Group:
         self._codes: dict[str, int] = {}
 
     def run(self) -> int:
-        """Run the programs until all have ended. Return the exit code of the process."""
+        """Run the user programs of the group until all have ended. Return the exit code of the process."""
         if self._once:
             self._run_program(self._argv)
         else:
@@ -51,7 +52,7 @@ class Group:
         return 1 if failed else 0
 
     def _run_program(self, argv: dict[str, tuple[str, ...]]) -> None:
-        """Run the program for some vehicles. Never raises."""
+        """Run the user program for the vehicles in `argv`, close its vehicles and report its exit code. Never raises."""
         membership = Membership(
             argv=dict(argv), once=self._once, threads=self._threads, receiver=self._receiver
         )
