@@ -50,7 +50,7 @@ MAY: dict[str, set[str]] = {
     "atmosphere": set(),
     "vehicle_models": {"errors", "thrust_curve", "constants", "kernels"},
     "transport": {"errors"},
-    "wire": {"constants", "errors", "geometry"},
+    "wire": {"constants", "errors", "geometry", "kernels"},
     "mocap": {"errors"},  # the table of vendors; their packages are found by name
     "mocap.client": {"errors", "geometry", "mocap"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas

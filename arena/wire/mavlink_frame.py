@@ -14,25 +14,34 @@ the end of a payload, so a byte beyond the end of the payload is 0. The work per
 from __future__ import annotations
 
 import re
-import struct
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
-from fastcrc import crc16
-
+from arena.kernels.mavlink_frame_types import Frame, ParsedFrames
+from arena.kernels.mavlink_framing import FrameParser, pack, plausible
 from arena.wire.mavlink_targets import CRC_EXTRA, TARGETS
 
+__all__ = [
+    "AUTOPILOT",
+    "SEEDS",
+    "TRIES",
+    "Buffer",
+    "Frame",
+    "MavlinkSender",
+    "ParsedFrames",
+    "Stream",
+    "byte_at",
+    "pack_frame",
+    "parse_frames",
+    "uint_at",
+]
 AUTOPILOT = 1
 """MAV_COMP_ID_AUTOPILOT1: component id of every autopilot."""
 TRIES = 32
 _V1, _V2 = 0xFE, 0xFD
-_V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13
 _SIGNED = 0x01
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 SEEDS = {number: bytes([extra]) for number, extra in CRC_EXTRA.items()}
 """Message id -> seed byte CRC_EXTRA, the last byte that the CRC includes."""
-_HEAD, _LITTLE = struct.Struct("<BBBBBBHB"), struct.Struct("<H")
-_crc = crc16.mcrf4xx
-_new = tuple.__new__  # a NamedTuple's constructor costs twice as much, and there is one call per message
 
 Buffer = bytes | bytearray | memoryview
 
@@ -52,72 +61,16 @@ def pack_frame(msgid: int, payload: bytes, sender: MavlinkSender, crc_extra: byt
     """Pack a payload into a MAVLink 2 frame, without the zeros at its end. Does not increase the sequence
     number.
     """
-    if not payload[-1]:
-        payload = payload.rstrip(b"\0") or b"\0"
-    body = (
-        _HEAD.pack(
-            len(payload), 0, 0, sender.seq, sender.srcSystem, sender.srcComponent, msgid & 0xFFFF, msgid >> 16
-        )
-        + payload
-    )
-    return b"\xfd" + body + _LITTLE.pack(_crc(body + crc_extra))
+    return pack(payload, msgid, crc_extra, sender.seq, sender.srcSystem, sender.srcComponent)
 
 
-class Frame(NamedTuple):
-    """Position of a frame in its buffer, with its sender and its target.
-
-    start, end: byte range with magic, CRC and signature
-    payload, size: offset and length of the payload as sent
-    sysid, compid: sender
-    target_sys, target_comp: 0 if the message has no target, or is for all
-    """
-
-    start: int
-    end: int
-    payload: int
-    size: int
-    sysid: int
-    compid: int
-    msgid: int
-    target_sys: int
-    target_comp: int
-
-
-class ParsedFrames(NamedTuple):
-    """All frames of a datagram.
-
-    garbage: number of bytes that belong to no frame
-    bad_crc: number of frames of a known message with a wrong CRC
-    unknown: number of frames whose message is not in the table; they are accepted because their length fits
-    """
-
-    frames: list[Frame]
-    garbage: int
-    bad_crc: int
-    unknown: int
+_parser = FrameParser(SEEDS, TARGETS, TRIES)
+_parse = _parser.parse
 
 
 def parse_frames(data: Buffer) -> ParsedFrames:
     """Return every frame of a datagram, in order. Never raises."""
-    frames: list[Frame] = []
-    size, at, used, bad_crc, unknown, tries = len(data), 0, 0, 0, 0, 0
-    while at < size:
-        frame = _frame_at(data, at, size)
-        if frame is not None:
-            seed = SEEDS.get(frame[6])
-            if _plausible(data, frame, at == used, size) if seed is None else _crc_fits(data, frame, seed):
-                frames.append(frame)
-                used += frame[1] - at
-                at = frame[1]
-                unknown += seed is None
-                continue
-            bad_crc += seed is not None
-        tries += 1
-        found = _MAGIC.search(data, at + 1) if tries < TRIES else None
-        if found is None:
-            break
-        at = found.start()
-    return _new(ParsedFrames, (frames, size - used, bad_crc, unknown))
+    return _parse(data if type(data) is bytes else bytes(data))
 
 
 class Stream:
@@ -143,16 +96,16 @@ class Stream:
                 found = _MAGIC.search(buffer, at + 1)
                 at, garbage, self._clean = self._skip(at, found.start() if found else size, garbage)
                 continue
-            frame = _frame_at(buffer, at, size)
+            frame = _parser.frame_at(buffer, at, size)
             seed = None if frame is None else SEEDS.get(frame[6])
             if frame is None or (seed is None and frame[1] == size):
                 break  # incomplete, or an unknown message that only the next byte can confirm
             if (
-                _plausible(buffer, frame, self._clean, size)
+                plausible(buffer, frame, self._clean, size)
                 if seed is None
-                else _crc_fits(buffer, frame, seed)
+                else _parser.crc_fits(buffer, frame)
             ):
-                frames.append(frame)
+                frames.append(Frame._make(frame))
                 at, self._clean = frame[1], True
                 unknown += seed is None
                 continue
@@ -160,7 +113,7 @@ class Stream:
             found = _MAGIC.search(buffer, at + 1)
             at, garbage, self._clean = self._skip(at, found.start() if found else size, garbage)
         self._kept = buffer[at:]
-        return buffer, _new(ParsedFrames, (frames, garbage, bad_crc, unknown))
+        return buffer, ParsedFrames(frames, garbage, bad_crc, unknown)
 
     @staticmethod
     def _skip(at: int, to: int, garbage: int) -> tuple[int, int, bool]:
@@ -178,53 +131,8 @@ def uint_at(data: Buffer, frame: Frame, offset: int, width: int) -> int:
     return int.from_bytes(data[frame.payload + offset : end], "little")
 
 
-def _frame_at(data: Buffer, at: int, size: int) -> Frame | None:
-    """Return the frame that begins at `at`, without checking its CRC; None if no frame begins there or the frame
-    is incomplete.
-    """
-    magic = data[at]
-    if magic == _V2 and at + _V2_HEAD + _CRC <= size:
-        length, flags, payload = data[at + 1], data[at + 2], at + _V2_HEAD
-        end = payload + length + _CRC + (_SIGNATURE if flags & _SIGNED else 0)
-        if flags & ~_SIGNED or end > size:  # the standard: a frame with an unknown flag must not be read
-            return None
-        sysid, compid = data[at + 5], data[at + 6]
-        msgid = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
-    elif magic == _V1 and at + _V1_HEAD + _CRC <= size:
-        length, payload = data[at + 1], at + _V1_HEAD
-        end = payload + length + _CRC
-        if end > size:
-            return None
-        sysid, compid, msgid = data[at + 3], data[at + 4], data[at + 5]
-    else:
-        return None
-    place = TARGETS.get(msgid)
-    if place is None:
-        return _new(Frame, (at, end, payload, length, sysid, compid, msgid, 0, 0))
-    system, component = place
-    target_sys = data[payload + system] if system < length else 0
-    target_comp = data[payload + component] if 0 <= component < length else 0
-    return _new(Frame, (at, end, payload, length, sysid, compid, msgid, target_sys, target_comp))
-
-
 def _begins(data: Buffer, at: int, size: int) -> bool:
     """Return whether a frame may begin at `at`, judged by the header bytes received so far."""
     if data[at] == _V2:
         return at + 2 >= size or not data[at + 2] & ~_SIGNED
     return data[at] == _V1
-
-
-def _crc_fits(data: Buffer, frame: Frame, seed: bytes) -> bool:
-    start, _, payload, size = frame[:4]
-    at = payload + size
-    expected: int = _crc(seed, _crc(data[start + 1 : at]))
-    return expected == data[at] | data[at + 1] << 8
-
-
-def _plausible(data: Buffer, frame: Frame, clean: bool, size: int) -> bool:
-    """Return whether to accept a frame of an unknown message. The CRC of such a frame cannot be checked, so the
-    bytes before and after it must belong to frames.
-
-    clean: all earlier bytes of the datagram belong to frames
-    """
-    return clean and frame.sysid != 0 and (frame.end == size or data[frame.end] in (_V1, _V2))

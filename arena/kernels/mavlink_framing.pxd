@@ -1,0 +1,20 @@
+# C types of mavlink_framing.py: they make the compiled functions fast and change no result.
+cimport cython
+
+cdef long _V1, _V2, _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE, _SIGNED
+
+cdef class FrameParser:
+    cdef readonly dict seeds, targets
+    cdef readonly long tries
+    @cython.locals(frames=list, frame=tuple, size=Py_ssize_t, at=Py_ssize_t, used=Py_ssize_t, bad_crc=long, unknown=long, tries=long, known=bint)
+    cpdef object parse(self, bytes data)
+    @cython.locals(magic=long, length=long, flags=long, payload=Py_ssize_t, end=Py_ssize_t, sysid=long, compid=long, msgid=long, target_sys=long, target_comp=long, place=tuple, system=long, component=long)
+    cpdef tuple frame_at(self, bytes data, Py_ssize_t at, Py_ssize_t size)
+    @cython.locals(start=Py_ssize_t, at=Py_ssize_t, expected=long)
+    cpdef bint crc_fits(self, bytes data, tuple frame) except -1
+
+@cython.locals(end=Py_ssize_t)
+cpdef bint plausible(bytes data, tuple frame, bint clean, Py_ssize_t size) except -1
+
+@cython.locals(size=Py_ssize_t, end=Py_ssize_t, frame=bytearray, crc=long)
+cpdef bytes pack(bytes payload, long msgid, bytes seed, long seq, long sysid, long compid)
