@@ -221,7 +221,7 @@ class Authority:
         return self._latch.by if self._latch is not None else Role.NOBODY
 
     def _on_mode(self, before: str, mode: str, now: float) -> None:
-        """Process a new mode of the armed vehicle. before: mode before it; "" if the vehicle was disarmed."""
+        """Process a new mode of the armed vehicle. before: the previous mode; "" if the vehicle was disarmed."""
         role = self._role_that_asked(mode, armed_now=not before, now=now)
         if mode in MANUAL_MODES:
             self._on_manual_mode(role, before, mode, now)
@@ -308,7 +308,8 @@ class Authority:
 
     @property
     def standing(self) -> dict[str, Any]:
-        """Return the state that a restarted process must enforce again, as JSON values for `restore`; empty if there is none.
+        """Return what this process refuses now, so that it refuses the same after a restart: JSON values for `restore`, empty
+        if nothing is refused.
 
         latch: role and strength of a landing. taken: who took OFFBOARD. pilot: the pilot has control.
         """
@@ -320,7 +321,7 @@ class Authority:
         return found
 
     def restore(self, standing: Mapping[str, Any], now: float) -> None:
-        """Add what a process enforced before its restart, and what another process enforces. standing: value of `standing`."""
+        """Refuse again what this process refused before its restart, and what another process refuses. standing: value of `standing`."""
         if taken := standing.get("taken"):
             self._set_taken(str(taken), until_disarmed=standing.get("until_disarmed") is True)
         if latch := standing.get("latch"):

@@ -152,7 +152,7 @@ class CommandGate:
 
     @property
     def has_news(self) -> bool:
-        """True if `events` has lines to return."""
+        """True if `events` has lines to return for the event log."""
         return bool(self._events) or self.authority.has_changes
 
     def events(self) -> list[str]:

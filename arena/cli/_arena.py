@@ -58,7 +58,7 @@ def what_would_run(arena: Arena, plan: Plan) -> list[str]:
 
 
 def _how_many(arena: Arena, plan: Plan) -> str:
-    """Return a line that says whether the parts of a simulated arena share one process, and why."""
+    """Return a line that says whether world, motion capture, forwarders, router and loggers run in one process or in several, and why."""
     from arena.plan.fused import why_many
 
     members = [member.name for spec in plan.processes if spec.kind == "world" for member in spec.members]

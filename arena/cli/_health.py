@@ -56,7 +56,7 @@ class Finding:
 def examine(
     probe: Probe | None = None, locks: Path = PX4_LOCKS, devices: Path = DEVICES
 ) -> Iterator[Finding]:
-    """Yield the results of all checks.
+    """Yield the result of each check of `arena doctor`.
 
     probe: access to packages and ports of this computer.  locks: folder of PX4's lock files.  devices: folder of devices.
     """

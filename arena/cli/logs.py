@@ -53,7 +53,9 @@ def _log(folder: Path, name: str) -> Path:
 
 
 def _process_of(folder: Path, name: str) -> str:
-    """Return the name of the process that a member of the fused arena runs in; other names are returned unchanged."""
+    """Return the name of the process that runs a member: `world` for the `router` of a fused arena, `group.NAME` for a program
+    of a group. Other names are returned unchanged.
+    """
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         plan = Plan.from_json((folder / "plan.json").read_text())
         return next((p.name for p in plan.processes if any(m.name == name for m in p.members)), name)

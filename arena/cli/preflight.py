@@ -28,7 +28,7 @@ def register(app: typer.Typer) -> None:
         ],
         run: RunOption = None,
     ) -> None:
-        """Check by hand that a real vehicle is its captured body: lift it, tilt it nose down, then right side down.
+        """Check that a real vehicle is its captured body. By hand, lift the vehicle, tilt it nose down, then right side down.
 
         The vehicle must be disarmed and cannot be armed during the check. It needs a new arm permit afterwards, because somebody
         stood beside it. Real vehicles need this check after each start of
@@ -61,7 +61,7 @@ def _check(arena: Control, vehicle: str) -> bool:
 
 
 def _started(arena: Control, vehicle: str, before: object) -> Mapping[str, Any]:
-    """Wait until link.<vehicle> reports a new check. before: number of the check before."""
+    """Wait until link.<vehicle> reports the new axes check. before: number of the previous check."""
     deadline = time.monotonic() + _ANSWER_S
     while time.monotonic() < deadline:
         status = _status(arena, vehicle)
@@ -74,7 +74,7 @@ def _started(arena: Control, vehicle: str, before: object) -> Mapping[str, Any]:
 
 
 def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Print each instruction until the check has ended. Return its last status."""
+    """Print each instruction to the person until the axes check has ended. Return the last status of the check."""
     number, shown, since = status["number"], "", time.monotonic()
     while status["state"] == "running":
         if status["text"] != shown:
@@ -94,7 +94,7 @@ def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[s
 
 
 def _status(arena: Control, vehicle: str) -> Mapping[str, Any]:
-    """Return the status of the vehicle's last check; empty before its link process has reported one."""
+    """Return the status of the vehicle's last axes check; empty before its link process has reported one."""
     for row in arena.ask(do="ps")["processes"].values():
         if row["kind"] == "link" and row["vehicle"] == vehicle:
             return row["stats"].get("axes_check") or {}

@@ -35,7 +35,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _wait(arena: Control, vehicles: list[str]) -> dict[str, list[str]]:
-    """Wait until the release of each vehicle is over. Return vehicle -> names of the processes that did not confirm it."""
+    """Wait until the release of each vehicle has ended. Return vehicle -> names of the processes that did not confirm the release."""
     while True:
         results = arena.ask(do="ps")["releases"]
         if all(results[vehicle] is not None for vehicle in vehicles):

@@ -136,8 +136,8 @@ class Copilot:
 
     @property
     def missing(self) -> list[str]:
-        """Names of the simulated vehicles that the copilot does not receive yet: no heartbeat, or no captured pose
-        although the vehicle is captured.
+        """Names of the simulated vehicles for which the copilot has no data yet: no heartbeat, or no captured pose although the
+        vehicle is captured.
         """
         present = np.isfinite(self.states.heartbeat_at) & (
             np.isfinite(self.tracks.seen_at) | ~np.array([v.poses for v in self.vehicles])
@@ -269,7 +269,7 @@ class Copilot:
 
 
 def _lasted(since: dict[int, float], row: int, so: bool, now: float) -> bool:
-    """Return True once when a condition has been true for more than `_SILENT_S` seconds without interruption.
+    """Return True once when a condition has been true for more than `_SILENT_S` seconds without interruption; otherwise False.
 
     Later calls return False until the condition has been false, so that the caller reports the condition once.
     since: row -> start time of the condition, updated here. so: whether the condition is true now.

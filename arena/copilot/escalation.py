@@ -233,7 +233,9 @@ class Escalation:
         return order.step
 
     def _renewal_is_due(self, violations: Sequence[Violation], status: VehicleStatus, now: float) -> bool:
-        """Return whether to send an obeyed hold again now, so that no program takes the vehicle while the violation lasts."""
+        """Return whether to send again now a hold that the vehicle already obeys, so that no program takes control while the
+        violation lasts.
+        """
         order = self.order
         if order is None or order.step != "hold" or order.obeyed_at is None or not status.fresh:
             return False

@@ -30,7 +30,7 @@ class Rules:
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Rules:
-        """Read the rules from the copilot's configuration."""
+        """Read the safety rules from the copilot's JSON configuration."""
         rules = settings["rules"]
         figures = {
             f"{rule}.{key}": float(x)
@@ -77,7 +77,7 @@ class Vehicle:
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Vehicle:
-        """Read the settings of one vehicle from its entry in the configuration."""
+        """Read the settings of one vehicle from its entry in the copilot's JSON configuration."""
         fence, braking = row["fence"], row["braking"]
         (north_lo, north_hi), (east_lo, east_hi) = fence["north"], fence["east"]
         return cls(

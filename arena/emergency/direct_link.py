@@ -67,7 +67,8 @@ class DirectLink:
             )
 
     def step(self, silent_s: float, now: float, *, needed: bool = True) -> None:
-        """Check the link process. Open a direct connection if it does not run, hangs, or passes on no telemetry.
+        """Check the link process, and open a direct connection if the link process does not run, hangs, or passes on no
+        telemetry.
 
         The direct connection is closed when the link process has been restarted.
         silent_s: time since the vehicle's last telemetry, or since the start [s].
@@ -90,7 +91,7 @@ class DirectLink:
         self._check_reading(unread, silent_s, now)
 
     def send(self, frames: list[bytes], now: float) -> None:
-        """Send frames on the direct connections that are open. Errors are ignored, because every command is sent again."""
+        """Send frames on the open direct connections to the vehicle. Errors are ignored, because every command is sent again."""
         if self._replacement is None and self._beside is None:
             return
         if self._identity is None:
@@ -109,7 +110,7 @@ class DirectLink:
         self._unsent = []
 
     def files(self) -> list[int]:
-        """Return the file descriptors to poll."""
+        """Return the file descriptors of the direct connection, to poll."""
         return [file.fileno() for file in (self._replacement, self._beside) if file is not None]
 
     def read(self, fd: int, now: float) -> Iterator[bytes]:
@@ -163,7 +164,8 @@ class DirectLink:
             self._kill_link(now)
 
     def _open_beside(self) -> bool:
-        """Open a socket to the vehicle on a port that the kernel chooses. The link process can then still bind its own port.
+        """Open a second socket to the vehicle, on a port that the kernel chooses, so that the link process can still bind its
+        own port.
 
         Return False if the vehicle has no known UDP address.
         """

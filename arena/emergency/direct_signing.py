@@ -41,13 +41,13 @@ class DirectSigning:
         self._connection = SignedConnection(key, LAND_ALL, TimestampFile(key_file).first())
 
     def sign(self, frame: bytes) -> bytes:
-        """Return a frame with a signature; unchanged if there is no key."""
+        """Return a frame with a signature, or the unchanged frame if the vehicle has no signing key."""
         if self._connection is None:
             return frame
         return self._connection.sign(frame, self._wall()) or frame
 
     def accepted(self, data: bytes) -> bytes:
-        """Return the frames of a datagram that have a valid signature. If there is no key, return all frames."""
+        """Return the frames of a datagram that have a valid signature. If the vehicle has no signing key, return all frames."""
         if self._connection is None:
             return data
         found = parse_frames(data).frames

@@ -66,7 +66,7 @@ class TargetConnections:
                 )
 
     def send(self, now: float) -> None:
-        """Send the frames that are due, on every connection."""
+        """Send the frames that are due to the vehicle, on every connection to it."""
         frames = self.landing.due(now)
         self._send_relayed(frames, now)
         if self._direct is not None:
@@ -79,7 +79,9 @@ class TargetConnections:
             self.panic = _open_panic_link(self.target)
 
     def _may_bypass(self, now: float) -> bool:
-        """Return whether the vehicle may be commanded directly. The first heartbeat may report that a pilot has control."""
+        """Return whether the vehicle may be commanded directly. Wait a moment for its first heartbeat, which may report that a
+        pilot has control.
+        """
         if self.landing.reported.armed is None and now - self._began < _FIRST_HEARTBEAT_S:
             return False
         if not self.landing.may_bypass and self._direct is not None and self._direct.files():
@@ -225,7 +227,7 @@ def _work(
 
 
 def _receive(all_connections: list[TargetConnections], isolated: _Isolation) -> None:
-    """Read the data that arrive within one cycle of the loop."""
+    """Read the data that arrive from all vehicles within one cycle of the loop."""
     poll = select.poll()
     readers = {
         fd: (connections.target.name, read)

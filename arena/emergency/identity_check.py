@@ -42,7 +42,7 @@ class _SourceState:
 
 
 class IdentityCheck:
-    """Checks which sources (addresses, devices or link processes) are the vehicle with a given hardware uid.
+    """Checks which sources of data (addresses, devices or link processes) are the vehicle with a given hardware uid.
 
     Only telemetry of a source that has sent this uid counts. Commands may be sent only to such a source, and to the
     recorded source if the vehicle does not reply. A source that was silent for SILENT_S or has rebooted must
@@ -85,7 +85,8 @@ class IdentityCheck:
         return state.is_vehicle is True
 
     def _may_command(self, source: Source, now: float) -> bool:
-        """Return whether commands may be sent to a source. Only the vehicle is commanded.
+        """Return whether commands may be sent to a source. It must be the vehicle of the run, or be recorded as the vehicle
+        while no source has proved it.
 
         If no source has replied with the vehicle's uid in time, the source that the run has recorded is commanded.
         """
@@ -122,7 +123,7 @@ class IdentityCheck:
         return state is not None and state.is_vehicle is False
 
     def forget(self, source: Source) -> None:
-        """Discard what is known about a source, such as a serial device that was unplugged. The source must then send its uid again."""
+        """Discard the uid of a source, such as a serial device that was unplugged. The source must then send its uid again."""
         if source in self._sources:
             self._require(self._sources[source], self._sources[source].received_at)
 

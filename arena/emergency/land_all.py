@@ -147,7 +147,7 @@ def _record(command: str, targets: Sequence[Target]) -> None:
 
 
 def _worst(found: Found, code: int) -> int:
-    """Print each active run whose files cannot be read, and return the exit code of the command.
+    """Print a line for each active run whose files cannot be read. Return the exit code of the command.
 
     The exit code is `code`. If `code` is 0 and the files of a run cannot be read, it is EXIT_FAILED.
     """
@@ -157,7 +157,7 @@ def _worst(found: Found, code: int) -> int:
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Split a comma-separated list of vehicle names, such as `uav1,uav2`."""
+    """Split a list of vehicle names that are separated by commas, such as `uav1,uav2`."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
@@ -185,7 +185,7 @@ def command(verb: str, arguments: Sequence[str], prog: str = "arena") -> int:
 
 
 def _say(line: str) -> None:
-    """Print a line. Does not wait until it is printed."""
+    """Print a line for the user, without waiting until the terminal has accepted the line."""
     _OUTPUT.submit(partial(_print, line))
 
 

@@ -92,7 +92,7 @@ class LandingSequence:
         return self._confirmed_at is not None
 
     def settled(self, now: float) -> bool:
-        """Return whether the vehicle is confirmed as landed or stopped, and has been monitored for some time afterwards."""
+        """Return whether the vehicle is confirmed as landed (or stopped), and has been monitored for some time after that."""
         if self._confirmed_at is None:
             return False
         return self.reported.was_up or now - self._confirmed_at >= WATCH_S

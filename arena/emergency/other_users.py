@@ -105,7 +105,7 @@ def _start(uid: int, work: Work) -> UserProcess:
 
 
 def _become(uid: int) -> None:
-    """Give up root's rights for those of a user."""
+    """Change the user of this process from root to another user, and give up root's rights."""
     try:
         user = pwd.getpwuid(uid)
         os.initgroups(user.pw_name, user.pw_gid)

@@ -15,7 +15,7 @@ _ALONG = 0.94  # cosine of the largest angle between a rotation and a main axis 
 
 @dataclass(frozen=True, kw_only=True)
 class Axes:
-    """Result of `fit_axes`.
+    """Rotation of a captured body relative to the vehicle's inertial sensors, as found by `fit_axes`.
 
     turned_rad: vector of the rotation from captured body axes to the axes of the sensors [rad] [FRD] (3,)
     agreement: of captured and measured directions after this rotation, -1 to 1 [-]
@@ -65,7 +65,7 @@ def turn_words(axes: Axes) -> str:
 
 
 def _products(captured: Array, measured: Array) -> Array:
-    """Return the sum of the products of measured and captured vectors, divided by their sizes (3, 3)."""
+    """Return the 3x3 matrix of the summed products of measured and captured vectors, divided by the sizes of both."""
     scale = math.sqrt(float((captured**2).sum() * (measured**2).sum()))
     return np.asarray(measured.T @ captured / scale) if scale > 1e-9 else np.zeros((3, 3))
 

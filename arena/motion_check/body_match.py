@@ -39,7 +39,7 @@ class BodyMatch:
 
     @property
     def moves_with_vehicle(self) -> bool:
-        """True if the body can be fixed to the vehicle."""
+        """True if the body moves as the vehicle does, so that it can be the vehicle's body."""
         return self.correlation >= MOVES_WITH and _SMALLEST_RATIO <= self.ratio <= _LARGEST_RATIO
 
 

@@ -11,7 +11,7 @@ from arena.motion_check.verdict import Verdict, judge
 
 
 class GuidedCheck:
-    """Check of one vehicle. It ends with a verdict.
+    """Guided identity and axes check of one vehicle, which a person moves by hand. The check ends with a verdict.
 
     Pass in the data with `on_imu`, `on_pose` and `on_other`, and call `tick` a few times a second.
     body: name of the vehicle's own rigid body
@@ -26,12 +26,12 @@ class GuidedCheck:
 
     @property
     def step(self) -> Step:
-        """Current step of the motion."""
+        """Step of the motion that the person must carry out now."""
         return self._motion.step
 
     @property
     def text(self) -> str:
-        """Instruction for the person."""
+        """Instruction for the person who moves the vehicle."""
         return self._motion.text
 
     def on_imu(self, accel_b: Sequence[float], gyro_b: Sequence[float], boot_s: float, now: float) -> None:
@@ -48,12 +48,12 @@ class GuidedCheck:
             self._motion.on_pose(now)
 
     def on_other(self, body: str, q_nb: Sequence[float], now: float) -> None:
-        """Process the attitude of another body, which has arrived now."""
+        """Process the attitude of another captured body, which has arrived now."""
         if self.verdict is None and body != self._body:
             self._recorded.add_other(body, now, q_nb)
 
     def tick(self, now: float, offset_s: float | None) -> None:
-        """Find a motion that has failed or is complete, and judge it. offset_s: see `judge`."""
+        """End the check when the motion is complete or has failed, and make the verdict. offset_s: see `judge`."""
         if self.verdict is not None:
             return
         self._motion.tick(now)

@@ -28,7 +28,7 @@ _MIN_SAMPLES = 6
 
 
 class Step(StrEnum):
-    """Step of the guided motion, in order."""
+    """Steps of the guided motion, in the order in which the person carries them out."""
 
     REST = "rest"
     LIFT = "lift"
@@ -60,7 +60,8 @@ class _Sample:
 
 
 class GuidedMotion:
-    """Steps of the guided motion of one vehicle.
+    """Guided motion of one vehicle, which a person moves by hand: finds the current step, and whether the motion is complete or
+    has failed.
 
     Pass each sample of the inertial sensors to `on_imu`, each sent pose to `on_pose`, and call `tick` a few times a second.
     step: current step
@@ -82,13 +83,13 @@ class GuidedMotion:
 
     @property
     def text(self) -> str:
-        """Instruction for the person."""
+        """Instruction for the person who moves the vehicle."""
         text = TEXTS[Step.LEVEL] if self._level_first else TEXTS[self.step]
         return f"{self.note}. {text}" if self.note else text
 
     @property
     def moving(self) -> bool:
-        """True from the lift until the vehicle stands again."""
+        """True from the time at which the person lifts the vehicle until it stands again."""
         return self.step not in (Step.REST, Step.DONE)
 
     def on_pose(self, now: float) -> None:
@@ -115,7 +116,7 @@ class GuidedMotion:
             self._advance(math.degrees(math.asin(down[0])), math.degrees(math.asin(down[1])), down[2], now)
 
     def tick(self, now: float) -> None:
-        """Find missing data and a step that takes too long."""
+        """Check for missing data, and for a step that takes too long. In both cases the motion has failed."""
         self._check_gap("pose of its body", self._pose_at, now)
         self._check_gap("data of its inertial sensors", self._imu_at, now)
         if self.failure or self.step is Step.DONE:
@@ -136,8 +137,8 @@ class GuidedMotion:
         return "No pose of its body is sent to the autopilot" if now - self._pose_at > GAP_S else ""
 
     def _advance(self, nose_deg: float, right_deg: float, down: float, now: float) -> None:
-        """Begin the next step if the vehicle has the attitude of this step. nose_deg, right_deg: by how much the nose
-        and the right side are down [deg]. down: cosine of the tilt.
+        """Begin the next step if the vehicle has the attitude that completes this step. nose_deg, right_deg: angles of the nose
+        and of the right side below the horizontal [deg]. down: cosine of the tilt.
         """
         level = max(abs(nose_deg), abs(right_deg)) < LEVEL_DEG and down > 0.0
         if self._level_first:
@@ -150,7 +151,7 @@ class GuidedMotion:
             self._next(now)
 
     def _reached(self, level: bool, now: float) -> bool:
-        """Return whether the aim of a step without a tilt is reached."""
+        """Return whether the current step is complete. This method is for the steps in which the vehicle is not tilted."""
         if self.step is Step.LIFT:
             return self._moved_s >= _LIFT_S
         if self.step is Step.LEVEL:

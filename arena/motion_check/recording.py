@@ -17,7 +17,7 @@ _DOWN_N = np.array([0.0, 0.0, 1.0])
 
 @dataclass(kw_only=True)
 class Recording:
-    """Samples since the start of a motion.
+    """Samples of inertial sensors and of captured bodies since the start of a motion.
 
     imu_at: times of arrival [s]; imu_boot: times by the autopilot's clock [s]; accel_b: specific force [m/s2] [FRD];
         gyro_b: rotation rate [rad/s] [FRD]

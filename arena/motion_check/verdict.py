@@ -25,7 +25,7 @@ _REDEFINE = "Put the vehicle level with its nose along the x axis of the cameras
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Result of a check. problems: what is wrong, each with what to do; empty if the check has passed.
+    """Verdict of an axes check. problems: what is wrong, each with what to do; empty if the check has passed.
 
     own: agreement of the vehicle's own body with the gyroscope; None without enough data
     others: other body -> its agreement
@@ -165,7 +165,7 @@ def _rise_problems(rise_m: float) -> list[str]:
 def _delay(
     captured: tuple[Array, Array], gyro: tuple[Array, Array], motion: GuidedMotion
 ) -> tuple[float, float] | None:
-    """Return the delay of the captured motion and its error [s], from the whole motion and from both of its tilts."""
+    """Return the delay of the captured motion and the error of this delay [s], from the whole motion and from each of its two tilts."""
     middle, end = motion.since[Step.RIGHT_DOWN], motion.since[Step.DONE]
     parts = [compare(captured, _within(gyro, *span)) for span in ((0.0, end), (0.0, middle), (middle, end))]
     delays = [p.delay_s for p in parts if p is not None and p.gyro_rad_s > 0.1 * FAST_RAD_S]

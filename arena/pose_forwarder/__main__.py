@@ -18,7 +18,8 @@ def main() -> int:
 
 
 class _PoseGapSleep:
-    """Timer for a sleep after each forwarded pose. Most camera frames are not forwarded, so the process need not wake up for each of them.
+    """Timer for a sleep after each forwarded pose. Most camera frames are not forwarded, so the process need not wake up for
+    each frame.
 
     The interval is measured, so that it is right at any speed of the simulation. period_s: longest interval
     [s].
@@ -72,7 +73,9 @@ class _ForwarderProcess(ForwarderShell):
                     return
 
     def _armed_real(self) -> list[str]:
-        """Return the name of the vehicle if it is real and its last heartbeat reported that it is armed."""
+        """Return a list with the name of the vehicle if the vehicle is real and its last heartbeat reported that it is armed;
+        else an empty list.
+        """
         return [self.process.settings["vehicle"]] if self.core.autopilot.armed and not self.simulated else []
 
 

@@ -59,14 +59,17 @@ class ForwarderShell:
         self.poses_from: float | None = None
 
     def turn(self, now: float) -> bool:
-        """Read the capture and the link, and send a pose if one is due. Return whether one was sent. now: time of `clock` [s]."""
+        """Read motion capture and the vision link, and send a pose if one is due. Return whether a pose was sent. now: time of
+        `clock` [s].
+        """
         pose = self.core.on_frames(self.capture.poll(now), now)
         self._send(pose)
         self._read_link(now)
         return pose is not None
 
     def tick(self, now: float, wall: float) -> bool:
-        """Send what is due and report to the supervisor. Return whether the process must end because the supervisor has died.
+        """Send the MAVLink messages that are due, such as the heartbeat, and report to the supervisor. Return whether the
+        process must end because the supervisor has died.
 
         now: time of `clock` [s].  wall: monotonic time, for rates and time limits [s].
         """

@@ -105,8 +105,8 @@ class Px4Links:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors, such as `gps`, whose own message to PX4 is due at the next `begin`. The
-        caller must sample these sensors first.
+        """Names of the sensors, such as `gps`, that have a MAVLink message of their own and must send it at the next `begin`.
+        The caller must sample these sensors first.
         """
         return tuple(x.name for x in self._messages if self._steps % x.every == 0)
 
@@ -114,7 +114,7 @@ class Px4Links:
         """Do nothing: `AutopilotSet` requires this method, but PX4 receives MAVLink by its own sockets, not through the world."""
 
     def on_request(self, request: Mapping[str, Any]) -> None:
-        """Ignore a request of the supervisor, such as to refuse arming. For PX4 the router carries it out."""
+        """Ignore a request of the supervisor, such as to refuse arming. For a vehicle with PX4, the router carries out the request."""
 
     def sticks(self, vehicle: int, on: bool) -> None:
         """Switch a vehicle's simulated radio control on (with centred sticks) or off."""
@@ -125,7 +125,7 @@ class Px4Links:
         return []
 
     def receive_truth(self, truth: Truth) -> None:
-        """Store the present true state; it is sent to PX4 as ground truth for PX4's log.
+        """Store the present true state of the vehicles. It is sent to PX4 as ground truth for PX4's log.
 
         truth: rows in the order of `vehicles`
         """

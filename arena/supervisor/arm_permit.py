@@ -1,4 +1,4 @@
-"""Arm permits: which real vehicles may get one now, and the requests to their link processes. Pure."""
+"""Arm permits: which real vehicles may get a permit now, and the requests to the vehicles' link processes. Pure."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ CONFIRMATION_S = 30.0  # the confirmation of `arena up` counts for vehicles that
 
 
 def permit_request(vehicle: str, by: str) -> dict[str, str]:
-    """Return the request that gives an arm permit; it is for the link process of the vehicle. by: who gives the permit."""
+    """Return the request with which the link process of a vehicle gives an arm permit. by: person who gives the permit."""
     return {"do": "permit", "vehicle": vehicle, "by": by}
 
 
 def real_vehicles(plan: Plan, statuses: Mapping[str, ProcessStatus]) -> dict[str, bool]:
-    """Return the real vehicles: name -> whether its link process is ready, which means that the vehicle was connected."""
+    """Return the real vehicles: name -> whether the vehicle's link process is ready. It is ready only after the vehicle was connected."""
     names = [v.name for v in plan.vehicles if not v.simulated]
     return {name: statuses[f"link.{name}"].state is State.READY for name in names}
 

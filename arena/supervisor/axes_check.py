@@ -1,4 +1,4 @@
-"""Identity and axes checks of real vehicles: requests to their link processes. Pure."""
+"""Identity and axes checks of real vehicles (`arena preflight`): requests to the vehicles' link processes. Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from arena.plan.model import Plan
 
 
 def check_request(vehicle: str, by: str, *, stop: bool) -> dict[str, str]:
-    """Return the request to the link process of a vehicle that starts or stops a check. by: who asks for it."""
+    """Return the request with which the link process of a vehicle starts or stops an axes check. by: person who asks for the check."""
     return {"do": "stop_axes_check" if stop else "axes_check", "vehicle": vehicle, "by": by}
 
 

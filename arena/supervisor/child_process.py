@@ -238,7 +238,8 @@ def adopt_orphans() -> None:
 
 
 def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
-    """Kill processes whose parent, a process of the plan, has ended without ending them. Collect their exit status and return their pids.
+    """Kill orphans: processes whose parent was a process of the plan and has ended. Collect their exit status and return their
+    pids.
 
     known: pids that the supervisor started itself; these are not touched.
     mark: `KEY=value` entry that every process of this run has in its environment.
@@ -259,7 +260,7 @@ def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
 
 
 def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
-    """Return the function that the child runs between fork and exec; None if the child needs none.
+    """Return the function that a new child process runs between fork and exec; None if nothing is to be done there.
 
     Without such a function the start is faster, because vfork is used.
     """

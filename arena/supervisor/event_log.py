@@ -91,8 +91,8 @@ class EventLog:
         )
 
     def error(self) -> str:
-        """Return the reason why the file cannot be written, such as `No space left on device`. Later calls
-        return "", so that it is reported once.
+        """Return the reason why events.jsonl cannot be written, such as `No space left on device`. Later calls return "", so
+        that the user reads the reason once.
         """
         if not self._error or self._error_reported:
             return ""

@@ -22,7 +22,8 @@ _NO_USE: Mapping[str, Any] = {
 def member_rows(
     spec: ProcessSpec, row: Mapping[str, Any], stats: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, dict[str, Any]]:
-    """Return the row of each member of a process: the state of the process, and the member's own measurements.
+    """Return one row of the process table for each member of a process. A member is a part or program without a process of its
+    own.
 
     row: row of the process.  stats: name of a process or member -> its measurements.
     """
@@ -41,7 +42,7 @@ def member_rows(
 
 
 def _ended(own: Mapping[str, Any]) -> dict[str, Any]:
-    """Return state, reason and exit of a program of a group that has ended; {} for other members."""
+    """Return state, reason and exit of a program of a group if the program has ended; else {}."""
     code, said = own.get("exit_code"), own.get("exit")
     if not isinstance(code, int) or not isinstance(said, str):
         return {}

@@ -115,7 +115,7 @@ class VehicleChanges:
 
 
 def no_such_process(name: str, plan: Plan) -> str:
-    """Return the reply to a request that names a process which the plan does not have, such as a member of the fused arena."""
+    """Return the reply to a request that names an unknown process, or a part of the fused arena that has no process of its own."""
     for spec in plan.processes:
         if any(member.name == name for member in spec.members):
             return f"{name} is a part of the process {spec.name} in this arena. `arena up --processes` gives it a process of its own"

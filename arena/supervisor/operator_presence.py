@@ -15,13 +15,13 @@ BLOCKED_S = 5.0
 
 
 class OperatorPresence:
-    """Presence of an operator at this arena."""
+    """Decides whether an operator is present: at the terminal of `arena up`, or by recent commands."""
 
     def __init__(self) -> None:
         self._command_at = float("-inf")
 
     def on_command(self, now: float) -> None:
-        """Record a request on the control socket. now: monotonic [s]."""
+        """Record that a person has sent a command to this arena, as a request on the control socket. now: monotonic [s]."""
         self._command_at = now
 
     def present(self, now: float, *, terminal: bool, blocked_s: float) -> bool:

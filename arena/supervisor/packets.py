@@ -1,4 +1,4 @@
-"""Packets that processes send to the supervisor: which part has sent a packet, and how many names it may store. Pure."""
+"""Packets that processes send to the supervisor: who has sent a packet, and how many different names the supervisor stores. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MAX_NAMES = 2000
 
 
 def reporter(spec: ProcessSpec, packet: Mapping[str, Any]) -> tuple[str, str]:
-    """Return name and kind of the part that sent a packet: a member of the fused arena, or the process itself."""
+    """Return name and kind of the sender of a packet: a part of the fused arena, a program of a group, or the process itself."""
     for member in spec.members if "of" in packet else ():
         if member.name == packet["of"]:
             return member.name, member.kind

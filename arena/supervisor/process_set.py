@@ -50,7 +50,7 @@ _LONGEST_ROUND_S = 0.5
 
 @dataclass(kw_only=True)
 class Orders:
-    """Requests of the main loop to the `ProcessSet`: whether to start processes, and which to stop or kill.
+    """Requests of the main loop to the `ProcessSet`: whether to start processes, which processes to stop or kill, and why.
 
     starts_on: processes may be started.
     keep: names of the processes that are restarted even if `starts_on` is false, because vehicles are landing.
@@ -116,7 +116,7 @@ class ProcessSet:
         self.changed = True
 
     def request(self, packet: dict[str, Any], *, to: Collection[str], standing: bool = False) -> list[str]:
-        """Send a request to the processes named in `to`. Return the names of those that could not receive it.
+        """Send a request to the processes named in `to`. Return the names of the processes that could not receive the request.
 
         standing: send it also to each of these processes that starts later.
         """
@@ -247,7 +247,9 @@ class ProcessSet:
             text = f"paused by {child.stopped}; {what}; `kill -CONT {child.pid}` continues it"
             self.log.event(now, spec.name, text)
         elif child is not None and before.stopped_at is not None:
-            self.log.event(now, spec.name, f"continues after a pause of {now - before.stopped_at:.1f} s")
+            self.log.event(
+                now, spec.name, f"runs again after it was paused for {now - before.stopped_at:.1f} s"
+            )
 
     def _log_last_line(self, name: str, exit: Exit, now: float) -> None:
         """Log the last line that a failed process printed, because it usually names the cause."""

@@ -52,7 +52,7 @@ class Action(StrEnum):
 
 
 class After(StrEnum):
-    """Action for a process in state STOPPING once it has ended: end, restart or retry."""
+    """Next step for a process in state STOPPING, when it has ended: end, restart or retry."""
 
     END = "end"
     RESTART = "restart"

@@ -1,4 +1,6 @@
-"""Rules of `arena release`: which processes refuse programs, which vehicles may be released, what outlasts a restart. Pure."""
+"""Rules of `arena release`: which processes refuse commands of programs, which vehicles may be released, and which refusals a
+restarted process must restore. Pure.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +14,8 @@ GUARDS = ("world", "link", "router")
 
 
 def guards(plan: Plan, vehicle: str = "") -> set[str]:
-    """Return the names of the processes that pass commands to a vehicle or refuse them: world, router and link.
-    vehicle: its name; "" for all vehicles.
+    """Return the names of the processes that pass on commands to a vehicle or refuse them: world, router and link. vehicle: its
+    name; "" for all vehicles.
     """
     kinds = (spec for spec in plan.processes if spec.kind in GUARDS)
     return {spec.name for spec in kinds if not vehicle or spec.vehicle in (None, vehicle)}
@@ -40,7 +42,7 @@ def check_release(
 
 
 def restore_requests(plan: Plan, spec: ProcessSpec, facts: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the requests with which a router or link that starts again enforces what it and others enforced before.
+    """Return the requests that make a restarted router or link refuse the same commands as before its restart.
 
     facts: last values that the processes sent, also those that have ended.
     """
@@ -52,13 +54,13 @@ def restore_requests(plan: Plan, spec: ProcessSpec, facts: Mapping[str, Any]) ->
 
 
 def blocked(vehicle: str, facts: Mapping[str, Any]) -> str:
-    """Return why programs may not fly a vehicle, as router and hardware link report it; "" if they may."""
+    """Return why programs may not fly a vehicle, as router and hardware link report it; "" if programs may fly the vehicle."""
     return str(facts.get(f"{vehicle}.blocked") or facts.get(f"{vehicle}.blocked_at_link") or "")
 
 
 def _blocked_in_world(plan: Plan, stats: Mapping[str, Mapping[str, Any]], vehicle: str) -> bool:
-    """Return whether the built-in autopilot itself refuses programs. It does so after `land-all`, which can reach the
-    autopilot without the router.
+    """Return whether the built-in autopilot refuses the commands of programs. It does so after `land-all`, which can command
+    the autopilot without the router.
     """
     worlds = [stats.get(spec.name, {}) for spec in plan.processes if spec.kind == "world"]
     return any(world.get("autopilot", {}).get(vehicle, {}).get("blocked") for world in worlds)

@@ -21,7 +21,8 @@ CONFIRM_S = 3.0
 
 @dataclass(kw_only=True)
 class _Release:
-    """Release of one vehicle. packet: the request. later: processes that are not asked yet. waiting: process -> id of its request.
+    """Release of one vehicle that is under way (programs may fly it afterwards). packet: the request. later: processes that get
+    the request later. waiting: process -> id of its request.
 
     failed: processes that did not confirm; None while the release is under way.
     """
@@ -34,7 +35,7 @@ class _Release:
 
 
 class ReleaseTask:
-    """Releases of vehicles that are under way, and the results of the last ones."""
+    """The releases that are under way (programs may fly a vehicle afterwards), and the results of earlier releases."""
 
     def __init__(self, plan: Plan, processes: ProcessSet) -> None:
         self._plan, self._processes = plan, processes
@@ -43,7 +44,9 @@ class ReleaseTask:
 
     @property
     def results(self) -> dict[str, Any]:
-        """Vehicle -> names of the processes that did not confirm its last release; None while it is under way."""
+        """Vehicle -> names of the processes that did not confirm the last release of this vehicle; None while the release is
+        under way.
+        """
         return {name: release.failed for name, release in self._releases.items()}
 
     def begin(self, vehicles: Sequence[str], by: str, now: float) -> None:
@@ -67,7 +70,9 @@ class ReleaseTask:
         self.step(now)
 
     def step(self, now: float) -> None:
-        """Ask the routers when the other processes have confirmed, and end each release that is over. now: monotonic [s]."""
+        """Send the release to the routers when all other processes have confirmed it. End each release that is confirmed or too
+        late. now: monotonic [s].
+        """
         for release in self._releases.values():
             if release.failed is not None:
                 continue
@@ -77,7 +82,7 @@ class ReleaseTask:
                 release.failed = sorted({*self._open(release), *release.later})
 
     def _open(self, release: _Release) -> list[str]:
-        """Return the processes that were asked and have not confirmed."""
+        """Return the names of the processes that have received the release and have not confirmed it yet."""
         confirmed = self._processes.confirmed
         return [name for name, number in release.waiting.items() if confirmed.get(name, 0) < number]
 

@@ -73,9 +73,7 @@ def is_served(spec: ProcessSpec, status: ProcessStatus) -> bool:
 
 
 def is_dead(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether the process has ended or failed and is not restarted automatically (only by `arena
-    restart`).
-    """
+    """Return whether a process has ended or failed and stays so. The supervisor does not restart it; only `arena restart` does."""
     return status.state in ENDED and not is_served(spec, status)
 
 

@@ -82,7 +82,7 @@ class RunState:
 
 
 def _still_there(member: Member) -> list[int]:
-    """Return the pids of the running processes of a process group that state.json recorded.
+    """Return the pids of the processes that still run in a process group that state.json has recorded.
 
     The leader is identified by its start time, its descendants by their session and a later start time. The kernel does
     not reuse the number of a group as a pid while a member of the group runs.

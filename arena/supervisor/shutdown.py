@@ -25,7 +25,7 @@ A program may have armed a vehicle just before its end. The vehicle reports it i
 
 
 class Shutdown:
-    """Landing and stopping of one run.
+    """Lands the vehicles of one run at its end, then stops its processes.
 
     at_once: `arena down --now` was requested: simulated vehicles are not landed.
     forgotten: vehicle -> who declared it dead (`arena forget`); the run does not wait for such a vehicle.
@@ -53,7 +53,7 @@ class Shutdown:
         return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
 
     def update_hold(self) -> None:
-        """Update the set of processes that must not end on a stop signal, because they serve an armed real vehicle."""
+        """Update the set of processes that are not killed after a stop signal, because they serve an armed real vehicle."""
         self._orders.hold = run_end.serving_real(self._plan, self.armed())
 
     def forget(self, vehicle: str, by: str, now: float) -> None:
@@ -171,7 +171,7 @@ class Shutdown:
         return False
 
     def _waiting(self, alive: set[str], now: float) -> frozenset[str]:
-        """Return the processes that must not be stopped yet, because they serve a real vehicle that has sent data."""
+        """Return the processes that must not be stopped yet, because they serve a real vehicle that has been connected."""
         p = self._processes
         reported = {v.name for v in self._plan.vehicles if f"{v.name}.armed" in p.last_facts}
         serving = run_end.serving_real(self._plan, reported - self.forgotten.keys())

@@ -106,7 +106,7 @@ class JsonLines(Lines):
 
 
 class _Screen(io.StringIO):
-    """Buffer into which the library rich draws for the terminal. The text stays here until `take`."""
+    """Buffer into which the library rich draws for the terminal. The text stays in the buffer until `take` is called."""
 
     def isatty(self) -> bool:
         return True

@@ -150,7 +150,7 @@ def test_stopped_process_without_limit_continues_and_ends_with_the_run(start):
     os.kill(run.pid("s"), signal.SIGSTOP)
     run.until_said("s: paused by SIGSTOP; the arena does not kill it")
     os.kill(run.pid("s"), signal.SIGCONT)
-    run.until_said("s: continues after a pause of ")
+    run.until_said("s: runs again after it was paused for ")
     os.kill(run.pid("s"), signal.SIGSTOP)
     eventually(lambda: run.said().count("s: paused by SIGSTOP") == 2)
     run.signal(signal.SIGTERM)

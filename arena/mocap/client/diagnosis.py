@@ -86,7 +86,7 @@ class LateFrames:
 
 
 class ChangeReport:
-    """Filter that lets each new diagnosis through once, and reports once when the problem has ended."""
+    """Filter for diagnosis texts: passes on each new diagnosis once, and reports once when the problem has ended."""
 
     def __init__(self) -> None:
         self._reported = ""

@@ -20,7 +20,7 @@ _HIDDEN_S = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class BodyStatus:
-    """Lists of the requested bodies that have no pose, one list per cause.
+    """The requested bodies that have no pose, as one list per cause.
 
     names: names of all bodies of the server.
     missing: requested bodies that the server does not have.

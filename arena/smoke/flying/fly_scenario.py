@@ -158,7 +158,7 @@ def _facts(arena: Arena) -> dict[str, str]:
 
 
 def _make_report(run: Path) -> None:
-    """Write summary and plots of a failed flight. `arena up` ran with --no-report, so they do not exist yet."""
+    """Write summary and plots of a failed flight. They do not exist yet, because `arena up` ran with --no-report."""
     argv = [sys.executable, "-m", "arena.recorder.report", str(run)]
     with (
         (run / "logs" / "report.log").open("wb") as out,

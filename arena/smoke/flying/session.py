@@ -112,7 +112,7 @@ class Session:
 
     @property
     def observer(self) -> Observer:
-        """The observer of the arena. Raises RunError if no arena is running."""
+        """The observer of the running arena. Raises RunError if no arena is running."""
         if self._observer is None:
             raise RunError("no arena is up")
         return self._observer
@@ -202,7 +202,7 @@ class Session:
             time.sleep(OBSERVATION_PERIOD_S)
 
     def _until(self, check: Callable[[], T | None], what: str) -> T:
-        """Call `check` repeatedly until it returns a true value, and return that value.
+        """Call the function `check` repeatedly until it returns a true value, and return that value.
 
         what: the end of the error message "the arena ...", such as "made no run folder".
 
@@ -271,7 +271,7 @@ class Session:
                 )
 
     def _idle_while(self, check: Callable[[], bool], limit_s: float) -> None:
-        """Wait while `check` returns true, for at most `limit_s` of wall time.
+        """Wait while the function `check` returns true, for at most `limit_s` of wall time.
 
         While an observer is connected (no vehicle flies), the world runs in real time, because a faster one wastes CPU time.
         """

@@ -75,7 +75,7 @@ def read_rule(text: str, names: Names, place: Place) -> Rule:
     condition = _condition(tokens, names, place, rule=True)
     if tokens.next.text in {"within", "for"}:
         raise tokens.error(
-            "the end of the rule, without `within` or `for`, because a rule must hold during the whole flight"
+            "expected the end of the rule, without `within` or `for`, because a rule must hold during the whole flight"
         )
     tokens.end()
     return Rule(place=place, condition=condition)
@@ -94,7 +94,9 @@ def read_action(text: str, names: Names, place: Place) -> Action:
     if form.lasting and tokens.accept("for"):
         made["for_s"] = tokens.quantity("time", "a time", least=0.0)
     if tokens.next.text == "for":
-        raise tokens.error(f"no `for`, because the action `{form.verb}` cannot be undone after a time")
+        raise tokens.error(
+            f"expected no `for`, because the action `{form.verb}` cannot be undone after a time"
+        )
     tokens.end("for a time" if form.lasting and "for_s" not in made else "")
     if form.verb in IN_MS:
         made["number"] = round(float(made["number"]) * 1e3, 6)  # type: ignore[arg-type]
@@ -150,7 +152,7 @@ def _condition(
             *SINGLE_PROCESSES,
         ]
         raise tokens.error(
-            "a condition, such as `uav1.airborne`, `separation > 0.8 m` or `inside geofence`", known
+            "expected a condition, such as `uav1.airborne`, `separation > 0.8 m` or `inside geofence`", known
         )
     if made["kind"] == REAL_TIME_FACTOR and not rule:
         raise WrongWordError(
@@ -159,7 +161,7 @@ def _condition(
     if rule and made["kind"] == "tracking":
         made["rms"] = tokens.accept("rms")
     elif tokens.next.text == "rms":
-        raise tokens.error("no `rms`, because `rms` is allowed only after `tracking` under `always`")
+        raise tokens.error("expected no `rms`, because `rms` is allowed only after `tracking` under `always`")
     return Condition(place=place, negated=negated, **made)  # type: ignore[arg-type]
 
 
@@ -179,7 +181,7 @@ def _of_vehicle(tokens: TokenReader, names: Names, vehicle: str, what: str) -> d
     quantity = next((q for q in QUANTITIES if q.partition(" ")[0] == what), None)
     if quantity is None:
         near = [f"{vehicle}.{w}" for w in (*STATES, "mode", *(q.partition(" ")[0] for q in QUANTITIES))]
-        raise tokens.error("a state or quantity of a vehicle", near)
+        raise tokens.error("expected a state or quantity of a vehicle", near)
     tokens.advance()
     if more := quantity.partition(" ")[2]:
         tokens.expect(more)
@@ -211,7 +213,7 @@ def _inside(tokens: TokenReader, names: Names) -> dict[str, object]:
 
 def _event(tokens: TokenReader, names: Names) -> dict[str, object]:
     if tokens.next.kind != "text" or not tokens.next.text:
-        raise tokens.error('text of an event in double quotes, such as event "low battery"')
+        raise tokens.error('expected the text of an event in double quotes, such as event "low battery"')
     return {"kind": "event", "texts": (tokens.advance().text,)}
 
 
@@ -259,8 +261,8 @@ def _form(tokens: TokenReader) -> tuple[Form, list[str]]:
         open_ = [head for head in heads if head in PARTS]
         if tokens.next.text not in heads or tokens.next.kind != "word":
             if not open_:
-                expected = "something to do" if depth == 0 else ", ".join(sorted(heads))
-                raise tokens.error(expected, sorted(heads))
+                words = "something to do" if depth == 0 else ", ".join(sorted(heads))
+                raise tokens.error(f"expected {words}", sorted(heads))
             left = [(form, parts) for form, parts in left if parts[depth] in open_]
             break
         head = tokens.advance().text
@@ -278,7 +280,7 @@ def _part_other(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
     first = made["vehicles"]
     others = tuple(v for v in names.vehicles if (v,) != first)
     if not isinstance(first, tuple) or len(first) != 1 or tokens.next.text not in others:
-        raise tokens.error("the name of a second vehicle", others)
+        raise tokens.error("expected the name of a second vehicle", others)
     made["vehicles"] = (*first, tokens.advance().text)
 
 
@@ -311,7 +313,7 @@ def _part_rotor(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
         vehicles = made["vehicles"] if isinstance(made["vehicles"], tuple) else ()
         most = min((names.rotors.get(v, 4) for v in vehicles), default=4)
         if tokens.next.text not in {str(k) for k in range(1, most + 1)}:
-            raise tokens.error(f"a rotor, 1 to {most}")
+            raise tokens.error(f"expected a rotor, 1 to {most}")
         made["number"] = float(tokens.advance().text)
 
 

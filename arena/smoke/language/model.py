@@ -217,7 +217,7 @@ class Rule:
 
 @dataclass(frozen=True, kw_only=True)
 class Allowance:
-    """List of the failures that a scenario accepts, from the entries of `may`.
+    """The failures that a scenario accepts, from its entries `may`.
 
     crash: vehicles that may crash.  fail: processes that may fail.  stay_up: vehicles may be in the air at the end.
     """

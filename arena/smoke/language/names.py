@@ -51,7 +51,9 @@ def vehicles_named(tokens: TokenReader, names: Names, name: str) -> tuple[str, .
     if name == EACH:
         return names.vehicles
     if name not in names.vehicles:
-        raise tokens.error(f"a vehicle of the arena, or {EACH}", _with_rest(tokens, (*names.vehicles, EACH)))
+        raise tokens.error(
+            f"expected a vehicle of the arena, or {EACH}", _with_rest(tokens, (*names.vehicles, EACH))
+        )
     return (name,)
 
 
@@ -73,23 +75,23 @@ def read_process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
         found = tuple(name for name in wanted if name in names.processes)
         if not found:
             raise tokens.error(
-                f"a vehicle that has a `{word}`; there is no process {wanted[0]} in this arena"
+                f"expected a vehicle that has a `{word}`; there is no process {wanted[0]} in this arena"
             )
     elif word == "tool":
         tokens.advance()
         tools = [name.removeprefix("tool.") for name in names.processes if name.startswith("tool.")]
         if not tools:
-            raise tokens.error("another process, because the arena has no tools")
+            raise tokens.error("expected another process, because the arena has no tools")
         if tokens.next.text not in tools:
-            raise tokens.error("a tool of the arena", tools)
+            raise tokens.error("expected a tool of the arena", tools)
         found = (f"tool.{tokens.next.text}",)
     elif word in names.processes or word in UNPLANNED_PROCESSES:
         found = (word,)
     elif word in SINGLE_PROCESSES:
-        raise tokens.error(f"a process of the arena (the arena has no {word})")
+        raise tokens.error(f"expected a process of the arena (the arena has no {word})")
     else:
         raise tokens.error(
-            "a process of the arena",
+            "expected a process of the arena",
             list(dict.fromkeys([*VEHICLE_PROCESSES, *UNPLANNED_PROCESSES, *names.processes])),
         )
     tokens.advance()
@@ -101,6 +103,6 @@ def read_mode(tokens: TokenReader) -> str:
     name = tokens.next.text.removeprefix("AUTO.")
     name = "LOITER" if name == "HOLD" else name
     if tokens.next.kind != "word" or name not in MODES:
-        raise tokens.error("a mode", MODES)
+        raise tokens.error("expected a mode", MODES)
     tokens.advance()
     return f"AUTO.{name}" if name in AUTO.values() else name

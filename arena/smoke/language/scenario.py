@@ -165,7 +165,7 @@ def _in_order(problems: Sequence[Problem]) -> list[Problem]:
 
 
 class _Reader:
-    """Reader of a scenario file for one arena. `problems` collects the problems found."""
+    """Reads one scenario of a scenario file, for one of its arenas. `problems` collects the problems found."""
 
     def __init__(self, document: Document, model: ScenarioFile, file: str, overrides: Sequence[str]) -> None:
         self._source = Source(document=document, data=document.data)

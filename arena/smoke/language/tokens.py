@@ -88,13 +88,13 @@ class TokenReader:
     def error(self, expected: str, known: Sequence[str] = ()) -> WrongWordError:
         """Return an error about the next token.
 
-        expected: text after "expected" in the message.  known: valid words at this place, for the hint.
+        expected: what is allowed here, such as "expected a mode".  known: valid words at this place, for the hint.
         """
         token = self.next
         got = f"got {token.text!r}" if token.kind != "end" else "got nothing"
         after = f" after {self._tokens[self._at - 1].text!r}" if 0 < self._at <= len(self._tokens) else ""
         hint = _instead(token, expected, known)
-        return WrongWordError(f"{got}{after}, expected {expected}." + (f" {hint}" if hint else ""))
+        return WrongWordError(f"{got}{after}, {expected}." + (f" {hint}" if hint else ""))
 
     def one_of(self, known: Sequence[str], what: str) -> str:
         """Consume and return the next word, which must be one of `known`. Raises WrongWordError for another word.
@@ -102,13 +102,13 @@ class TokenReader:
         what: text after "expected" in the error message.
         """
         if self.next.text not in known or self.next.kind not in {"word", "sign", "unit"}:
-            raise self.error(what, known)
+            raise self.error(f"expected {what}", known)
         return self.advance().text
 
     def expect(self, text: str) -> None:
         """Consume the next token, which must be this text; else raise WrongWordError."""
         if not self.accept(text):
-            raise self.error(text, [text])
+            raise self.error(f"expected {text}", [text])
 
     def number(self, what: str) -> float:
         """Consume and return a number with an absolute value of at most a million. Raises WrongWordError for another token.
@@ -116,10 +116,10 @@ class TokenReader:
         what: text after "expected" in the error message.
         """
         if self.next.kind != "number":
-            raise self.error(what)
+            raise self.error(f"expected {what}")
         value = float(self.next.text)
         if abs(value) > 1e6:
-            raise self.error(f"{what} of at most a million")
+            raise self.error(f"expected {what} of at most a million")
         self.advance()
         return value
 
@@ -135,17 +135,18 @@ class TokenReader:
         unit = self.one_of(units, f"the unit {' or '.join(units)}")
         if least is not None and value <= least:
             self._at = before
-            raise self.error(f"more than {least:g} {unit}")
+            raise self.error(f"expected more than {least:g} {unit}")
         return value * UNITS[unit][1]
 
     def end(self, might: str = "") -> None:
-        """Raise WrongWordError if there are more tokens.
+        """Raise WrongWordError if the entry has more words than expected.
 
         might: optional text that would be allowed here, such as "+ a time". The error message mentions it.
         """
         if self.next.kind != "end":
             raise self.error(
-                f"{might} or nothing more" if might else "nothing more", might.split(" ", maxsplit=1)[:1]
+                f"expected {might} or nothing more" if might else "expected nothing more",
+                might.split(" ", maxsplit=1)[:1],
             )
 
 

@@ -65,7 +65,7 @@ class ExpectationTracker:
         return self.outcome == "not reached"
 
     def update(self, flight: FlightHistory) -> None:
-        """Evaluate the newest observation. Call this for every observation after `begun_s`."""
+        """Evaluate the expectation at the newest observation. Call this for every observation after `begun_s`."""
         if not self.open:
             return
         passed = flight.now.time_s - self.begun_s

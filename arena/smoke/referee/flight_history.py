@@ -60,7 +60,7 @@ class FlightHistory:
         self._histories = {name: _VehicleHistory() for name in self.vehicles}
 
     def update(self, now: Observation) -> None:
-        """Update the history with the next observation."""
+        """Update the history of the flight with a new observation."""
         self.now = now
         for name in self.vehicles:
             if (vehicle := now.vehicles.get(name)) is not None:
