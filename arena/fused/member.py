@@ -25,10 +25,10 @@ class MemberContext(ProcessContext):
         return False
 
     def ready(self, **facts: Any) -> None:
-        """Record that the member is ready. facts: first facts."""
-        self.is_ready = True
-        if facts:
-            self.facts(facts)
+        """Report to the supervisor that the member is ready. Only the first call sends a packet. facts: first facts."""
+        if not self.is_ready:
+            self.is_ready = True
+            super().ready(**facts)
 
     def send(self, packet: dict[str, Any]) -> None:
         self._process.send({**packet, "of": self.name})

@@ -5,6 +5,7 @@ In each step of the world they run in a fixed order, so the same inputs give the
 
 from __future__ import annotations
 
+import time as wall_time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,11 +21,16 @@ from arena.process_context import ProcessContext
 from arena.recorder.logger import Logger
 from arena.sim.vehicle_links import Receive, VehicleLinks
 
+READY_TIMEOUT_S = 30.0
+"""Longest time for which the program of a PX4 vehicle waits until the vehicle can be armed, in wall time [s]."""
 _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in binary
 
 
 class Members:
-    """All members except the world, as the world's `Links`: they exchange the autopilots' messages in memory.
+    """All members except the world, as the world's `Links`: they exchange the messages of built-in autopilots in memory.
+
+    The links of vehicles that PX4 flies are sockets. With such a vehicle the process is ready at once, because PX4 starts
+    after the world.
 
     process: context of the process.  slices: name of each member -> its configuration.
     budget_s: wall time for reading the panic links in one step [s].
@@ -36,6 +42,8 @@ class Members:
         world = slices["world"]
         vehicles = world["vehicles"]
         self._inbox: Inbox = []
+        in_memory = [i for i, v in enumerate(vehicles) if v.get("autopilot", "builtin") == "builtin"]
+        self._process, self._px4_waits = process, len(in_memory) < len(vehicles)
         self._panic = VehicleLinks([_panic_only(v) for v in vehicles], budget_s=budget_s)
         self._time = StepTime()
         self._contexts = {
@@ -43,13 +51,14 @@ class Members:
         }
         self._loggers = [_Logger(self._contexts[f"logger.{v['name']}"], self._time) for v in vehicles]
         self._forwarders = {
-            i: _Forwarder(self._contexts[name], self._time, self._inbox, i, v)
+            i: _Forwarder(self._contexts[name], self._time, i, self._inbox if i in in_memory else None)
             for i, v in enumerate(vehicles)
             if (name := f"forward.{v['name']}") in self._contexts
         }
         self._router = FusedRouter(
             self._contexts["router"],
             self._time.now,
+            frozenset(in_memory),
             self._inbox,
             {address(x.settings, "listen"): x.link.waiting.append for x in self._loggers},
         )
@@ -81,10 +90,13 @@ class Members:
             elif link == "panic":
                 self._panic.send((message,))
             elif vehicle in self._forwarders:
-                self._forwarders[vehicle].link.waiting.append(data)
+                self._forwarders[vehicle].receive(data)
         self._step(now)
 
     def _step(self, now: float) -> None:
+        if self._px4_waits:
+            self._px4_waits = False
+            self._process.ready()
         self._mocap.apply_faults()
         while self._mocap.due <= now + _EARLY_S:
             self._mocap.advance(now)
@@ -106,6 +118,8 @@ class Members:
         """Write the rest of the logs, and close all sockets and files."""
         for logger in self._loggers:
             logger.close()
+        for forwarder in self._forwarders.values():
+            forwarder.close()
         self._contexts["router"].stats(self._router.stats())
         self._router.close()
         self._mocap.close()
@@ -120,21 +134,47 @@ class Members:
 
 
 class _Forwarder:
-    def __init__(
-        self, context: MemberContext, time: StepTime, inbox: Inbox, vehicle: int, settings: Mapping[str, Any]
-    ) -> None:
+    """Pose forwarder of one vehicle.
+
+    vehicle: index in the world.  inbox: list that receives the datagrams for its autopilot; None: PX4, whose link is a socket.
+    """
+
+    def __init__(self, context: MemberContext, time: StepTime, vehicle: int, inbox: Inbox | None) -> None:
         self.capture = MemoryCapture()
-        self.link = VisionLink(vehicle, inbox, address(context.settings["link"], "remote"))
-        self._shell = ForwarderShell(context, time, self.capture, self.link)
+        remote = address(context.settings["link"], "remote")
+        self._link = None if inbox is None else VisionLink(vehicle, inbox, remote)
+        self._context, self._shell = context, ForwarderShell(context, time, self.capture, self._link)
         self._shell.reported = 0.0
-        self._next_tick = 0.0
+        self._next_tick, self._began = 0.0, wall_time.monotonic()
+
+    def receive(self, data: bytes) -> None:
+        """Store a datagram of the built-in autopilot. `step` reads it."""
+        if self._link is not None:
+            self._link.waiting.append(data)
 
     def step(self, now: float) -> None:
-        if self.capture.waiting or self.link.waiting:
+        """Send a pose if one is due, and read the link. now: simulation time [s]."""
+        due = now >= self._next_tick
+        if self.capture.waiting or (due if self._link is None else self._link.waiting):
             self._shell.turn(now)
-        if now >= self._next_tick:
+        if due:
             self._next_tick = now + TICK_S
             self._shell.tick(now, now)
+            if self._link is None and not self._context.is_ready:
+                self._limit_wait()
+
+    def close(self) -> None:
+        """Close the link."""
+        self._shell.link.close()
+
+    def _limit_wait(self) -> None:
+        """Report ready after 30 s of wall time although PX4 cannot be armed. The program then starts and reports why."""
+        if wall_time.monotonic() - self._began > READY_TIMEOUT_S:
+            vehicle = self._context.settings["vehicle"]
+            self._context.event(
+                f"{vehicle}: PX4 cannot be armed {READY_TIMEOUT_S:g} s after the start; its program starts now"
+            )
+            self._context.ready()
 
 
 class _Logger:
@@ -177,4 +217,5 @@ class StepTime:
 
 
 def _panic_only(vehicle: Mapping[str, Any]) -> dict[str, Any]:
-    return {"name": vehicle["name"], "links": {"panic": vehicle["links"]["panic"]}}
+    links = vehicle.get("links", {})
+    return {"name": vehicle["name"], "links": {k: link for k, link in links.items() if k == "panic"}}

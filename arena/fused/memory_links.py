@@ -37,6 +37,10 @@ class VisionLink:
         """Return -1, because there is no socket."""
         return -1
 
+    def close(self) -> None:
+        """Discard the datagrams that have not been read."""
+        self.waiting.clear()
+
 
 class LoggerLink:
     """Datagrams for one logger: the router's come from memory, those of the user program from a socket.

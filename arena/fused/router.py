@@ -1,9 +1,10 @@
-"""MAVLink router of the fused arena: autopilots and loggers are in the same process, other clients use sockets."""
+"""MAVLink router of the fused arena: built-in autopilots and loggers are in the same process, PX4 and other clients use sockets."""
 
 from __future__ import annotations
 
 import select
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from arena.fault_injection import FaultReceiver
@@ -13,6 +14,7 @@ from arena.mavlink_router.ground_station import GroundStation
 from arena.mavlink_router.link_impairment import ImpairedRouter
 from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
+from arena.mavlink_router.shell import READY_TIMEOUT_S
 from arena.process_context import ProcessContext
 from arena.transport import MAX_DATAGRAM_BYTES, Address, listen_udp
 from arena.wire.mavlink_frame import Buffer
@@ -23,9 +25,10 @@ ToLogger = Callable[[bytes], None]
 
 
 class FusedRouter:
-    """Router whose links to the autopilots are calls in this process. All times are simulation time [s].
+    """Router whose links to the built-in autopilots are calls in this process. All times are simulation time [s].
 
-    inbox: receives the datagrams for the autopilots.
+    in_memory: indices, in the world, of the vehicles with such links. The links of the other vehicles are sockets.
+    inbox: receives the datagrams for the built-in autopilots.
     loggers: address of each logger, and the function that gives a datagram to it.
     """
 
@@ -33,6 +36,7 @@ class FusedRouter:
         self,
         process: ProcessContext,
         now: Callable[[], float],
+        in_memory: Collection[int],
         inbox: Inbox,
         loggers: Mapping[Address, ToLogger],
     ) -> None:
@@ -45,7 +49,7 @@ class FusedRouter:
         links = self._router.links
         self._keys = [links[v.name] for v in table.vehicles]
         self._remotes = [v.remote for v in table.vehicles]
-        self._vehicle_of = {key: i for i, key in enumerate(self._keys)}
+        self._vehicle_of = {key: i for i, key in enumerate(self._keys) if i in in_memory}
         self._sockets = {
             key: listen_udp(address, "the router")
             for key, address in enumerate(self._router.sockets)
@@ -57,6 +61,7 @@ class FusedRouter:
             self._poll.register(fd, select.EPOLLIN)
         self._buffer = memoryview(bytearray(MAX_DATAGRAM_BYTES))
         self._next_tick = self._next_second = 0.0
+        self._began, self._ready = time.monotonic(), False
 
     def from_vehicle(self, vehicle: int, data: bytes, now: float) -> None:
         """Route a datagram that an autopilot has sent. vehicle: index in the world."""
@@ -131,11 +136,21 @@ class FusedRouter:
         except OSError:  # full queue or no network: the next message is newer
             self._router.counts.dropped["not sent"] += 1
 
+    def _report_ready(self) -> None:
+        """Report that the router is ready if all vehicles are connected, or after 10 s of wall time, because a PX4 may never start."""
+        if self._router.all_connected or time.monotonic() - self._began > READY_TIMEOUT_S:
+            self._ready = True
+            if missing := self._router.missing:
+                self._process.event(
+                    f"{', '.join(missing)}: no heartbeat for {READY_TIMEOUT_S:g} s; starting the other vehicles"
+                )
+            self._process.ready()
+
     def _tick(self, now: float) -> None:
         self._router.tick(now)
         self._process.audit(self._router.commands.take_audit())
-        if self._router.all_connected:
-            self._process.ready()
+        if not self._ready:
+            self._report_ready()
         if now >= self._next_second:
             self._next_second = now + _SECOND_S
             if self._router.table.heartbeat and not self._impaired.muted:

@@ -12,7 +12,13 @@ from arena.schema import Arena
 
 _MEMBERS = frozenset({"mocap", "forward", "router", "logger"})
 MODULE, SLICE = "arena.fused", "fused.json"
-_IN_MEMORY = ("router link", "vision link")  # ports that are not opened
+_IN_MEMORY = (
+    "router link",
+    "vision link",
+)  # ports that are not opened for vehicles with the built-in autopilot
+_MAY_SHARE = frozenset(
+    {"builtin", "px4"}
+)  # autopilots of vehicles whose other parts can share the world's process
 
 
 def is_fused(arena: Arena) -> bool:
@@ -29,7 +35,7 @@ def why_many(arena: Arena) -> str:
     Raises InputError if the YAML asks for one process and this is not possible.
     """
     asked = arena.sim.processes
-    others = [v for v in arena.vehicles if v.autopilot != "builtin"]
+    others = [v for v in arena.vehicles if v.autopilot not in _MAY_SHARE]
     if others:
         reason = f"{others[0].name} has autopilot: {others[0].autopilot}, which needs processes of its own"
         if asked == "one":
@@ -50,17 +56,20 @@ def could_be_member(process: str) -> bool:
     return kind == "world" or kind in _MEMBERS
 
 
-def fuse(processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, ...]:
-    """Return the processes of a plan after joining motion capture, forwarders, router and loggers with the process `world`."""
-    joined = [p for p in processes if p.kind in _MEMBERS]
-    names = {p.name for p in joined}
+def fuse(arena: Arena, processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, ...]:
+    """Return the processes of a plan after joining motion capture, forwarders, router and loggers with the process `world`.
+
+    The other processes need the world, the same members as before, and the processes that these members need, such as PX4.
+    """
+    joined = {p.name: p for p in processes if p.kind in _MEMBERS}
     found = []
     for process in processes:
         if process.kind == "world":
-            found.append(_with_members(process, joined))
-        elif process.name not in names:
-            needs = dict.fromkeys("world" if n in names else n for n in process.needs)
-            found.append(dataclasses.replace(process, needs=tuple(needs)))
+            found.append(_with_members(arena, process, list(joined.values())))
+        elif process.name not in joined:
+            through = [need for n in process.needs if n in joined for need in ("world", *joined[n].needs)]
+            others = [need for need in through if need not in joined]
+            found.append(dataclasses.replace(process, needs=tuple(dict.fromkeys((*others, *process.needs)))))
     return tuple(found)
 
 
@@ -86,8 +95,11 @@ def fused_slices(
     return {**made, "world.json": world, SLICE: {"name": "world", "members": members}}
 
 
-def _with_members(world: ProcessSpec, joined: Sequence[ProcessSpec]) -> ProcessSpec:
+def _with_members(arena: Arena, world: ProcessSpec, joined: Sequence[ProcessSpec]) -> ProcessSpec:
     python = world.argv[0]
+    closed = {
+        f"{link} of {v.name}" for v in arena.vehicles if v.autopilot == "builtin" for link in _IN_MEMORY
+    }
     return dataclasses.replace(
         world,
         argv=(python, "-m", MODULE, f"{{run}}/slices/{SLICE}"),
@@ -95,6 +107,6 @@ def _with_members(world: ProcessSpec, joined: Sequence[ProcessSpec]) -> ProcessS
         stop_timeout_s=max(p.stop_timeout_s for p in (world, *joined)),
         cpu_budget=1.0,
         memory_budget_mb=world.memory_budget_mb + 20.0 * len(joined),
-        listens=tuple(x for p in (world, *joined) for x in p.listens if not x.what.startswith(_IN_MEMORY)),
+        listens=tuple(x for p in (world, *joined) for x in p.listens if x.what not in closed),
         members=tuple(Member(name=p.name, kind=p.kind, vehicle=p.vehicle) for p in joined),
     )

@@ -30,7 +30,7 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
     processes = (*(process_spec(row, each) for row in TABLE for each in jobs(row, job)), *_tools(arena))
     made = dict(_slices(job))
     if is_fused(arena):
-        made, processes = fused_slices(arena, made, processes), fuse(processes)
+        made, processes = fused_slices(arena, made, processes), fuse(arena, processes)
     return Plan(
         name=arena.name,
         address=arena.address,

@@ -29,6 +29,8 @@ class VisionLink(Protocol):
 
     def fileno(self) -> int: ...
 
+    def close(self) -> None: ...
+
 
 class ForwarderShell:
     """Pose forwarder of one vehicle with its inputs and outputs.

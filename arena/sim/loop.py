@@ -7,8 +7,8 @@ bodies, publish the true state, send the autopilots' messages, publish the time.
 wakes finds the state and the messages of this time.
 
 One step with autopilots in processes of their own (PX4): sample and send the sensors, wait for the clock's
-clients, publish true state and time, collect the motor commands, step the bodies. So the autopilots compute
-while this process publishes.
+clients, read the links, publish true state, messages and time, collect the motor commands, step the bodies. So
+the autopilots compute while this process publishes. Messages of built-in autopilots are sent in the next step.
 
 In both cases the published time does not change while a client of the clock is awake. A fault that such a
 client injects takes effect in the next step. With autopilots in processes of their own it takes effect one
@@ -81,6 +81,7 @@ class Loop:
         except BaseException:
             self._close_pages()
             raise
+        self._unsent: list[tuple[int, str, bytes]] = []
         self._expected = frozenset(settings.get("expected", ()))
         self._ready = False
         self._until_done = False
@@ -168,8 +169,8 @@ class Loop:
 
     def _step(self) -> None:
         world, autopilots = self._world, self._autopilots
-        self._links.drain(autopilots.receive)
         if self._external is None:
+            self._links.drain(autopilots.receive)
             self._inject_faults()
             world.step(autopilots.step(world.now, world.sense()))
             self._truth.write(world.truth())
@@ -181,11 +182,13 @@ class Loop:
             self._external.begin(world.now, world.sense(self._external.requested))
             world.observe()
             self._until_clients_sleep()
+            self._links.drain(autopilots.receive)
             self._inject_faults()
             self._truth.write(truth)
+            self._links.send(self._unsent, world.now)
             self._clock.tick(world.now)
             world.advance(self._external.finish())
-            self._links.send(autopilots.transmit(), world.now)
+            self._unsent = autopilots.transmit()
 
     def _inject_faults(self) -> None:
         """Apply the faults that have arrived. Called in every step, before the vehicles move."""

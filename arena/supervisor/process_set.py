@@ -97,6 +97,7 @@ class ProcessSet:
         self._fact_source: dict[str, str] = {}
         self._names: dict[str, set[str]] = {}  # process -> names of its facts
         self._ready: set[str] = set()
+        self._members = {m.name for s in self.specs.values() if s.kind == "world" for m in s.members}
         self._silent_s: dict[str, float] = {}
         self._reconciled_at: float | None = None
         self._loading: dict[str, float] = {}
@@ -189,7 +190,9 @@ class ProcessSet:
         # Only first starts wait for a free core. A restart never waits, because it may happen in flight.
         may_load = status.started > 0 or len(self._loading) < MAX_LOADING
         return Observation(
-            needs_ready=may_load and all(run_end.is_served(*need) for need in needs),
+            needs_ready=may_load
+            and all(run_end.is_served(*need) for need in needs)
+            and all(n in self._ready for n in spec.needs if n in self._members),
             needs_dead=next((need.name for need, its in needs if run_end.is_dead(need, its)), ""),
             proof=self._proof(name, spec) if status.state is State.STARTING else "",
             exit=exit,
@@ -262,7 +265,7 @@ class ProcessSet:
 
     def _start(self, spec: ProcessSpec, now: float) -> None:
         self.changed = True
-        self._ready.discard(spec.name)
+        self._ready -= {spec.name, *(member.name for member in spec.members)}
         self._silent_s[spec.name] = 0.0
         if self.statuses[spec.name].restarts:
             self.folder.restore(self.plan)
@@ -301,12 +304,12 @@ class ProcessSet:
         self._silent_s[name] = 0.0
         if packet.get("entered") is True or packet.get("ready") is True:
             self.changed = self._loading.pop(name, None) is not None or self.changed
-        if packet.get("ready") is True and name not in self._ready:
-            self._ready.add(name)
+        part, kind = reporter(self.specs[name], packet)
+        if packet.get("ready") is True and part not in self._ready:
+            self._ready.add(part)
             self.changed = True
         if isinstance(facts := packet.get("facts"), dict):
             self._take_facts(name, facts)
-        part, kind = reporter(self.specs[name], packet)
         if isinstance(stats := packet.get("stats"), dict):
             own = self.stats[part]
             own.update({key: stats[key] for key in within_limit(stats, own)})

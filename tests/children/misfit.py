@@ -34,6 +34,16 @@ def good() -> None:
     forever()
 
 
+def ready_before_its_member() -> None:
+    """Report ready at once, and the member `router` when the file given as argument exists. End on SIGTERM."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    tell(ready=True)
+    while not Path(sys.argv[2]).exists():
+        time.sleep(0.02)
+    tell(ready=True, of="router")
+    forever()
+
+
 def ignores_sigterm() -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     tell(ready=True)

@@ -137,6 +137,36 @@ def test_hexarotor_and_octorotor_fly_with_all_rotors(
 
 
 @pytest.mark.parametrize("px4", BOTH, indirect=True)
+def test_fused_arena_flies_px4_and_builtin_autopilot(hangar: Hangar, px4: list[str]) -> None:
+    flight = hangar.fly(
+        {"uav1": "lands", "uav2": "lands"},
+        *("--until-done", "--speed", "max", "--time-limit", "300"),
+        *px4,
+        *flown_by_px4("uav1"),
+    )
+    assert flight.wait(360) == 0, flight.said()
+    processes = flight.outcome["processes"]
+    assert processes["router"]["member_of"] == "world" and processes["px4.uav1"]["starts"] == 1
+    assert processes["forward.uav1"]["stats"]["poses"] > 100
+    for vehicle in ("uav1", "uav2"):
+        told = flight.summary["vehicles"][vehicle]
+        assert told["landing"]["landed"] and told["crashed"] == "", vehicle
+        assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"]), vehicle
+    flight.assert_nothing_left()
+
+
+def test_fused_arena_with_a_px4_that_does_not_start_flies_the_others(hangar: Hangar) -> None:
+    home = broken_px4(hangar.folder, "echo libfoo.so.1: no such file >&2; exit 127")
+    options = ("--until-done", "--speed", "max", "--time-limit", "300", "--set", f"px4.home={home}")
+    flight = hangar.fly({"uav1": "lands", "uav2": "lands"}, *options, *flown_by_px4("uav1"))
+    assert flight.wait(360) == 1
+    assert "needs px4.uav1" in flight.said()
+    second = flight.summary["vehicles"]["uav2"]
+    assert second["landing"]["landed"] and second["verdict"]["max_height_m"] > 0.9
+    flight.assert_nothing_left()
+
+
+@pytest.mark.parametrize("px4", BOTH, indirect=True)
 def test_killed_px4_falls_and_stopped_px4_recovers(hangar: Hangar, px4: list[str]) -> None:
     flight = hangar.fly(
         {"uav1": "hovers", "uav2": "hovers", "uav3": "tours"},
@@ -175,6 +205,17 @@ def test_killed_px4_falls_and_stopped_px4_recovers(hangar: Hangar, px4: list[str
     flight.assert_nothing_left()
 
 
+def broken_px4(folder: Path, script: str) -> Path:
+    """Make the folder of a PX4 that is installed and does not run. script: what its binary does."""
+    home = folder / "home"
+    for name in ("bin", "etc/init.d-posix"):
+        (home / name).mkdir(parents=True)
+    (home / "etc/init.d-posix/rcS").touch()
+    (home / "bin/px4").write_text(f"#!/bin/sh\n{script}\n")
+    (home / "bin/px4").chmod(0o755)
+    return home
+
+
 def landed_all(said: str) -> bool:
     return any(f"land: uav2: {words}" in said for words in ("landed and disarmed", "already on the ground"))
 
@@ -183,13 +224,7 @@ def landed_all(said: str) -> bool:
     "script", ["echo libfoo.so.1: no such file >&2; exit 127", "exec sleep 1000"], ids=["exits", "hangs"]
 )
 def test_px4_that_never_connects_is_reported_and_others_fly(hangar: Hangar, script: str) -> None:
-    """Make the folder of a PX4 that is installed and does not run."""
-    home = hangar.folder / "home"
-    for folder in ("bin", "etc/init.d-posix"):
-        (home / folder).mkdir(parents=True)
-    (home / "etc/init.d-posix/rcS").touch()
-    (home / "bin/px4").write_text(f"#!/bin/sh\n{script}\n")
-    (home / "bin/px4").chmod(0o755)
+    home = broken_px4(hangar.folder, script)
     options = ("--until-done", "--time-limit", "90", "--set", f"px4.home={home}", *flown_by_px4("uav1"))
     flight = hangar.fly({"uav1": "lands", "uav2": "hovers"}, *options)
     flight.until_said("uav1: no heartbeat for 10 s; starting the other vehicles", 40)

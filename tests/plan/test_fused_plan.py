@@ -27,18 +27,36 @@ def plan_of(folder, text: str = TWO, *sets: str) -> Plan:
         (("sim.speed=2",), True),
         (("sim.processes=one",), True),
         (("sim.speed=max", "sim.processes=many"), False),
-        (("sim.speed=max", "defaults.autopilot=px4", "px4.home=stand-in"), False),
+        (("sim.speed=max", "defaults.autopilot=px4", "px4.home=stand-in"), True),
     ],
 )
-def test_faster_arenas_of_built_in_autopilots_share_a_process(tmp_path, sets, fused):
+def test_faster_arenas_of_simulated_autopilots_share_a_process(tmp_path, sets, fused):
     names = [p.name for p in plan_of(tmp_path, TWO, *sets).processes]
     assert ("router" not in names) == fused
     assert "world" in names and "program.uav1" in names
 
 
-def test_one_process_for_px4_is_refused_with_the_reason(tmp_path):
-    with pytest.raises(InputError, match=r"sim\.processes: got one, but uav1 has autopilot: px4"):
-        plan_of(tmp_path, TWO, "sim.processes=one", "defaults.autopilot=px4", "px4.home=stand-in")
+HITL = ("sim.processes=one", "vehicles.uav2.autopilot=hitl", "vehicles.uav2.serial=/dev/ttyACM0")
+
+
+def test_one_process_for_hitl_is_refused_with_the_reason(tmp_path):
+    with pytest.raises(InputError, match=r"sim\.processes: got one, but uav2 has autopilot: hitl"):
+        plan_of(tmp_path, TWO, *HITL)
+
+
+def test_fused_plan_with_px4_keeps_its_sockets_and_needs(tmp_path):
+    sets = (
+        "sim.processes=one",
+        "defaults.autopilot=builtin",
+        "vehicles.uav1.autopilot=px4",
+        "px4.home=stand-in",
+    )
+    world, px4, program = plan_of(tmp_path, TWO, *sets).processes
+    assert (px4.name, px4.needs) == ("px4.uav1", ("world",))
+    assert set(program.needs) == {"world", "px4.uav1", "router", "forward.uav1", "logger.uav1"}
+    opened = {x.what for x in world.listens}
+    assert {"router link of uav1", "vision link of uav1"} <= opened
+    assert not opened & {"router link of uav2", "vision link of uav2"}
 
 
 def test_fused_plan_keeps_ports_slices_and_needs(tmp_path):
@@ -49,7 +67,7 @@ def test_fused_plan_keeps_ports_slices_and_needs(tmp_path):
     world, program = one.processes[0], one.processes[1]
     joined = [p.name for p in many.processes if p.name not in ("world", "program.uav1")]
     assert [m.name for m in world.members] == joined
-    assert program.needs == ("world",)
+    assert program.needs == ("world", "forward.uav1", "router", "logger.uav1")
     assert one.slices["fused.json"] == {"name": "world", "members": ["world", *joined]}
     assert one.slices["world.json"]["expected"] == ["uav1"]
     assert all(one.slices[f"{name}.json"] == many.slices[f"{name}.json"] for name in joined)
@@ -89,7 +107,7 @@ def test_world_does_not_wait_for_programs_that_cannot_use_its_clock(tmp_path):
     [
         ((), "in real time"),
         (("sim.processes=many", "sim.speed=max"), "sim.processes is many"),
-        (("sim.speed=max", "defaults.autopilot=px4", "px4.home=stand-in"), "uav1 has autopilot: px4"),
+        (("sim.speed=max", "defaults.autopilot=px4", "px4.home=stand-in"), ""),
         (("sim.speed=max",), ""),
     ],
 )

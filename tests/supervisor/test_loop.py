@@ -8,7 +8,7 @@ import signal
 import socket
 import sys
 
-from arena.plan.model import Restart
+from arena.plan.model import Member, Restart
 
 from .conftest import Run, eventually, is_running, plan_of, program, spec, world
 
@@ -26,6 +26,20 @@ def test_process_starts_after_its_needs_are_ready(start):
     assert run.wait() == 0
     order = [(e["process"], e["to"]) for e in run.events() if e.get("to")]
     assert order.index(("a", "READY")) < order.index(("p", "STARTING"))
+
+
+def test_process_waits_for_the_member_that_it_needs(start, tmp_path):
+    router = Member(name="router", kind="router")
+    joined = spec("world", "ready_before_its_member", str(tmp_path / "go"), kind="world", members=(router,))
+    run = start(
+        plan_of(joined, program("p", "exits", "0", needs=("world", "router")), spec("a", "good")),
+        "until_done",
+    )
+    run.until("world", "READY")
+    run.until("a", "READY")
+    assert not run.events("p")
+    (tmp_path / "go").touch()
+    assert run.wait() == 0
 
 
 def test_transition_event_has_a_reason_and_two_times(start):
