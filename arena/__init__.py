@@ -12,7 +12,8 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """Import `arena.uav` at the first use of `UAV` or `Heartbeat`, so that other processes do not load it.
+    """Import the module `arena.uav` only when `UAV` or `Heartbeat` is first used, so that processes without a user program do
+    not load the module.
 
     `Heart` is the deprecated name of `Heartbeat`.
     """

@@ -210,7 +210,7 @@ WITHOUT_EFFECT: dict[str, str] = {
 
 
 def effect_problem(name: str, value: float) -> str:
-    """Return why a value of a parameter has no effect in the built-in autopilot, "" if it has one or is the default."""
+    """Return why the built-in autopilot ignores this value of a parameter; "" if the value has an effect or is the default."""
     if name not in SPECS:
         return f"the built-in autopilot has no {name}"
     if name in WITHOUT_EFFECT and value != SPECS[name].default:

@@ -111,10 +111,12 @@ class LockstepClock(ABC):
 
     @abstractmethod
     def sleep_only(self, t: float) -> float:
-        """Sleep until the time t [s], without chores. Return the time after the sleep [s]."""
+        """Sleep until the time t [s], without doing the regular work (chores). Return the time after the sleep [s]."""
 
     def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
-        """Call `chores` in every later `sleep_until`, every `every_s` of simulation time [s], on the thread that sleeps."""
+        """Call the function `chores` during every later `sleep_until`, every `every_s` of simulation time [s], on the thread
+        that sleeps.
+        """
         self._chores, self._chores_every_s = chores, every_s
         self._chores_due = self.now() + every_s
 

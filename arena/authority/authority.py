@@ -205,7 +205,9 @@ class Authority:
             self._change(self._latched_role, f"{mode}, but no stick positions for {_INPUT_S:g} s", now)
 
     def on_manual_input(self, now: float) -> None:
-        """Record that stick positions of a radio or a joystick reach the vehicle. Without `radio` they show that there is a pilot."""
+        """Record that stick positions of an RC transmitter or a joystick reach the vehicle. With `radio: none` in the YAML,
+        only stick positions show that a pilot has control.
+        """
         self._input_at, self._heartbeats_since = now, 0
         unclear = self.holder is not Role.GROUND_STATION or self._obeyed
         if self._input_needed and self._armed and self._mode in MANUAL_MODES and unclear:

@@ -48,7 +48,7 @@ def entries(run: Path) -> list[dict[str, Any]]:
 
 
 def line_of(entry: dict[str, Any]) -> str:
-    """Return one entry as a line of text."""
+    """Return one entry of the audit (a request to a vehicle, or a change of control) as a line of text."""
     at = f"{entry['time_s']:8.1f} s" if "time_s" in entry else str(entry.get("t", ""))[11:21].rjust(10)
     if "event" in entry:
         return f"{at}  {entry['vehicle']}: {entry['event']}"

@@ -85,8 +85,8 @@ class IdentityCheck:
         return state.is_vehicle is True
 
     def _may_command(self, source: Source, now: float) -> bool:
-        """Return whether commands may be sent to a source. It must be the vehicle of the run, or be recorded as the vehicle
-        while no source has proved it.
+        """Return whether commands may be sent to a source: only to the vehicle of the run. While no source has sent the
+        vehicle's uid, this is the recorded source.
 
         If no source has replied with the vehicle's uid in time, the source that the run has recorded is commanded.
         """

@@ -97,8 +97,8 @@ class AxesCheck:
                 self.stop(f"stopped by {request.get('by')}")
 
     def start(self, by: str, now: float, refusal: str, uid: str) -> None:
-        """Start an axes check. by: person who requested the check. refusal: why the check must not run; "" if it may. uid:
-        hardware uid of the autopilot.
+        """Start an axes check. by: person who requested the check. refusal: why the check must not run, or "". uid: hardware
+        uid of the autopilot.
         """
         if not self._s.preflight.poses:
             refusal = refusal or "the vehicle gets no poses (forward: false), so there is nothing to compare"

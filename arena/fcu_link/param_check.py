@@ -143,7 +143,7 @@ class ParamCheck:
                 yield f"{name} is {p.value:.6g}, needs {p.wanted:.6g}"
 
     def _mark_unknown(self, p: _Param) -> bool:
-        """Decide whether a parameter is unknown to the vehicle, and mark it then. Return whether the parameter is unknown.
+        """Decide whether the vehicle does not have a parameter. If so, mark the parameter as unknown and return True.
 
         It is unknown if several requests for it had no reply while the vehicle replied to other requests.
         """

@@ -21,7 +21,7 @@ class RoomCapture:
         self.error = ""
 
     def set_open(self, wanted: bool) -> None:
-        """Open or close the client. After an error it is opened again with the next check."""
+        """Open or close the client. After an error, the client is opened again when the next axes check starts."""
         if not wanted:
             self.error = ""
             self.close()

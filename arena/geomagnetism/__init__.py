@@ -103,7 +103,7 @@ def _legendre(latitude: float) -> tuple[list[list[float]], list[list[float]]]:
 
 @functools.cache
 def _coefficients() -> tuple[tuple[int, int, float, float], ...]:
-    """Return the rows of the table: degree n, order m, g and h [nT]."""
+    """Return the coefficients of the World Magnetic Model, one row each: degree n, order m, g and h [nT]."""
     with _TABLE.open(newline="") as file:
         return tuple(
             (int(row["n"]), int(row["m"]), float(row["g_nt"]), float(row["h_nt"]))

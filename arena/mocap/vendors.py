@@ -86,7 +86,9 @@ class VendorSettings(Protocol):
         """Return the sockets that the emulator with these settings opens."""
 
     def parse_client(self, text: str) -> dict[str, Any]:
-        """Return client settings from the part of a command-line value after `VENDOR:`. Raises InputError."""
+        """Parse the text after `VENDOR:` in a command-line option such as `--capture`. Return the settings of a motion-capture
+        client. Raises InputError.
+        """
 
 
 def vendor_settings(vendor: str) -> VendorSettings:

@@ -41,7 +41,7 @@ def check_vehicle(real: Mapping[str, bool], vehicle: str) -> None:
 
 
 class Confirmation:
-    """The confirmation at `arena up`: it permits the vehicles that are connected soon after it to arm.
+    """Confirmation of a person at `arena up`: real vehicles that are connected shortly after the start may arm.
 
     It is used once: when all processes are ready, at the latest `CONFIRMATION_S` after the start. So a vehicle whose
     battery is connected later does not take off.
@@ -53,7 +53,8 @@ class Confirmation:
         self.by, self._began, self._open = by, began, bool(by)
 
     def use(self, now: float, all_ready: bool, real: Mapping[str, bool]) -> tuple[list[str], list[str]]:
-        """Return the vehicles that get an arm permit now and those that get none; both are empty except once.
+        """Return (vehicles that get an arm permit now, vehicles that get none). The confirmation is used only once, so all
+        other calls return empty lists.
 
         now: in s, on the clock of `began`. all_ready: whether all processes of the arena are ready. real: result of
         `real_vehicles`.
