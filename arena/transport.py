@@ -234,7 +234,7 @@ class StampAges:
             self._offsets = [(o, at) for o, at in self._offsets if now - at <= _OFFSET_MEMORY_S]
 
     def age_s(self, stamp_s: float, wall_s: float, now: float, longest_s: float) -> float:
-        """Return the age of a datagram [s].
+        """Return how long a datagram has waited since this computer received it [s].
 
         stamp_s: the kernel's receive stamp, wall clock [s]. longest_s: time since the socket was last empty [s],
         which limits the age of everything that waits in it.

@@ -59,6 +59,6 @@ class AuditTrail:
         self._entries.append({**entry, "request": what, "refused": refusal})
 
     def take(self) -> list[Entry]:
-        """Return the entries that were recorded since the last call."""
+        """Return the entries about requests to the vehicle that were recorded since the last call."""
         found, self._entries = self._entries, []
         return found

@@ -344,11 +344,11 @@ class Authority:
 
     @property
     def has_changes(self) -> bool:
-        """True if `take_changes` has changes to return."""
+        """True if the authority over the vehicle has changed since the last call of `take_changes`."""
         return bool(self._changes)
 
     def take_changes(self) -> list[Change]:
-        """Return the changes since the last call."""
+        """Return the changes of authority (who commands the vehicle, and why) since the last call."""
         found, self._changes = self._changes, []
         return found
 

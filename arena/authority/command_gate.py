@@ -152,7 +152,7 @@ class CommandGate:
 
     @property
     def has_news(self) -> bool:
-        """True if `events` has lines to return for the event log."""
+        """True if there are new lines for the event log, which `events` returns."""
         return bool(self._events) or self.authority.has_changes
 
     def events(self) -> list[str]:

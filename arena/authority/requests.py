@@ -66,7 +66,7 @@ class Kind(Enum):
 
 
 class Request(NamedTuple):
-    """Request to a vehicle.
+    """Request that a MAVLink frame makes to a vehicle, such as to arm or to change the flight mode.
 
     mode: for MODE the name of the requested mode, else "". command: MAV_CMD, 0 for other messages.
     param: for WRITE the name of the parameter, else "".

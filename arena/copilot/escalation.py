@@ -99,7 +99,7 @@ class Escalation:
         return self.order is not None and self.order.step == "hold"
 
     def decide(self, violations: Sequence[Violation], status: VehicleStatus, now: float) -> Decision:
-        """Return the order to send now and the events to report.
+        """Decide which command the vehicle must get now. Return the command and the events to report.
 
         violations: rules that this vehicle violates now.
         """

@@ -42,7 +42,7 @@ class SeparationResult:
 
 
 def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> SeparationResult:
-    """Check the predicted distance of all pairs of vehicles.
+    """Check the present and predicted distances of all pairs of vehicles. Return which vehicles must hold.
 
     at_m: minimum distance of the origins [m]. ahead_s: prediction time [s].
     """

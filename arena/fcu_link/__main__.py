@@ -117,7 +117,7 @@ class FcuLinkShell:
             s.close()
 
     def _wait(self) -> None:
-        """Wait until data can be read or written, then read the links."""
+        """Wait until a connection can be read or written, then read the router, vision and panic links."""
         now = time.monotonic()
         poll = select.poll()
         for link in self._sockets.values():

@@ -31,7 +31,7 @@ class ArmPermit:
         return [f"no arm permit: run arena arm-permit {self._vehicle}"]
 
     def grant(self, by: str, *, connected: bool) -> None:
-        """Grant the permit, if the vehicle is connected.
+        """Grant the permit to arm, if the vehicle is connected.
 
         by: name of the person who grants the permit. connected: whether the vehicle is connected.
         """

@@ -84,8 +84,8 @@ class AxesCheck:
     def on_request(
         self, request: Mapping[str, Any], now: float, refusal: str, uid: str, *, armed: bool
     ) -> None:
-        """Process a request of the supervisor to start or stop the vehicle's axes check (see `process_context`). refusal, uid:
-        see `start`.
+        """Process a request of the supervisor to start or stop the vehicle's axes check. refusal: why no check may start now,
+        or "". uid: hardware uid of the autopilot.
         """
         match request.get("do"):
             case "body":

@@ -134,7 +134,7 @@ class UdpTransport:
         return False
 
     def tick(self, now: float) -> None:
-        """Do nothing, because a UDP socket stays open."""
+        """Do nothing. Only a serial device must be opened again after an error; a UDP socket stays open."""
 
     def peer(self) -> str:
         return source_text(self._fixed or self._core.identity.source)

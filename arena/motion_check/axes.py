@@ -28,7 +28,7 @@ class Axes:
 
     @property
     def turned_deg(self) -> float:
-        """Angle of the rotation [deg]."""
+        """Angle between the axes of the captured body and the axes of the inertial sensors [deg]."""
         return math.degrees(float(np.linalg.norm(self.turned_rad)))
 
 

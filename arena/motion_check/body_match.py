@@ -27,7 +27,7 @@ Rates = tuple[Array, Array]
 
 @dataclass(frozen=True, kw_only=True)
 class BodyMatch:
-    """Agreement of one captured body with the gyroscope.
+    """How well the rotation of one captured body agrees with the vehicle's gyroscope.
 
     correlation: of the sizes of both rotation rates over time, -1 to 1 [-]
     ratio: captured rotation rate divided by the measured one, root mean squares [-]

@@ -53,7 +53,9 @@ class GuidedCheck:
             self._recorded.add_other(body, now, q_nb)
 
     def tick(self, now: float, offset_s: float | None) -> None:
-        """End the check when the motion is complete or has failed, and make the verdict. offset_s: see `judge`."""
+        """End the check when the motion is complete or has failed, and make the verdict. offset_s: this computer's clock minus
+        the autopilot's clock [s].
+        """
         if self.verdict is not None:
             return
         self._motion.tick(now)

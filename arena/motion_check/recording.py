@@ -71,13 +71,14 @@ class Recording:
 
 
 def captured_down(times: Array, at: list[float], q_nb: list[Sequence[float]]) -> Array:
-    """Return the captured direction down in body axes at some times [-] [FRD] (N, 3)."""
+    """Return the direction down in body axes at the given times, from the captured attitude [-] [FRD] (N, 3)."""
     down = quat_rotate(quat_conj(np.array(q_nb)), _DOWN_N)
     return np.stack([np.interp(times, np.array(at), down[:, k]) for k in range(3)], axis=-1)
 
 
 def measured_down(accel_b: Sequence[float]) -> tuple[float, float, float] | None:
-    """Return the direction down from the specific force [-] [FRD]; None while the force is not that of gravity alone.
+    """Return the direction down in body axes, from the specific force [-] [FRD]; None while the vehicle accelerates, because
+    gravity is then not the only force.
 
     accel_b: mean specific force [m/s2] [FRD]
     """

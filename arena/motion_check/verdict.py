@@ -52,7 +52,7 @@ class Verdict:
 def judge(
     body: str, motion: GuidedMotion, recorded: Recording, offset_s: float | None, limit_deg: float
 ) -> Verdict:
-    """Return the verdict on a complete motion.
+    """Return the verdict of the axes check after a complete motion.
 
     body: name of the vehicle's own rigid body
     offset_s: this computer's clock minus the autopilot's clock [s]; None if it is unknown

@@ -1,4 +1,4 @@
-"""Base class and common types of all YAML models."""
+"""Base class and common types of the pydantic models of all YAML sections."""
 
 from __future__ import annotations
 

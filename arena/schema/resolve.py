@@ -36,7 +36,7 @@ def resolve(
     find_px4: Callable[[str | None], Px4 | None] = lambda home: None,
     params_files: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Arena:
-    """Return the arena of a validated model.
+    """Return the `Arena` of a validated YAML: defaults, profiles and vehicle keys are merged into it.
 
     profiles: name -> profile. A missing profile is replaced by the default profile.
     find_px4: searches PX4; called with `px4.home`, at most once, if a vehicle may use PX4.

@@ -323,7 +323,7 @@ class ProcessSet:
             self.changed = True
 
     def _take_facts(self, name: str, facts: dict[str, Any]) -> None:
-        """Store the facts that process `name` sent.
+        """Store the facts, such as `uav1.armed`, that process `name` has sent.
 
         Facts about a vehicle (VEHICLE_FACTS) from user programs and tools are ignored, because the landing relies on them. The
         number of facts is limited per process, so that no process can crowd out the facts of another.

@@ -168,7 +168,7 @@ class LiveTable(Lines):
         self._submit(self._screen.take())
 
     def close(self) -> None:
-        """Remove the tables and print the kept lines."""
+        """Remove the tables from the terminal, and print the lines that were kept for the next refresh."""
         live, self._live = self._live, None
         if live is not None:
             live.stop()

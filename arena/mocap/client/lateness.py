@@ -60,7 +60,7 @@ class Lateness:
         return 0.5 * (self._high - self._low)
 
     def measure_frame(self, frame: CapturedFrame, now: float, flying: bool) -> float:
-        """Return how late a frame is [s], from its time stamps and the server's replies to echo requests. See `measure`."""
+        """Return how late a frame is [s], from its time stamps and the server's replies to echo requests."""
         if frame.echo is not None and frame.echo is not self._echo:
             self._echo = frame.echo
             self._on_echo(frame.echo, now)

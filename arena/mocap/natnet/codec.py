@@ -350,7 +350,7 @@ class _Reader:
         return self.data[self.at - 2] | self.data[self.at - 1] << 8
 
     def section(self) -> bytes:
-        """Read a section: its size, then that number of bytes."""
+        """Read one section: first its size, then that many bytes, which are returned."""
         size = self.i32()
         self.skip(size)
         return self.data[self.at - size : self.at]

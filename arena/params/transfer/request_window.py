@@ -101,7 +101,7 @@ class RequestWindow(Generic[Key]):
 
     @property
     def done(self) -> bool:
-        """True if no request is open."""
+        """True if no request waits for an answer."""
         return not self._open
 
     def with_state(self, *states: RequestState) -> list[Key]:

@@ -189,13 +189,13 @@ class Transfer:
         raise NotImplementedError
 
     def _on_value(self, value: Value, now: float) -> None:
-        """Handle a PARAM_VALUE. It may be the answer to another program's request."""
+        """Handle a PARAM_VALUE, which may be the answer to a request of another program."""
 
     def _on_error(self, name: str, error: int, why: str) -> None:
         """Handle a PARAM_ERROR that is addressed to this program."""
 
     def _on_ack(self, data: Buffer, frame: Frame) -> None:
-        """Handle a COMMAND_ACK. It may be addressed to another program."""
+        """Handle a COMMAND_ACK, which may be addressed to another program."""
 
 
 class Rebooter(Transfer):

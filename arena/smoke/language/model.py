@@ -47,7 +47,7 @@ class VehicleState:
 
     @property
     def down(self) -> bool:
-        """True when the vehicle is on the floor and disarmed."""
+        """True if the vehicle is on the floor and disarmed."""
         return not self.airborne and self.armed is False
 
 

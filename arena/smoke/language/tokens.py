@@ -53,7 +53,7 @@ class WrongWordError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Token:
-    """A word, number, unit, operator or quoted text."""
+    """Word, number, unit, operator or quoted text in an entry of a scenario."""
 
     kind: Kind
     text: str

@@ -39,7 +39,7 @@ def holds(condition: Condition, flight: FlightHistory) -> Truth:
 
 
 def evaluate(condition: Condition, flight: FlightHistory) -> Iterator[Evaluation]:
-    """Yield the result of the condition for each of its subjects."""
+    """Yield the result of the condition for each subject (vehicle, pair of vehicles or process) to which it applies."""
     for who, holding, value, text in _evaluate(condition, flight):
         turned = holding if holding is None or not condition.negated else not holding
         yield Evaluation(who=who, holds=turned, value=value, text=text)
