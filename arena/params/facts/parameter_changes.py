@@ -213,7 +213,7 @@ def _conversion(text: str, new: tuple[str, ...]) -> Conversion | None:
 
 
 def _number_table(pairs: list[str]) -> dict[float, float]:
-    """Parse pairs of old and new value: ["0=4", "1=5"] to {0: 4, 1: 5}."""
+    """Parse pairs "before=after": ["0=4", "1=5"] to {0: 4, 1: 5}."""
     return {int(old): int(new) for old, new in (pair.split("=") for pair in pairs)}
 
 
