@@ -13,7 +13,7 @@ cdef class RotorDynamics:
     cdef readonly double[::1] height, supply, rise, fall, ground_scale, ground_reach, speed_loss, per_weight
     cdef readonly double[:, :, ::1] wrench
     @cython.locals(share=double, tx=double, ty=double, tz=double, fz=double, gained=double, speed=double)
-    cpdef (double, double, double, double, double, double) step_one(self, Py_ssize_t i, double ax, double ay, double az, double height)
+    cdef (double, double, double, double, double, double) _wrench_of(self, Py_ssize_t i, double ax, double ay, double az, double height)
     cdef double _ground_share(self, Py_ssize_t i, double height) except? -1.0
     @cython.locals(cell=Py_ssize_t, low=double)
     cdef double _at(self, double[:, ::1] table, Py_ssize_t i, double place, Py_ssize_t cells) except? -1.0

@@ -53,11 +53,11 @@ class RotorDynamics:
         """Make one physics step of the rotors of all vehicles."""
         for i in range(len(self.height)):
             air = self.air_b
-            fx, fy, fz, tx, ty, tz = self.step_one(i, air[i, 0], air[i, 1], air[i, 2], self.height[i])
+            fx, fy, fz, tx, ty, tz = self._wrench_of(i, air[i, 0], air[i, 1], air[i, 2], self.height[i])
             self.force[i, 0], self.force[i, 1], self.force[i, 2] = fx, fy, fz
             self.torque[i, 0], self.torque[i, 1], self.torque[i, 2] = tx, ty, tz
 
-    def step_one(self, i: int, ax: float, ay: float, az: float, height: float) -> Wrench:
+    def _wrench_of(self, i: int, ax: float, ay: float, az: float, height: float) -> Wrench:
         """Make one physics step of the rotors of vehicle i. Return force x, y, z [N] and torque x, y, z [N m] [FRD].
 
         ax, ay, az: velocity relative to the air [m/s] [FRD]

@@ -21,7 +21,6 @@ from arena.sim.bodies import Bodies
 from arena.sim.crash_detector import CrashDetector
 from arena.sim.downwash import Downwash
 from arena.sim.gusts import Gusts
-from arena.sim.scalar_step import MAX_SCALAR_VEHICLES, ScalarStep
 from arena.sim.sensors import SENSORS, GlobalOrigin, Motion, SensorSuite, Site
 from arena.sim.vehicle_arrays import Fleet, read_fleet
 from arena.vehicle_models import Dynamics, vehicle_model
@@ -46,20 +45,17 @@ class World:
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
         self._substeps = substeps(float(settings["physics_hz"]), float(settings["sensor_hz"]))
-        self.period_s, self._h = 1.0 / float(settings["sensor_hz"]), 1.0 / float(settings["physics_hz"])
+        self.period_s, step_s = 1.0 / float(settings["sensor_hz"]), 1.0 / float(settings["physics_hz"])
         self.fleet = read_fleet(list(settings["vehicles"]))
         self.bodies = Bodies(
             self.fleet,
             size_m=settings["size_m"],
             ceiling=bool(settings.get("ceiling", True)),
-            step_s=self._h,
+            step_s=step_s,
+            period_s=self.period_s,
             gui=bool(settings.get("gui")),
         )
-        self._dynamics = _dynamics(self.fleet, self._h)
-        few = self.fleet.size <= MAX_SCALAR_VEHICLES
-        self._scalar = (
-            ScalarStep(self.bodies, self._dynamics, self.fleet.size, step_s=self._h) if few else None
-        )
+        self._dynamics = _dynamics(self.fleet, step_s)
         self._battery = Battery(
             self.fleet.profiles, self._dynamics.hover, self._dynamics.supply_per_volt, step_s=self.period_s
         )
@@ -124,14 +120,11 @@ class World:
         motors = np.fmin(np.fmax(motors, 0.0), 1.0)
         if self._battery.is_weak:
             motors = motors * self._battery.strength
-        wind_n = self._wind()
-        if self._scalar is not None:
-            self._accel_b = self._scalar.advance(motors, wind_n, self._substeps)
-        else:
-            accel_b = self._substep(motors, wind_n)
-            for _ in range(self._substeps - 1):
-                accel_b += self._substep(motors, wind_n)
-            self._accel_b = accel_b / self._substeps
+        bodies, dynamics = self.bodies, self._dynamics
+        bodies.begin(self._wind())
+        for _ in range(self._substeps):
+            bodies.step(*dynamics.step(motors, bodies.air_b, bodies.height))
+        self._accel_b = bodies.accel_b / self._substeps
         self.steps += 1
 
     def observe(self) -> None:
@@ -145,8 +138,8 @@ class World:
         bodies, contacts = self.bodies, self.bodies.contacts()
         self._crashes.step(
             now=self.now,
-            p_n=bodies.p_n,
-            v_n=bodies.v_n,
+            p_n=bodies.p_n.copy(),
+            v_n=bodies.v_n.copy(),
             cos_tilt=bodies.r_nb[:, 2, 2],
             floor=contacts.floor,
             others=contacts.others,
@@ -163,15 +156,6 @@ class World:
                 self._downwash_n = self._downwash.wind(bodies.p_n, bodies.r_nb[:, :, 2], thrust)
             wind_n = wind_n + self._downwash_n
         return wind_n
-
-    def _substep(self, motors: Array, wind_n: Array) -> Array:
-        """Make one physics step; return the specific force including contact forces [m/s2] [FRD] (V, 3)."""
-        bodies = self.bodies
-        r_nb, v_n = bodies.r_nb, bodies.v_n
-        force_b, torque_b = self._dynamics.step(motors, _b_from_n(r_nb, v_n - wind_n), -bodies.p_n[:, 2])
-        bodies.apply_wrenches(force_b, torque_b)
-        bodies.step()
-        return _b_from_n(r_nb, (bodies.v_n - v_n) / self._h - _G_N)
 
     # -- fault injection ---------------------------------------------------------------------------------------------
 
@@ -201,10 +185,10 @@ class World:
         bodies = self.bodies
         return Truth(
             time_s=self.now,
-            p_n=bodies.p_n,
-            q_nb=bodies.q_nb,
-            v_n=bodies.v_n,
-            omega_b=bodies.omega_b,
+            p_n=bodies.p_n.copy(),
+            q_nb=bodies.q_nb.copy(),
+            v_n=bodies.v_n.copy(),
+            omega_b=bodies.omega_b.copy(),
             accel_b=self._accel_b,
             motors=self._dynamics.spin.copy(),
         )
@@ -269,9 +253,3 @@ def _dynamics(fleet: Fleet, step_s: float) -> Dynamics:
         )
     (model,) = models.values()
     return model.dynamics(fleet.profiles, step_s=step_s)
-
-
-def _b_from_n(r_nb: Array, v_n: Array) -> Array:
-    """Rotate vectors (V, 3) from NED to body axes: R^T v, written for row vectors as v R."""
-    v_b: Array = (v_n[:, None, :] @ r_nb)[:, 0]
-    return v_b

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Profile = Mapping[str, Any]
 """A vehicle's profile, as in the JSON configuration (slice) of a process."""
-Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,17 +68,6 @@ class Dynamics(Protocol):
         """Scale thrust and torque of one rotor. The rotor speed still follows commands.
 
         share: remaining share of the thrust 0..1 [-]
-        """
-        ...
-
-    def set_motors(self, motors: Array) -> None:
-        """Set the motor commands 0..1 [-] (V, R) for `step_one`."""
-        ...
-
-    def step_one(self, vehicle: int, air_b: Triple, height: float) -> tuple[Triple, Triple]:
-        """Compute one physics step of one vehicle's actuators in plain floats, which is faster for one or two vehicles.
-
-        Returns force [N] and torque about the centre of mass [N m], both [FRD].
         """
         ...
 

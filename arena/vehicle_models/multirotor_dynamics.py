@@ -43,7 +43,7 @@ from arena.kernels.arrays import array
 from arena.kernels.rotor_dynamics import RotorDynamics
 from arena.thrust_curve import thrust_curve
 from arena.vehicle_models.ground_effect import CELLS, ground_table
-from arena.vehicle_models.model import Array, Profile, Triple
+from arena.vehicle_models.model import Array, Profile
 
 GRID = 1024
 """Cells of the thrust table between the commands 0 and 1."""
@@ -126,19 +126,6 @@ class Rotors:
             to[...] = values
         self.law.step()
         return self._outputs
-
-    def step_one(self, vehicle: int, air_b: Triple, height: float) -> tuple[Triple, Triple]:
-        """Compute one physics step of the rotors of one vehicle, with the commands of `set_motors`. Return force and torque.
-
-        This is faster than `step` for one or two vehicles. Returns force [N] and torque about the centre of mass
-        [N m], both [FRD].
-        """
-        fx, fy, fz, tx, ty, tz = self.law.step_one(vehicle, *air_b, height)
-        return (fx, fy, fz), (tx, ty, tz)
-
-    def set_motors(self, motors: Array) -> None:
-        """Set the motor commands 0..1 [-] (V, R) for `step_one`."""
-        self._inputs[0][...] = motors
 
     def thrust(self) -> Array:
         """Return the thrust of all rotors of each vehicle in still air far from the floor [N] (V,)."""

@@ -11,6 +11,7 @@ from tests.kernels.kernel_versions import arrays_of, compiled_modules, interpret
 
 VEHICLES = 7
 ESTIMATION = ("strapdown", "error_covariance", "vision_fusion")
+BODIES = ("free_flight", "clearance")
 CONTROL = ("control_allocation", "position_control", "attitude_control", "rate_control", "cascade")
 
 
@@ -126,6 +127,28 @@ def spin_rotors(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     return seen
 
 
+def fly_freely(modules: dict[str, ModuleType]) -> list[np.ndarray]:
+    """Move bodies with random wrenches, and measure their distances. Return all arrays after each step."""
+    rng, free = np.random.default_rng(8), np.ones(VEHICLES, bool)
+    law = modules["free_flight"].FreeFlight(free, 0.002)
+    fill(law, rng, mass=-1.0, inertia=-0.1, place_w=3.0, speed_w=5.0, rate_w=5.0, wind_n=2.0)
+    arrays_of(law)["quat"][:] = random_attitudes(rng)
+    boxes = np.array([[6.0, 0.0, 0.0, 0.5, 9.0, 9.0], [0.0, -7.0, 0.0, 9.0, 0.5, 9.0]])
+    clearance = modules["clearance"].Clearance(
+        free, law.place_w, law.speed_w, np.full(VEHICLES, 0.3), boxes, 0.004
+    )
+    seen = []
+    for step in range(100):
+        if step % 2 == 0:
+            clearance.check()
+            law.begin()
+        fill(law, rng, force_b=10.0, torque_b=0.5)
+        law.step()
+        law.finish()
+        seen += [values.copy() for values in arrays_of(law).values()]
+    return seen
+
+
 def assert_equal(first: list[np.ndarray], second: list[np.ndarray]) -> None:
     assert len(first) == len(second) > 0
     for one, other in zip(first, second, strict=True):
@@ -155,7 +178,13 @@ def test_rotors_give_the_same_bits_compiled_and_interpreted() -> None:
     )
 
 
+@needs_compiled
+def test_free_flight_gives_the_same_bits_compiled_and_interpreted() -> None:
+    assert_equal(fly_freely(interpreted_modules(*BODIES)), fly_freely(compiled_modules(*BODIES)))
+
+
 def test_interpreted_kernels_run() -> None:
+    assert np.isfinite(fly_freely(interpreted_modules(*BODIES))[-1]).all()
     assert np.isfinite(spin_rotors(interpreted_modules("rotor_dynamics"))[-1]).all()
     assert np.isfinite(fly_cascade(interpreted_modules(*CONTROL))[-1]).all()
     assert np.isfinite(fly_estimator(interpreted_modules(*ESTIMATION))[0]).all()

@@ -10,7 +10,8 @@ import pytest
 from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
 from arena.geometry import matrix_from_quat, quat_from_euler, quat_multiply
-from arena.sim.bodies import Bodies, display_answers
+from arena.sim.bodies import Bodies
+from arena.sim.pybullet_room import display_answers
 from arena.sim.vehicle_arrays import read_fleet
 from arena.sim.world import World
 
@@ -21,11 +22,17 @@ H = 0.002
 ALOFT = np.array([1.0, -0.5, -3.0])
 
 
-@pytest.fixture
-def bodies():
-    made = Bodies(read_fleet([vehicle()]), size_m=[12, 8, 8], step_s=H)
+@pytest.fixture(params=[False, True], ids=["free", "pybullet"])
+def bodies(request):
+    made = Bodies(read_fleet([vehicle()]), size_m=[12, 8, 8], step_s=H, period_s=H)
+    made._only_pybullet = request.param
     yield made
     made.close()
+
+
+def step(bodies, force_b=(0.0, 0.0, 0.0), torque_b=(0.0, 0.0, 0.0)):
+    bodies.begin(np.zeros((1, 3)))
+    bodies.step(np.array([force_b]), np.array([torque_b]))
 
 
 def test_a_placed_body_is_read_back_where_it_was_placed(bodies):
@@ -41,7 +48,7 @@ def test_a_placed_body_is_read_back_where_it_was_placed(bodies):
 def test_velocity_and_body_rate_integrate_to_position_and_attitude(bodies):
     omega_b = np.array([0.7, -1.1, 0.9])
     bodies.place(0, p_n=ALOFT, q_nb=GENERIC, v_n=np.array([1.0, 2.0, -0.5]), omega_b=omega_b)
-    bodies.step()
+    step(bodies)
     assert (bodies.p_n[0] - ALOFT) / H == pytest.approx([1.0, 2.0, -0.5 + GRAVITY_M_S2 * H])
     half = np.array([1.0, *(0.5 * omega_b * H)])
     expected = quat_multiply(GENERIC, half / np.linalg.norm(half))
@@ -51,8 +58,7 @@ def test_velocity_and_body_rate_integrate_to_position_and_attitude(bodies):
 def test_a_force_acts_in_body_axes_on_the_given_mass(bodies):
     force_b = np.array([1.0, 2.0, -3.0])
     bodies.place(0, p_n=ALOFT, q_nb=GENERIC)
-    bodies.apply_wrenches(force_b[None], np.zeros((1, 3)))
-    bodies.step()
+    step(bodies, force_b)
     expected = matrix_from_quat(GENERIC) @ force_b / PROFILE["mass_kg"] + [0, 0, GRAVITY_M_S2]
     assert bodies.v_n[0] / H == pytest.approx(expected)
     assert bodies.omega_b[0] == pytest.approx([0, 0, 0], abs=1e-9)
@@ -61,17 +67,15 @@ def test_a_force_acts_in_body_axes_on_the_given_mass(bodies):
 def test_a_torque_acts_in_body_axes_on_the_given_inertia(bodies):
     torque_b = np.array([0.1, -0.2, 0.3])
     bodies.place(0, p_n=ALOFT, q_nb=GENERIC)
-    bodies.apply_wrenches(np.zeros((1, 3)), torque_b[None])
-    bodies.step()
+    step(bodies, torque_b=torque_b)
     assert bodies.omega_b[0] / H == pytest.approx(torque_b / PROFILE["inertia_kg_m2"], rel=1e-3)
 
 
 def test_a_wrench_lasts_one_step(bodies):
     bodies.place(0, p_n=ALOFT, q_nb=GENERIC)
-    bodies.apply_wrenches(np.array([[5.0, 0.0, 0.0]]), np.zeros((1, 3)))
-    bodies.step()
+    step(bodies, (5.0, 0.0, 0.0))
     v_n = bodies.v_n[0].copy()
-    bodies.step()
+    step(bodies)
     assert bodies.v_n[0] - v_n == pytest.approx([0.0, 0.0, GRAVITY_M_S2 * H])
 
 
@@ -84,7 +88,7 @@ def test_nothing_damps_a_fall_or_a_spin(bodies):
         omega_b=np.array([0, 0, 4.0]),
     )
     for _ in range(500):
-        bodies.step()
+        step(bodies)
     assert bodies.v_n[0] == pytest.approx([3.0, 0.0, GRAVITY_M_S2], rel=1e-9)
     assert bodies.omega_b[0] == pytest.approx([0, 0, 4.0], abs=1e-6)
 

@@ -7,7 +7,6 @@ import pytest
 
 from arena.errors import InputError
 from arena.geometry import euler_from_quat
-from arena.sim import world as module
 from arena.sim.fault_injection import inject_fault
 
 from .sim_slices import vehicle
@@ -32,12 +31,9 @@ def three(build, **changes):
     )
 
 
-@pytest.mark.parametrize("most", [0, 2], ids=["batch", "few"])
 @pytest.mark.parametrize("rotor", [1, 2, 3, 4])
-def test_a_rotor_without_thrust_tilts_the_vehicle_and_lifts_less(build, monkeypatch, most, rotor):
-    monkeypatch.setattr(module, "MAX_SCALAR_VEHICLES", most)
+def test_a_rotor_without_thrust_tilts_the_vehicle_and_lifts_less(build, rotor):
     world = build(*(vehicle(f"uav{k}", k, position=[2.0 * k - 4.0, 0.5, -3.0], rpy=LEANING) for k in (1, 2)))
-    assert (world._scalar is None) == (most == 0)
     hover = np.tile(world.hover[:, None], 4)
     for _ in range(25):
         world.step(hover)
@@ -61,10 +57,7 @@ def test_a_rotor_without_thrust_tilts_the_vehicle_and_lifts_less(build, monkeypa
     assert after.motors[1] == pytest.approx(hover[1], abs=1e-3), "its speed follows the command"
 
 
-@pytest.mark.parametrize("most", [0, 2], ids=["batch", "few"])
-def test_a_restored_rotor_gives_its_full_thrust(build, monkeypatch, most):
-    monkeypatch.setattr(module, "MAX_SCALAR_VEHICLES", most)
-
+def test_a_restored_rotor_gives_its_full_thrust(build):
     def fly(*faults):
         world = build(vehicle(position=[0, 0, -3], rpy=LEANING))
         for share in faults:
@@ -100,9 +93,7 @@ def test_discharge_override_ends_with_none(build):
     assert remaining(30)[1] == 0.0
 
 
-@pytest.mark.parametrize("most", [0, 2], ids=["batch", "few"])
-def test_injected_wind_pushes_along_its_ned_vector(build, monkeypatch, most):
-    monkeypatch.setattr(module, "MAX_SCALAR_VEHICLES", most)
+def test_injected_wind_pushes_along_its_ned_vector(build):
     calm, windy = (
         build(vehicle(position=[0, 0, -3], rpy=LEANING, drag_kg_s=[0.3, 0.3, 0.3])) for _ in range(2)
     )

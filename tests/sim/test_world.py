@@ -269,9 +269,7 @@ def test_physics_rate_must_be_a_multiple_of_the_sensor_rate():
         substeps(100, 250)
 
 
-@pytest.mark.parametrize("most", [0, 2], ids=["batch", "few"])
-def test_vehicle_with_an_empty_battery_falls(build, monkeypatch, most):
-    monkeypatch.setattr("arena.sim.world.MAX_SCALAR_VEHICLES", most)
+def test_vehicle_with_an_empty_battery_falls(build):
     world = settled(build(vehicle(position=[0.0, 0.0, -3.0])))
     world.override_discharge(0, 1.0)
     fly(world, hover(world), 0.97)

@@ -1,0 +1,30 @@
+# C types of free_flight.py: they make the compiled class fast and change no result.
+cimport cython
+from libc cimport math
+
+from arena.kernels cimport limits
+
+cdef double _G, _MOST_SPEED, _MOST_TURN, _SMALL_RATE, _SERIES, _HALF_ROOT
+
+cdef class FreeFlight:
+    cdef readonly double step_s
+    cdef readonly unsigned char[::1] free
+    cdef readonly double[::1] mass, height
+    cdef readonly double[:, ::1] inertia, place_w, quat, speed_w, rate_w, wind_n, force_b, torque_b
+    cdef readonly double[:, ::1] p_n, v_n, q_nb, omega_b, air_b, accel_b
+    cdef readonly double[:, :, ::1] r_nb
+    cdef double[:, :, ::1] _r_wf
+    @cython.locals(sign=double)
+    cpdef void publish(self, Py_ssize_t i) except *
+    cdef void _accelerate(self, Py_ssize_t i) except *
+    cdef void _add(self, Py_ssize_t i, double[:, ::1] velocity, (double, double, double) accel) except *
+    @cython.locals(size=double, scale=double)
+    cdef void _move(self, Py_ssize_t i) except *
+    cdef void _set_air(self, Py_ssize_t i) except *
+    cdef double _to_body(self, Py_ssize_t i, Py_ssize_t k, double north, double east, double down) except? -1.0
+    cdef (double, double, double) _world_from_body(self, Py_ssize_t i, (double, double, double) v)
+    cdef (double, double, double) _body_from_world(self, Py_ssize_t i, (double, double, double) v)
+    cdef void _set_matrix(self, Py_ssize_t i) except *
+
+cdef (double, double, double) cross((double, double, double) a, (double, double, double) b)
+cdef double sine_share(double rate, double h)

@@ -1,0 +1,207 @@
+"""Free flight: motion of rigid bodies that touch nothing, by the same arithmetic as pybullet's, bit for bit.
+
+pybullet has a world with z up (`w`) and body axes FLU. The state is kept in these axes, because another order of sums
+would round differently; the outputs are in NED and FRD. One step of duration h:
+
+1. Force, torque and the gyroscopic torque -omega x (I omega) are those at the begin of the step.
+2. The velocities change by the acceleration times h (semi-implicit Euler method).
+3. The position moves with the new velocity.
+4. The attitude turns about the new angular velocity omega by the exact rotation of angle |omega| h.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from arena.constants import GRAVITY_M_S2
+from arena.kernels import limits
+from arena.kernels.arrays import flags, floats
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from arena.kernels.arrays import Floats
+
+    Triple = tuple[float, float, float]
+
+_G = GRAVITY_M_S2
+_MOST_SPEED = 100.0  # pybullet's limit of each component of the velocities [m/s], [rad/s]
+_MOST_TURN = 0.25 * math.pi  # a larger rotation in one step is limited to this angle [rad]
+_SMALL_RATE = 0.001  # sin(x) / x is a series below this rate [rad/s]
+_SERIES = 0.020833333333  # 1 / 48, with pybullet's digits
+_HALF_ROOT = math.sqrt(0.5)
+
+
+class FreeFlight:
+    """Motion of V rigid bodies.
+
+    step_s: duration of a step [s]
+    free: input: True for the bodies that `step` moves; the caller moves the others (V,)
+    mass, inertia: mass [kg] (V,) and moments of inertia about the body axes [kg m2] (V, 3)
+    place_w, quat, speed_w, rate_w: state: position [m], attitude xyzw (body FLU -> world), velocity [m/s] and angular
+        velocity [rad/s], in the world with z up (V, 3), (V, 4), (V, 3), (V, 3)
+    wind_n: input: motion of the air [m/s] [NED] (V, 3)
+    force_b, torque_b: input: wrench of the next step [N], [N m] [FRD] (V, 3)
+    p_n, v_n: output: position [m] and velocity [m/s] [NED] (V, 3)
+    q_nb, r_nb, omega_b: output: attitude wxyz (V, 4), its matrix (V, 3, 3), body rates [rad/s] [FRD] (V, 3)
+    air_b, height: output: velocity relative to the air [m/s] [FRD] (V, 3), height above the floor [m] (V,)
+    accel_b: output: sum of the specific forces of all steps since `begin` [m/s2] [FRD] (V, 3)
+    """
+
+    def __init__(self, free: NDArray[np.bool_], step_s: float) -> None:
+        v, self.step_s, self.free = len(free), step_s, flags(free)
+        self.mass, self.inertia = floats(v), floats(v, 3)
+        self.place_w, self.speed_w, self.rate_w = floats(v, 3), floats(v, 3), floats(v, 3)
+        self.quat, self._r_wf = floats(v, 4), floats(v, 3, 3)
+        self.wind_n, self.force_b, self.torque_b = floats(v, 3), floats(v, 3), floats(v, 3)
+        self.p_n, self.v_n, self.omega_b = floats(v, 3), floats(v, 3), floats(v, 3)
+        self.q_nb, self.r_nb = floats(v, 4), floats(v, 3, 3)
+        self.air_b, self.height, self.accel_b = floats(v, 3), floats(v), floats(v, 3)
+
+    def begin(self) -> None:
+        """Begin a sensor period: clear `accel_b`, and compute `air_b` with the wind of this period."""
+        for i in range(len(self.free)):
+            for k in range(3):
+                self.accel_b[i, k] = 0.0
+            self._set_air(i)
+
+    def step(self) -> None:
+        """Move the free bodies by one step. Call `finish` when the others have moved, too."""
+        for i in range(len(self.free)):
+            if self.free[i]:
+                self._accelerate(i)
+                self._move(i)
+
+    def finish(self) -> None:
+        """Add the specific force of the step to `accel_b`, and compute the other outputs from the new state."""
+        for i in range(len(self.free)):
+            h, speed, before = self.step_s, self.speed_w, self.v_n
+            north, east = (speed[i, 1] - before[i, 0]) / h, (speed[i, 0] - before[i, 1]) / h
+            down = (-speed[i, 2] - before[i, 2]) / h - _G
+            for k in range(3):
+                self.accel_b[i, k] += self._to_body(i, k, north, east, down)
+            self.publish(i)
+            self._set_air(i)
+
+    def publish(self, i: int) -> None:
+        """Compute the outputs in NED and FRD of body i from its state."""
+        place, speed, rate, r = self.place_w, self.speed_w, self.rate_w, self._r_wf
+        self._set_matrix(i)
+        self.p_n[i, 0], self.p_n[i, 1], self.p_n[i, 2] = place[i, 1], place[i, 0], -place[i, 2]
+        self.v_n[i, 0], self.v_n[i, 1], self.v_n[i, 2] = speed[i, 1], speed[i, 0], -speed[i, 2]
+        self.height[i] = place[i, 2]
+        for k in range(3):
+            sign = 1.0 if k == 0 else -1.0  # FRD from FLU
+            self.r_nb[i, 0, k], self.r_nb[i, 1, k] = sign * r[i, 1, k], sign * r[i, 0, k]
+            self.r_nb[i, 2, k] = -sign * r[i, 2, k]
+        for k in range(3):
+            self.omega_b[i, k] = self._to_body(i, k, rate[i, 1], rate[i, 0], -rate[i, 2])
+        x, y, z, w = self.quat[i, 0], self.quat[i, 1], self.quat[i, 2], self.quat[i, 3]
+        self.q_nb[i, 0], self.q_nb[i, 1] = _HALF_ROOT * (w + z), _HALF_ROOT * (x + y)
+        self.q_nb[i, 2], self.q_nb[i, 3] = _HALF_ROOT * (x - y), _HALF_ROOT * (w - z)
+
+    def _accelerate(self, i: int) -> None:
+        """Change the velocities of body i by the wrench, the gyroscopic torque and gravity.
+
+        pybullet rotates wrench and velocity to the world and back, and accelerates in the moving axes. This only rounds.
+        """
+        m, f, t = self.mass[i], self.force_b, self.torque_b
+        push = self._world_from_body(i, (f[i, 0], -f[i, 1], -f[i, 2]))
+        push = self._body_from_world(i, (push[0], push[1], push[2] - _G * m))
+        twist = self._world_from_body(i, (t[i, 0], -t[i, 1], -t[i, 2]))
+        twist = self._body_from_world(i, twist)
+        turn = self._body_from_world(i, (self.rate_w[i, 0], self.rate_w[i, 1], self.rate_w[i, 2]))
+        move = self._body_from_world(i, (self.speed_w[i, 0], self.speed_w[i, 1], self.speed_w[i, 2]))
+        jx, jy, jz = self.inertia[i, 0], self.inertia[i, 1], self.inertia[i, 2]
+        gyro = cross(turn, (jx * turn[0], jy * turn[1], jz * turn[2]))
+        self._add(
+            i, self.rate_w, ((twist[0] - gyro[0]) / jx, (twist[1] - gyro[1]) / jy, (twist[2] - gyro[2]) / jz)
+        )
+        swing, per_mass = cross(turn, move), 1.0 / m
+        self._add(
+            i,
+            self.speed_w,
+            (
+                (push[0] - m * swing[0]) * per_mass + swing[0],
+                (push[1] - m * swing[1]) * per_mass + swing[1],
+                (push[2] - m * swing[2]) * per_mass + swing[2],
+            ),
+        )
+
+    def _add(self, i: int, velocity: Floats, accel: Triple) -> None:
+        """Add an acceleration, given in body axes FLU, times the duration of a step to a velocity in the world."""
+        change = self._world_from_body(i, accel)
+        velocity[i, 0] = limits.within(velocity[i, 0] + change[0] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
+        velocity[i, 1] = limits.within(velocity[i, 1] + change[1] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
+        velocity[i, 2] = limits.within(velocity[i, 2] + change[2] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
+
+    def _move(self, i: int) -> None:
+        """Change position and attitude of body i by its velocities."""
+        h, rate, q = self.step_s, self.rate_w, self.quat
+        for k in range(3):
+            self.place_w[i, k] += h * self.speed_w[i, k]
+        size = math.sqrt(rate[i, 0] * rate[i, 0] + rate[i, 1] * rate[i, 1] + rate[i, 2] * rate[i, 2])
+        if size * h > _MOST_TURN:
+            size = _MOST_TURN / h
+        share = sine_share(size, h)
+        a, b, c, d = rate[i, 0] * share, rate[i, 1] * share, rate[i, 2] * share, math.cos(size * h * 0.5)
+        x, y, z, w = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+        q[i, 0], q[i, 1] = w * a + x * d - y * c + z * b, w * b + y * d - z * a + x * c
+        q[i, 2], q[i, 3] = w * c + z * d - x * b + y * a, w * d - x * a - y * b - z * c
+        x, y, z, w = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+        scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
+        for k in range(4):
+            q[i, k] *= scale
+
+    def _set_air(self, i: int) -> None:
+        """Compute the velocity of body i relative to the air, in body axes."""
+        v, wind = self.v_n, self.wind_n
+        north, east, down = v[i, 0] - wind[i, 0], v[i, 1] - wind[i, 1], v[i, 2] - wind[i, 2]
+        for k in range(3):
+            self.air_b[i, k] = self._to_body(i, k, north, east, down)
+
+    def _to_body(self, i: int, k: int, north: float, east: float, down: float) -> float:
+        """Return element k of a vector in body axes FRD, by its elements in NED."""
+        r = self.r_nb
+        return r[i, 0, k] * north + r[i, 1, k] * east + r[i, 2, k] * down
+
+    def _world_from_body(self, i: int, v: Triple) -> Triple:
+        r = self._r_wf
+        x, y, z = v
+        return (
+            r[i, 0, 0] * x + r[i, 0, 1] * y + r[i, 0, 2] * z,
+            r[i, 1, 0] * x + r[i, 1, 1] * y + r[i, 1, 2] * z,
+            r[i, 2, 0] * x + r[i, 2, 1] * y + r[i, 2, 2] * z,
+        )
+
+    def _body_from_world(self, i: int, v: Triple) -> Triple:
+        r = self._r_wf
+        x, y, z = v
+        return (
+            r[i, 0, 0] * x + r[i, 1, 0] * y + r[i, 2, 0] * z,
+            r[i, 0, 1] * x + r[i, 1, 1] * y + r[i, 2, 1] * z,
+            r[i, 0, 2] * x + r[i, 1, 2] * y + r[i, 2, 2] * z,
+        )
+
+    def _set_matrix(self, i: int) -> None:
+        """Compute the matrix of the attitude of body i."""
+        r, x, y, z, w = self._r_wf, self.quat[i, 0], self.quat[i, 1], self.quat[i, 2], self.quat[i, 3]
+        scale = 2.0 / (x * x + y * y + z * z + w * w)
+        xs, ys, zs = x * scale, y * scale, z * scale
+        r[i, 0, 0], r[i, 0, 1], r[i, 0, 2] = 1.0 - (y * ys + z * zs), x * ys - w * zs, x * zs + w * ys
+        r[i, 1, 0], r[i, 1, 1], r[i, 1, 2] = x * ys + w * zs, 1.0 - (x * xs + z * zs), y * zs - w * xs
+        r[i, 2, 0], r[i, 2, 1], r[i, 2, 2] = x * zs - w * ys, y * zs + w * xs, 1.0 - (x * xs + y * ys)
+
+
+def cross(a: Triple, b: Triple) -> Triple:
+    """Return the cross product a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def sine_share(rate: float, h: float) -> float:
+    """Return sin(rate h / 2) / rate [s]: the factor from an angular velocity to the vector part of a quaternion."""
+    if rate < _SMALL_RATE:
+        return 0.5 * h - (h * h * h) * _SERIES * rate * rate
+    return math.sin(0.5 * rate * h) / rate
