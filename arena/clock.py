@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import mmap
-import selectors
+import select
 import socket
 import struct
 import time
@@ -26,8 +26,10 @@ from typing import Protocol
 from arena.errors import RunError
 
 _DOUBLE = struct.Struct("=d")
+_TIMEVAL = struct.Struct("@ll")  # seconds, microseconds
 _CREDENTIALS = struct.Struct("=3i")  # pid, uid, gid
 _PAGE_BYTES = 64
+_MAX_PACKET_BYTES = 256
 _HUNG_S = 1.0
 _ENDED = "the world that serves the simulation clock has ended"
 
@@ -232,6 +234,15 @@ class _Client:
         self.wake: float | None = None
         self.gates = False
         self.awake_since = 0.0
+        self._limit_s = 0.0
+        connection.setblocking(True)
+
+    def limit_wait(self, timeout_s: float) -> None:
+        """Limit the time for which `recv` waits [s]. The kernel counts the time, so `recv` is a single system call."""
+        if timeout_s != self._limit_s:
+            self._limit_s = timeout_s
+            timeval = _TIMEVAL.pack(int(timeout_s), int(1e6 * (timeout_s % 1.0)))
+            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeval)
 
 
 class ClockServer:
@@ -259,8 +270,8 @@ class ClockServer:
         sock.chmod(0o600)
         self._socket.listen(512)
         self._socket.setblocking(False)
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(self._socket, selectors.EVENT_READ)
+        self._epoll = select.epoll()
+        self._epoll.register(self._socket, select.EPOLLIN)
         self._clients: dict[int, _Client] = {}
         self.dropped: list[str] = []
         self.joined: set[str] = set()
@@ -275,11 +286,26 @@ class ClockServer:
 
     def poll(self, timeout_s: float = 0.0) -> None:
         """Accept new clients, and read the requests of all clients."""
-        for key, _ in self._selector.select(timeout_s):
-            if key.fileobj is self._socket:
+        for fd, _ in self._epoll.poll(timeout_s):
+            client = self._clients.get(fd)
+            if client is None:
                 self._accept()
             else:
-                self._read(self._clients[key.fd])
+                self._read(client, socket.MSG_DONTWAIT)
+
+    def wait_for_requests(self, timeout_s: float) -> bool:
+        """Wait for a request of each client that the world waits for. Return False if a client sent none within the time limit.
+
+        Blocking in `recv` takes one system call per request. Other clients are served by `poll`, which this method calls if a
+        client sent nothing.
+        timeout_s: longest wait for one client, in wall time [s].
+        """
+        for client in [c for c in self._clients.values() if c.gates and c.wake is None]:
+            client.limit_wait(timeout_s)
+            if not self._read(client):
+                self.poll()
+                return False
+        return True
 
     def may_advance(self, now: float, wall: float) -> bool:
         """Return whether the world may advance in lockstep: all clients that it waits for must be asleep.
@@ -306,21 +332,22 @@ class ClockServer:
         for client in list(self._clients.values()):
             self._drop(client)
         self._socket.close()
+        self._epoll.close()
         for ending in ("page", "sock"):
             Path(f"{self._stem}.{ending}").unlink(missing_ok=True)
 
     def _accept(self) -> None:
         with contextlib.suppress(BlockingIOError):
             connection, _ = self._socket.accept()
-            connection.setblocking(False)
             self._clients[connection.fileno()] = _Client(connection)
-            self._selector.register(connection, selectors.EVENT_READ)
+            self._epoll.register(connection, select.EPOLLIN)
 
-    def _read(self, client: _Client) -> None:
+    def _read(self, client: _Client, flags: int = 0) -> bool:
+        """Read one packet of a client. Return False if there was none. flags: of `recv`; MSG_DONTWAIT does not wait."""
         try:
-            packet = client.connection.recv(256)
+            packet = client.connection.recv(_MAX_PACKET_BYTES, flags)
         except BlockingIOError:
-            return
+            return False
         except OSError:
             packet = b""
         if not packet:
@@ -333,15 +360,16 @@ class ClockServer:
             client.wake, client.gates = _DOUBLE.unpack(packet)[0], True
             if client.wake <= self._page[0]:
                 self._wake(client, self._page[0])
+        return True
 
     def _wake(self, client: _Client, now: float) -> None:
         client.wake, client.awake_since = None, time.monotonic()
         try:
-            client.connection.send(_DOUBLE.pack(now))
+            client.connection.send(_DOUBLE.pack(now), socket.MSG_DONTWAIT)
         except OSError:
             self._drop(client)
 
     def _drop(self, client: _Client) -> None:
-        self._selector.unregister(client.connection)
+        self._epoll.unregister(client.connection)
         self._clients.pop(client.connection.fileno(), None)
         client.connection.close()

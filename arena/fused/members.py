@@ -80,6 +80,10 @@ class Members:
         for vehicle, link, data in waiting:
             receive(vehicle, link, data)
 
+    def drain_panic(self, receive: Receive) -> bool:
+        """Give the autopilots the datagrams of the panic links only. Return whether there was one."""
+        return self._panic.drain_panic(receive)
+
     def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
         """Deliver the datagrams that the autopilots send in this step, and run the members. now: simulation time [s]."""
         self._time.value = now
@@ -143,8 +147,10 @@ class _Forwarder:
         self.capture = MemoryCapture()
         remote = address(context.settings["link"], "remote")
         self._link = None if inbox is None else VisionLink(vehicle, inbox, remote)
-        self._context, self._shell = context, ForwarderShell(context, time, self.capture, self._link)
-        self._shell.reported = 0.0
+        self._context, self._shell = (
+            context,
+            ForwarderShell(context, time, self.capture, self._link, wall=time.now()),
+        )
         self._next_tick, self._began = 0.0, wall_time.monotonic()
 
     def receive(self, data: bytes) -> None:

@@ -36,6 +36,7 @@ class ForwarderShell:
     """Pose forwarder of one vehicle with its inputs and outputs.
 
     clock, capture, link: clock, motion-capture client and vision link; None: opened as the configuration says.
+    wall: the present time, by the clock of the argument `wall` of `tick` [s]; None: monotonic time.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class ForwarderShell:
         clock: Clock | None = None,
         capture: MocapClient | None = None,
         link: VisionLink | None = None,
+        wall: float | None = None,
     ) -> None:
         s = process.settings
         self.process, self.core = process, Forwarder(s, wait_s=_FIRST_MESSAGE_S)
@@ -56,8 +58,8 @@ class ForwarderShell:
         self.remote: Address = (str(s["link"]["remote"][0]), int(s["link"]["remote"][1]))
         self.simulated, self.body = bool(s["simulated"]), str(s["body"])
         self.after = ShutdownPolicy(limit_s=60.0 if self.simulated else None)
-        self.reported, self.poses_then, self.ready = time.monotonic(), 0, False
-        self.refreshed = self.reported
+        self.reported = self.refreshed = time.monotonic() if wall is None else wall
+        self.poses_then, self.ready = 0, False
         self.poses_from: float | None = None
 
     def turn(self, now: float) -> bool:

@@ -83,6 +83,7 @@ class Loop:
             raise
         self._unsent: list[tuple[int, str, bytes]] = []
         self._expected = frozenset(settings.get("expected", ()))
+        self._ended: set[str] = set()  # programs that have ended, as the supervisor reports
         self._ready = False
         self._until_done = False
         self._done_at = math.inf  # simulation time [s]
@@ -197,28 +198,43 @@ class Loop:
 
     def _until_clients_sleep(self) -> None:
         """Wait until all clients of the simulation clock have finished their work for the current time and
-        sleep again. At speed 1 (real time), do not wait.
+        sleep again. At speed 1 (real time), do not wait. The panic links are served during the wait.
         """
         if self._speed == 1.0:
             return
         while not (self._clock.may_advance(self._world.now, time.monotonic()) or self._context.stopping):
-            self._clock.poll(_MILLI_S)
-            self._inject_faults()  # the socket's buffer holds only a few
+            if not self._clock.wait_for_requests(_MILLI_S):
+                self._inject_faults()  # the socket's buffer holds only a few
+                self._serve_panic_links()
 
     def _until_clients_join(self) -> None:
         """Stop the simulation time until all expected programs use the simulation clock, so that every run starts at the same
-        time. A program that never uses the clock is not waited for longer than 30 s of wall time.
+        time. The wait ends early for programs that have ended, and for all programs when a datagram arrives on a panic link: a
+        landing needs simulation time. A program that never uses the clock is not waited for longer than 30 s of wall time.
         """
-        end = time.monotonic() + _JOIN_TIMEOUT_S
-        while missing := sorted(self._expected - self._clock.joined):
-            if self._context.stopping or self._context.orphaned:
+        text, end = "", time.monotonic() + _JOIN_TIMEOUT_S
+        while missing := sorted(self._expected - self._clock.joined - self._ended):
+            now = time.monotonic()
+            if self._context.stopping or self._check(now) or self._context.orphaned:
                 return
-            if time.monotonic() > end:
-                names = ", ".join(missing)
-                text = f"{names}: has not slept on the simulation clock within {_JOIN_TIMEOUT_S:g} s, so this flight is not repeatable"
-                self._context.event(text)
+            if now > end:
+                text = f"has not slept on the simulation clock within {_JOIN_TIMEOUT_S:g} s, so this flight is not repeatable"
+            elif self._serve_panic_links():
+                text = "not waited for, because a command has arrived on a panic link, so this flight is not repeatable"
+            if text:
+                self._context.event(f"{', '.join(missing)}: {text}")
                 return
             self._clock.poll(_MAX_WAIT_S)
+
+    def _serve_panic_links(self) -> bool:
+        """Pass the datagrams of the panic links to the autopilots and send the replies, although simulation time stands still.
+
+        Return whether a datagram had arrived.
+        """
+        arrived = self._links.drain_panic(self._autopilots.receive)
+        if arrived:
+            self._links.send(self._autopilots.transmit(), self._world.now)
+        return arrived
 
     def _must_stop(self) -> bool:
         """Return whether the loop must end because a stop signal has arrived.
@@ -239,12 +255,17 @@ class Loop:
         """
         if not (self._until_done and self._expected):
             return False
-        if self._done_at == math.inf and all(map(self._clock.has_left, self._expected)):
+        if self._done_at == math.inf and all(map(self._has_left, self._expected)):
             self._done_at = math.inf if np.any(self._autopilots.armed) else self._world.now
         if self._world.now < self._done_at + _AFTER_DONE_S:
             return False
         self._clock.poll(_MILLI_S)
         return True
+
+    def _has_left(self, program: str) -> bool:
+        """Return whether a program has ended or has disconnected from the simulation clock."""
+        clock = self._clock
+        return clock.has_left(program) or (program in self._ended and program not in clock.joined)
 
     def _wait(self, pacer: Pacer) -> float:
         """Serve the clients of the simulation clock until the next step may begin. Return the wall time at
@@ -278,7 +299,7 @@ class Loop:
             self._context.event(text)
             print(text, flush=True)  # the log exists when the supervisor does not
         for request in self._context.requests():
-            self._until_done = self._until_done or request.get("do") == "until_done"
+            self._take(request)
             self._autopilots.on_request(request)
             self._links.on_request(request)
             self._context.confirm(request)
@@ -287,6 +308,14 @@ class Loop:
             self._autopilots.on_request(SUPERVISOR_LOST)
             self._links.on_request(SUPERVISOR_LOST)
         return self._shutdown.over(orphaned=orphaned, any_armed=bool(np.any(self._autopilots.armed)), now=now)
+
+    def _take(self, request: Mapping[str, Any]) -> None:
+        """Process a request of the supervisor that concerns the end of programs."""
+        match request.get("do"):
+            case "until_done":
+                self._until_done = True
+            case "program_ended":
+                self._ended.add(str(request.get("program")))
 
     def _log_pace(self, pacer: Pacer) -> None:
         """Log a line if the real-time factor of the last second differs from the requested one."""

@@ -40,6 +40,12 @@ class Links(Protocol):
     def drain(self, receive: Receive) -> None:
         """Pass each datagram that has arrived to the autopilots: `receive(vehicle, link, datagram)`."""
 
+    def drain_panic(self, receive: Receive) -> bool:
+        """Pass the datagrams of the panic links only. Return whether there was one.
+
+        The world calls it while simulation time stands still.
+        """
+
     def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
         """Send each (vehicle, link, datagram) of this step. now: simulation time [s]."""
 
@@ -71,7 +77,7 @@ class VehicleLinks:
 
     def __init__(self, vehicles: Sequence[Mapping[str, Any]], *, budget_s: float) -> None:
         self._budget_s = budget_s
-        self._epoll = select.epoll()
+        self._epoll, self._panic_epoll = select.epoll(), select.epoll()
         self._by_fd: dict[int, _VehicleLink] = {}
         self._by_name: dict[tuple[int, str], _VehicleLink] = {}
         self._page = memoryview(bytearray(_MAX_BYTES))
@@ -86,9 +92,17 @@ class VehicleLinks:
 
         It reads a few datagrams per link in each pass over the links, panic links first.
         """
-        ready = [self._by_fd[fd] for fd, _ in self._epoll.poll(0)]
-        if not ready:
-            return
+        if found := self._epoll.poll(0):
+            self._read([self._by_fd[fd] for fd, _ in found], receive)
+
+    def drain_panic(self, receive: Receive) -> bool:
+        """Read the datagrams that have arrived on the panic links, and pass each one to the autopilots. Return whether there was one."""
+        before = self.received
+        if found := self._panic_epoll.poll(0):
+            self._read([self._by_fd[fd] for fd, _ in found], receive)
+        return self.received > before
+
+    def _read(self, ready: list[_VehicleLink], receive: Receive) -> None:
         ready.sort(key=lambda x: LINKS.index(x.link))
         until = time.monotonic() + self._budget_s
         for _ in range(_PER_STEP // _PER_TURN):
@@ -137,6 +151,7 @@ class VehicleLinks:
         for link in self._by_fd.values():
             link.socket.close()
         self._epoll.close()
+        self._panic_epoll.close()
 
     def _turn(self, link: _VehicleLink, receive: Receive) -> bool:
         """Read a limited number of datagrams of one link, so that the other links are served, too. Return
@@ -171,6 +186,8 @@ class VehicleLinks:
         )
         self._by_fd[made.fileno()] = self._by_name[i, name] = link
         self._epoll.register(made.fileno(), select.EPOLLIN)
+        if name == "panic":
+            self._panic_epoll.register(made.fileno(), select.EPOLLIN)
 
 
 def accepted_hosts(local: str, remote: str) -> frozenset[str]:

@@ -21,7 +21,7 @@ from arena.supervisor.member_rows import member_rows
 from arena.supervisor.messages import VehicleChanges
 from arena.supervisor.meters import Meter
 from arena.supervisor.packets import reporter, within_limit
-from arena.supervisor.process_state import ALIVE, Action, Exit, Observation, ProcessStatus, State, step
+from arena.supervisor.process_state import ALIVE, ENDED, Action, Exit, Observation, ProcessStatus, State, step
 from arena.supervisor.release import restore_requests
 from arena.supervisor.run_folder import Member, RunFolder
 
@@ -225,6 +225,8 @@ class ProcessSet:
             )
             self.log.transition(now, spec.name, before.state, status.state, status.reason, level=level)
             self.changed = True
+            if status.state in ENDED and spec.is_program:
+                self._report_end(spec)
             if status.exit is not None and before.state in (State.STARTING, State.READY):
                 self._log_last_line(spec.name, status.exit, now)
         match action:
@@ -239,6 +241,11 @@ class ProcessSet:
                     self.log.event(
                         now, spec.name, f"did not end within {spec.stop_timeout_s:g} s: killed with SIGKILL"
                     )
+
+    def _report_end(self, program: ProcessSpec) -> None:
+        """Report the end of a program to the world, which then does not wait for its first sleep on the simulation clock."""
+        worlds = [name for name, spec in self.specs.items() if spec.kind == "world"]
+        self.request({"do": "program_ended", "program": program.name.removeprefix("program.")}, to=worlds)
 
     def _log_stopped(
         self, spec: ProcessSpec, before: ProcessStatus, status: ProcessStatus, now: float

@@ -70,6 +70,32 @@ def test_lockstep_waits_for_awake_clients_and_drops_hung_ones(server, tmp_path):
     assert server.dropped == ["hung.py"]
 
 
+def test_wait_for_requests_reads_the_clients_that_are_awake(server, tmp_path):
+    clocks = [SimClock(tmp_path / "clock", name) for name in "pq"]
+    threads = [in_thread(lambda c=c: (c.sleep_until(0.1), c.sleep_until(0.2))) for c in clocks]
+    serve_until(server, lambda: [c.wake for c in server._clients.values()] == [0.1, 0.1])
+    server.tick(0.1)
+    end = time.monotonic() + 5.0
+    while not server.wait_for_requests(0.01):
+        assert time.monotonic() < end
+    assert [c.wake for c in server._clients.values()] == [0.2, 0.2]
+    server.tick(0.2)
+    for thread, _ in threads:
+        thread.join(5)
+    assert not server.wait_for_requests(0.01), "both are awake and silent"
+
+
+def test_new_client_is_accepted_while_another_is_awake(server, tmp_path):
+    clock = SimClock(tmp_path / "clock", "awake")
+    thread, found = in_thread(lambda: clock.sleep_until(0.1))
+    serve_until(server, lambda: bool(found), now=0.2)
+    SimClock(tmp_path / "clock", "new")
+    end = time.monotonic() + 5.0
+    while len(server._clients) < 2:
+        assert not server.wait_for_requests(0.01) and time.monotonic() < end
+    thread.join(5)
+
+
 def test_end_of_the_world_ends_a_sleep_with_an_error(server, tmp_path):
     clock = SimClock(tmp_path / "clock", "p")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,6 +63,19 @@ def test_truth_is_within_2_cm_of_a_flight_with_many_processes(
     apart = np.linalg.norm(at[0] - at[1], axis=1)
     print(f"{vehicle}: median {np.median(apart):.4f} m, largest {apart.max():.4f} m")
     assert len(times) > 200 and np.median(apart) < 0.02
+
+
+def test_a_program_that_crashes_at_once_does_not_delay_the_flight(
+    shared_hangar: Hangar, tmp_path: Path
+) -> None:
+    (tmp_path / "crash.py").write_text("raise SystemExit(3)\n")
+    (tmp_path / "arena.yaml").write_text("vehicles:\n  uav1: {program: crash.py}\n")
+    flight = shared_hangar.up(tmp_path / "arena.yaml", "--speed", "max", "--until-done", "--no-report")
+    assert flight.wait(120) == 1
+    assert flight.outcome["processes"]["program.uav1"]["exit_code"] == 3
+    world = flight.outcome["processes"]["world"]
+    assert world["stats"]["sim_time_s"] > 1.0, "simulation time has not begun"
+    assert "has not slept" not in (flight.folder / "events.jsonl").read_text()
 
 
 @pytest.fixture(scope="module")

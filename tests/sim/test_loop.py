@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from arena.clock import SimClock
+from arena.clock import SimClock, SimTime
 from arena.fault_injection import inject
 from arena.wire.truth_page import TruthReader
 
@@ -37,7 +37,9 @@ class Run:
             self.local = probe.getsockname()
         self.folder = Path(folder)
         link = {"local": list(self.local), "remote": list(self.partner.getsockname())}
-        flown = vehicle(links={"router": link}, position=changes.pop("position", [0, 0, 0]))
+        flown = vehicle(
+            links={changes.pop("link", "router"): link}, position=changes.pop("position", [0, 0, 0])
+        )
         made = {"clock": f"{folder}/clock", "truth": f"{folder}/truth", **changes}
         (self.folder / "slice.json").write_text(json.dumps(slice_of(flown, **made)))
         self.line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -201,6 +203,50 @@ def test_a_fault_acts_at_the_next_step_and_is_an_event(external, tmp_path, monke
         run.child.terminate()
         assert run.child.wait(DEADLINE_S) == 0
         assert not (tmp_path / "world.faults").exists()
+
+
+def time_begins(run, deadline_s):
+    """Return whether simulation time advances by 50 ms within `deadline_s` of wall time."""
+    clock, end = SimTime(run.folder / "clock"), time.monotonic() + deadline_s
+    begin = clock.now()
+    while clock.now() < begin + 0.05:
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.01)
+    return True
+
+
+def test_world_does_not_wait_for_a_program_that_ended_before_its_first_sleep():
+    with running(expected=["uav1", "uav2"], speed="max") as run:
+        run.packet("ready")
+        assert not time_begins(run, 1.0)
+        for program in ("uav1", "uav2"):
+            run.line.send(json.dumps({"do": "program_ended", "program": program}).encode())
+        assert time_begins(run, 20.0)
+
+
+def test_a_command_on_a_panic_link_ends_the_wait_for_programs():
+    with running(expected=["uav1"], speed="max", link="panic") as run:
+        run.packet("ready")
+        assert not time_begins(run, 1.0)
+        run.partner.sendto(b"land", run.local)
+        assert run.partner.recv(100) == b"land"
+        assert time_begins(run, 20.0)
+        assert "uav1: not waited for, because a command" in run.packet("event")
+
+
+def test_panic_link_is_served_while_a_client_of_the_clock_is_awake():
+    with running(speed="max", link="panic") as run:
+        run.packet("ready")
+        clock = SimClock(run.folder / "clock", "a test")
+        until, answered = time.monotonic() + DEADLINE_S, False
+        while not answered and time.monotonic() < until:
+            clock.sleep_until(clock.now() + 0.01)
+            woken = time.monotonic()
+            run.partner.sendto(b"land", run.local)
+            answered = run.partner.recv(100) == b"land" and time.monotonic() < woken + 0.9  # it waits for 1 s
+        assert answered
+        clock.close()
 
 
 def test_orphaned_world_ends_once_all_are_disarmed():

@@ -61,6 +61,16 @@ def test_last_log_line_of_a_failed_process_is_shown(start):
     assert "p: last line of its log: ValueError: no such setpoint" in run.said()
 
 
+def test_world_is_told_which_programs_have_ended(start):
+    names = {"program.uav1": "throws", "group.show": "throws"}
+    listener = spec("world", "prints_requests", "{}", kind="world")
+    run = start(plan_of(listener, *(program(n, what, needs=("world",)) for n, what in names.items())))
+    for name in names:
+        run.until(name, "EXITED")
+    ended = ('"program": "uav1"', '"program": "group.show"')
+    eventually(lambda: all(text in run.log("world") for text in ended))
+
+
 def test_program_that_cannot_start_fails_with_the_reason(start):
     run = start(
         plan_of(spec("p", "x", kind="program", ready="started", argv=("/no/such/program",))), "until_done"
