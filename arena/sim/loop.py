@@ -213,16 +213,16 @@ class Loop:
         landing needs simulation time. A program that never uses the clock is not waited for longer than 30 s of wall time.
         """
         text, end = "", time.monotonic() + _JOIN_TIMEOUT_S
-        while missing := sorted(self._expected - self._clock.joined - self._ended):
+        while missing := ", ".join(sorted(self._expected - self._clock.joined - self._ended)):
             now = time.monotonic()
             if self._context.stopping or self._check(now) or self._context.orphaned:
                 return
             if now > end:
-                text = f"has not slept on the simulation clock within {_JOIN_TIMEOUT_S:g} s, so this flight is not repeatable"
+                text = f"{missing}: has not slept on the simulation clock within {_JOIN_TIMEOUT_S:g} s, so this flight is not repeatable"
             elif self._serve_panic_links():
-                text = "not waited for, because a command has arrived on a panic link, so this flight is not repeatable"
+                text = f"{missing}: not waited for, because a command has arrived on a panic link, so this flight is not repeatable"
             if text:
-                self._context.event(f"{', '.join(missing)}: {text}")
+                self._context.event(text)
                 return
             self._clock.poll(_MAX_WAIT_S)
 

@@ -29,3 +29,10 @@ def within_limit(values: Mapping[str, Any], known: Collection[str]) -> list[str]
         if key in known or room >= 0:
             found.append(key)
     return found
+
+
+def program_ended(process: str) -> dict[str, str]:
+    """Return the packet that reports the end of a user program to the world, which then does not wait for its first sleep on the
+    simulation clock. process: `program.uav1`, or `group.NAME`.
+    """
+    return {"do": "program_ended", "program": process.removeprefix("program.")}

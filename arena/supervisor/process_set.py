@@ -20,12 +20,11 @@ from arena.supervisor.event_log import EventLog
 from arena.supervisor.member_rows import member_rows
 from arena.supervisor.messages import VehicleChanges
 from arena.supervisor.meters import Meter
-from arena.supervisor.packets import reporter, within_limit
+from arena.supervisor.packets import program_ended, reporter, within_limit
 from arena.supervisor.process_state import ALIVE, ENDED, Action, Exit, Observation, ProcessStatus, State, step
 from arena.supervisor.release import restore_requests
 from arena.supervisor.run_folder import Member, RunFolder
 
-"""Largest number of facts, and of measurements, that one process may send."""
 VEHICLE_FACTS = (
     ".armed",
     ".landed",
@@ -225,8 +224,9 @@ class ProcessSet:
             )
             self.log.transition(now, spec.name, before.state, status.state, status.reason, level=level)
             self.changed = True
-            if status.state in ENDED and spec.is_program:
-                self._report_end(spec)
+            if spec.is_program and status.state in ENDED:
+                worlds = [name for name, other in self.specs.items() if other.kind == "world"]
+                self.request(program_ended(spec.name), to=worlds)
             if status.exit is not None and before.state in (State.STARTING, State.READY):
                 self._log_last_line(spec.name, status.exit, now)
         match action:
@@ -242,18 +242,13 @@ class ProcessSet:
                         now, spec.name, f"did not end within {spec.stop_timeout_s:g} s: killed with SIGKILL"
                     )
 
-    def _report_end(self, program: ProcessSpec) -> None:
-        """Report the end of a program to the world, which then does not wait for its first sleep on the simulation clock."""
-        worlds = [name for name, spec in self.specs.items() if spec.kind == "world"]
-        self.request({"do": "program_ended", "program": program.name.removeprefix("program.")}, to=worlds)
-
     def _log_stopped(
         self, spec: ProcessSpec, before: ProcessStatus, status: ProcessStatus, now: float
     ) -> None:
         child = self.children.get(spec.name)
         if child is not None and status.stopped_at is not None:
-            limit_s = spec.stopped_for_s
-            what = "the arena does not kill it" if limit_s is None else f"killed after {limit_s:g} s"
+            limit = spec.stopped_for_s
+            what = "the arena does not kill it" if limit is None else f"killed after {limit:g} s"
             text = f"paused by {child.stopped}; {what}; `kill -CONT {child.pid}` continues it"
             self.log.event(now, spec.name, text)
         elif child is not None and before.stopped_at is not None:
