@@ -117,7 +117,7 @@ def word(fault: Fault, key: str, choices: Collection[str]) -> str:
     """Return the value of `key` in a fault if it is one of `choices`, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, str) or found not in choices:
-        raise _wrong(key, found, f"one of {', '.join(choices)}")
+        raise _wrong(key, found, f"expected one of {', '.join(choices)}")
     return found
 
 
@@ -132,7 +132,7 @@ def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple
         and all(isinstance(x, str) and x in choices for x in found)
     )
     if not fits or len(set(found)) != count:  # type: ignore[arg-type]
-        raise _wrong(key, found, f"a list of {count} different words out of: {', '.join(choices)}")
+        raise _wrong(key, found, f"expected a list of {count} different words out of: {', '.join(choices)}")
     return tuple(found)  # type: ignore[arg-type]
 
 
@@ -140,7 +140,7 @@ def flag(fault: Fault, key: str) -> bool:
     """Return the value of `key` in a fault if it is true or false, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, bool):
-        raise _wrong(key, found, "true or false")
+        raise _wrong(key, found, "expected true or false")
     return found
 
 
@@ -148,7 +148,7 @@ def number(fault: Fault, key: str, low: float, high: float) -> float:
     """Return the value of `key` in a fault if it is a finite number from `low` to `high`, else raise InputError."""
     found = fault.get(key)
     if not _is_number(found, low, high):
-        raise _wrong(key, found, f"a number from {low:g} to {high:g}")
+        raise _wrong(key, found, f"expected a number from {low:g} to {high:g}")
     return float(found)  # type: ignore[arg-type]
 
 
@@ -156,7 +156,7 @@ def whole(fault: Fault, key: str, low: int, high: int) -> int:
     """Return the value of `key` in a fault if it is an integer from `low` to `high`, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, int) or not _is_number(found, low, high):
-        raise _wrong(key, found, f"an integer from {low} to {high}")
+        raise _wrong(key, found, f"expected an integer from {low} to {high}")
     return found
 
 
@@ -164,7 +164,7 @@ def vector(fault: Fault, key: str, most: float) -> tuple[float, float, float]:
     """Return the value of `key` in a fault if it is a list of three numbers, each from -`most` to `most`; else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, list) or len(found) != 3 or not all(_is_number(x, -most, most) for x in found):
-        raise _wrong(key, found, f"a list of three numbers from {-most:g} to {most:g}")
+        raise _wrong(key, found, f"expected a list of three numbers from {-most:g} to {most:g}")
     return float(found[0]), float(found[1]), float(found[2])
 
 
@@ -178,7 +178,7 @@ def _is_number(x: Any, low: float, high: float) -> bool:
 
 
 def _wrong(key: str, found: Any, expected: str) -> InputError:
-    return InputError(f"{key}: got {_short(found)}, expected {expected}")
+    return InputError(f"{key}: got {_short(found)}, {expected}")
 
 
 def _short(x: Any) -> str:

@@ -132,7 +132,9 @@ def _empty_app() -> typer.Typer:
 
 
 def _listed_only() -> None:
-    raise AssertionError("a command line that names a subcommand is built with the subcommand's own module")
+    raise AssertionError(
+        "error in arena: the help entry of a subcommand was run instead of the subcommand itself"
+    )
 
 
 def _register(app: typer.Typer, verb: str) -> None:

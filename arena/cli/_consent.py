@@ -30,8 +30,8 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
     for v in real:
         if v.axes_check == "none":
             print(
-                f"  {v.name} needs no identity and axes check: nobody has to show that its captured body is its own, with "
-                "the right axes"
+                f"  {v.name} needs no identity and axes check: it can arm even if its captured body is another one or has "
+                "wrong axes"
             )
     print(
         "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?\n"

@@ -123,7 +123,10 @@ def reboot_vehicles(targets: Mapping[str, ParamTarget], *, without_asking: bool)
 
     refusals = reboot_now(targets)
     for name, refusal in refusals.items():
-        print(f"{name}: {f'the autopilot did not reboot: {refusal}' if refusal else 'rebooting'}")
+        if refusal:
+            print(f"{name}: the autopilot did not reboot: {refusal}")
+        else:
+            print(f"{name}: rebooting")
     return not any(refusals.values())
 
 

@@ -196,7 +196,7 @@ def pull(
 def diff(
     a: Annotated[str, typer.Argument(help="a vehicle, a .params file, a ULog, `yaml:VEHICLE` or `defaults`")],
     b: Annotated[
-        str, typer.Argument(help="the parameter set with which A is compared, in one of the forms of A")
+        str, typer.Argument(help="second set of parameters: given in the same ways as the first set A")
     ],
     arena: ArenaOption = Path("arena.yaml"),
     px4_version: VersionOption = "",

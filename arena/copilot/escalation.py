@@ -133,7 +133,7 @@ class Escalation:
         self.order, self._left_alone = None, ""
 
     def _leave_to_others(self, violations: Sequence[Violation], mode: str) -> None:
-        """End the order and send no commands, because a pilot or a failsafe has changed the vehicle's mode.
+        """End the copilot's order and send no more commands, because a pilot or a failsafe has changed the vehicle's mode.
 
         If there is no order, a violation is reported once, but the vehicle is not commanded.
         """
@@ -233,8 +233,8 @@ class Escalation:
         return order.step
 
     def _renewal_is_due(self, violations: Sequence[Violation], status: VehicleStatus, now: float) -> bool:
-        """Return whether to send again now a hold that the vehicle already obeys, so that no program takes control while the
-        violation lasts.
+        """Return whether to repeat the hold command to a vehicle that holds already. This keeps programs from taking control
+        while the violation lasts.
         """
         order = self.order
         if order is None or order.step != "hold" or order.obeyed_at is None or not status.fresh:

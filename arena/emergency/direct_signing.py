@@ -35,7 +35,7 @@ class DirectSigning:
             key = read_key(key_file)
         except InputError as error:
             say(
-                f"{error}. Commands on the direct connection are not signed: the vehicle will not obey them if it has a key"
+                f"{error}. Commands on the direct connection are not signed: a vehicle that has a signing key ignores these commands"
             )
             return
         self._connection = SignedConnection(key, LAND_ALL, TimestampFile(key_file).first())

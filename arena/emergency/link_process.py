@@ -65,7 +65,7 @@ def kill(process: ProcessIdentity) -> bool:
 
 
 def is_running(process: ProcessIdentity | None) -> bool:
-    """Return whether the recorded process exists, and has neither ended nor been stopped by a signal."""
+    """Return whether the recorded process runs: it exists, has not ended, and is not paused by a signal."""
     fields = [] if process is None else _stat(process.pid)
     return process is not None and _is_same(process, fields) and fields[0] not in b"ZXTt"
 

@@ -51,7 +51,9 @@ class LinkRestart:
         return not self._given_up
 
     def on_replaced(self) -> None:
-        """Record that land-all now sends instead of the link process. Only a link process that starts later is a restart."""
+        """Record that land-all now sends the commands instead of the link process. From now on, a new link process counts as
+        the restarted one.
+        """
         self._known = self._running()
 
     def has_restarted(self) -> bool:

@@ -63,7 +63,7 @@ def computer_start() -> str:
 
 
 class RecordFile:
-    """File of one vehicle's record. path: its path; "" if nothing is recorded."""
+    """File with the record of one vehicle's last passed axes check. path: path of the file; "" if no record is kept."""
 
     def __init__(self, path: str) -> None:
         self._path = Path(path) if path else None

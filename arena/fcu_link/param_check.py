@@ -162,7 +162,7 @@ class ParamCheck:
                 p.due, p.tries, p.asked = True, 0, -math.inf
 
     def _report(self, now: float) -> None:
-        """Add an event when all parameters are read, and whenever the differences change."""
+        """Add an event when all parameters are read, and whenever the list of parameters with wrong values changes."""
         if not self.complete:
             return
         if self._next_recheck == math.inf:

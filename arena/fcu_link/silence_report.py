@@ -1,4 +1,4 @@
-"""Report about a vehicle that is not received: what arrives instead of its messages. Pure."""
+"""Report for the user when no messages of a vehicle arrive: it says what arrives instead. Pure."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class SilenceReport:
                 self._foreign = frame.sysid << 8 | frame.compid
 
     def text(self, problem: str, now: float) -> str:
-        """Return the report for the user that the vehicle is not received; "" if no report is due now.
+        """Return the report that no messages of the vehicle arrive, and what arrives instead; "" if no report is due now.
 
         problem: why an autopilot that does send is not accepted as the vehicle; "" if there is none.
         """

@@ -149,8 +149,8 @@ class UdpTransport:
 
 
 class SerialTransport:
-    """Connection to the flight controller by serial device. The device may be absent or unplugged, or opening
-    it may fail.
+    """Connection to the flight controller by serial device. If the device is absent, unplugged or cannot be opened, the
+    connection tries again later.
 
     Each change is reported once. Opening is retried every second.
     """

@@ -33,7 +33,7 @@ class VisionLink(Protocol):
 
 
 class ForwarderShell:
-    """Pose forwarder of one vehicle with its inputs and outputs.
+    """Pose forwarder of one vehicle, with its motion-capture client and its vision link.
 
     clock, capture, link: clock, motion-capture client and vision link; None: opened as the configuration says.
     wall: the present time, by the clock of the argument `wall` of `tick` [s]; None: monotonic time.

@@ -28,7 +28,7 @@ def profile_names() -> list[str]:
 def load_profile(name: str) -> Profile:
     """Return a profile that comes with arena. Raises InputError when there is no such profile, or its file is wrong."""
     if name not in profile_names():
-        raise InputError(f"got {name!r}, expected a profile. {near(name, profile_names())}")
+        raise InputError(f"got {name!r}, expected the name of a profile. {near(name, profile_names())}")
     return read_profile(data_folder("profiles") / f"{name}.yaml")
 
 

@@ -175,7 +175,7 @@ class LandingTask:
         return False
 
     def _hurry(self, task: SideTask, flying: Sequence[str], now: float) -> None:
-        """Kill the land task if no vehicle has been in the air for _NOTICE_S, because the task has nothing more to land."""
+        """Kill the land task if all vehicles have been on the ground or crashed for _NOTICE_S, because nothing is left to land."""
         if flying:
             self._nothing_since = None
         elif self._nothing_since is None:
@@ -184,9 +184,7 @@ class LandingTask:
             task.stop()
 
     def _failed(self, exit: Exit, flying: Sequence[str], now: float) -> None:
-        """Log a failed attempt to land. If no vehicle flies any more, the next `step` ends the landing as
-        successful.
-        """
+        """Log a failed attempt to land. If all vehicles are on the ground anyway, the next `step` ends the landing as successful."""
         self.summary = f"the landing of {', '.join(flying) or 'all vehicles'} is not confirmed ({exit.text})"
         self._log.event(now, "arena", self.summary)
 

@@ -24,7 +24,7 @@ def guards(plan: Plan, vehicle: str = "") -> set[str]:
 def check_release(
     plan: Plan, facts: Mapping[str, Any], stats: Mapping[str, Mapping[str, Any]], vehicles: Sequence[str]
 ) -> None:
-    """Raise ValueError if one of the vehicles must not be released, or needs no release.
+    """Raise ValueError if one of the vehicles is unknown or needs no release, because programs may fly it already.
 
     facts: values that the processes sent. A vehicle without a fact `control` has no process that reports it now.
     stats: process -> its measurements.

@@ -73,7 +73,9 @@ def is_served(spec: ProcessSpec, status: ProcessStatus) -> bool:
 
 
 def is_dead(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether a process has ended or failed and stays so. The supervisor does not restart it; only `arena restart` does."""
+    """Return whether a process has ended or failed and the supervisor does not restart it. A task that ended with exit code 0
+    does not count.
+    """
     return status.state in ENDED and not is_served(spec, status)
 
 

@@ -135,7 +135,7 @@ class Shutdown:
         return real, {**down, **dict.fromkeys(sorted(left), f"{Cause.DOWN} --now lands real vehicles only")}
 
     def armed_again(self, now: float) -> bool:
-        """Return True if a vehicle has become armed after the landing. The next call of `land` then lands it."""
+        """Return True if a vehicle has become armed again after the landing. The next call of `land` then lands this vehicle."""
         found = self.armed() - self._armed_before
         self._armed_before &= self.armed()
         if self.at_once:

@@ -9,7 +9,9 @@ _PERIOD_S = 0.02  # 50 wake-ups a second instead of one per datagram
 
 
 class Receiver:
-    """Thread that calls the chores of connections every 20 ms of wall time. It runs while there is a connection."""
+    """Thread that does the regular work (`chores`) of its connections every 20 ms of wall time. The thread runs while it has a
+    connection.
+    """
 
     def __init__(self) -> None:
         self._chores: tuple[Callable[[], None], ...] = ()

@@ -49,8 +49,8 @@ class StartBarrier:
         self._uses: Counter[str] = Counter()
 
     def arrive(self, name: str, now: float, count: int | None = None) -> _Waiting:
-        """Record that this program has arrived at the barrier `name`. If a name is used several times, the
-        k-th arrivals of all programs belong together.
+        """Record that this program has arrived at the barrier `name`. If programs use a name several times, the k-th arrival of
+        one program meets the k-th arrival of the others.
 
         count: number of programs that take part, including this program; None for all programs of the run.
         Raises InputError if the run has fewer programs, or if `arena up` did not start this program.

@@ -1,4 +1,4 @@
-"""Interfaces of a vehicle class: its constants, and its dynamics for all vehicles at once."""
+"""Interfaces that each vehicle class, such as multirotors, implements: its constants, and its dynamics for all vehicles at once."""
 
 from __future__ import annotations
 

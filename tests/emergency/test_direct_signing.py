@@ -59,7 +59,7 @@ def test_unreadable_key_is_reported_and_commands_are_sent_unsigned(tmp_path) -> 
     plain = Codec(253, 190).onboard_heartbeat()
     assert signing.sign(plain) == plain == signing.accepted(plain)
     (text,) = said
-    assert "mode 0640" in text and "will not obey" in text
+    assert "mode 0640" in text and "ignores these commands" in text
     assert file.read_text().strip() not in text
 
 
@@ -131,5 +131,5 @@ def test_land_all_lands_a_signing_vehicle_without_its_link_process(tmp_path, cap
     said = capsys.readouterr().out
     assert (code == 0) is readable
     assert board.inner.armed is not readable
-    assert ("the vehicle will not obey" in said) is not readable
+    assert ("ignores these commands" in said) is not readable
     assert "wrong signature" not in {v.value for v in board.refused}

@@ -345,7 +345,7 @@ WRONG: dict[str, tuple[object, str, str]] = {
     "no such rotor": (
         read_action,
         "motor loss uav1 rotor 5",
-        "got '5' after 'rotor', expected a rotor, 1 to 4.",
+        "got '5' after 'rotor', expected the number of a rotor, 1 to 4.",
     ),
     "nothing to do": (read_action, "", "got nothing, expected something to do."),
     "huge": (read_action, "mocap delay 1e400 ms", "a million"),

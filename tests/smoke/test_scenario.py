@@ -125,7 +125,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "rotor that is not there": (
         HEAD + "steps:\n  - do: motor loss uav1 rotor 5\n",
         "3: steps[0].do: ",
-        "a rotor, 1 to 4",
+        "the number of a rotor, 1 to 4",
     ),
     "expectation without a time": (
         HEAD + STEP + "  - expect: uav1.landed\n",

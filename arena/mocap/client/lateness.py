@@ -67,7 +67,7 @@ class Lateness:
         return self.measure(frame.time_s, now, flying, sent_s=frame.sent_s)
 
     def measure(self, stamp_s: float, now: float, flying: bool, sent_s: float | None = None) -> float:
-        """Return how late a frame is [s]; infinite if its time stamp cannot be right.
+        """Return how late a frame is [s]; infinite if the time stamp of the frame cannot be right.
 
         stamp_s: exposure, by the server's clock [s]. sent_s: time of sending, by the server's clock [s].
         now: time of arrival [s]. flying: if true, a young reference is not given up either, because frames
@@ -158,9 +158,8 @@ class StreamLateness:
         self._stamp_s = nan
 
     def measure(self, frame: CapturedFrame, now: float) -> float:
-        """Return how late a frame is [s]. Return infinity if the frame is repeated or its time stamp cannot be
-        right. Return 0 if the time stamp has not changed since the last frame, because such a server has no
-        clock.
+        """Return how late a frame is [s]. Return infinity if the frame is repeated or its time stamp cannot be right. Return 0
+        if the server repeats one time stamp, because this server has no clock.
 
         now: time of arrival [s]
         """

@@ -153,7 +153,7 @@ class EmulatedCameras:
         (self._frozen.add if frozen else self._frozen.discard)(body)
 
     def set_offset(self, body: str, offset_n: Sequence[float], yaw_rad: float) -> None:
-        """Shift all later measured poses of a body.
+        """Add an offset to all measured poses of a body from now on, as an injected fault.
 
         offset_n: [m] [NED] (3,). yaw_rad: rotation about the vertical axis through the body, clockwise seen
         from above.

@@ -21,7 +21,7 @@ _REQUEST_MODELS = codec.packet(codec.REQUEST_MODELDEF)
 
 
 class NatNetReceiver:
-    """Protocol of one NatNet client: gives the requests to send, and decodes the packets that arrive.
+    """Protocol of one NatNet client, without sockets: returns the requests to send, and decodes the packets that arrive.
 
     bodies: names of the requested bodies, None for all.
     info: the server's last description of itself, None before the first. answers: number of such descriptions

@@ -313,7 +313,7 @@ def _part_rotor(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
         vehicles = made["vehicles"] if isinstance(made["vehicles"], tuple) else ()
         most = min((names.rotors.get(v, 4) for v in vehicles), default=4)
         if tokens.next.text not in {str(k) for k in range(1, most + 1)}:
-            raise tokens.error(f"expected a rotor, 1 to {most}")
+            raise tokens.error(f"expected the number of a rotor, 1 to {most}")
         made["number"] = float(tokens.advance().text)
 
 

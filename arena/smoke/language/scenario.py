@@ -70,13 +70,15 @@ def _arena(value: Any) -> Any:
         isinstance(named, tuple) and named and all(isinstance(v, str) and v for v in named)
     ):
         return value
-    raise ValueError("the path of an arena's YAML, a list of such paths, or a mapping that defines an arena")
+    raise ValueError(
+        "expected the path of an arena's YAML, a list of such paths, or a mapping that defines an arena"
+    )
 
 
 def _entries(value: Any) -> Any:
     if isinstance(value, tuple):
         return value
-    raise ValueError("a list")
+    raise ValueError("expected a list")
 
 
 Entries = Annotated[tuple[Any, ...], BeforeValidator(_entries)]
