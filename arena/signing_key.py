@@ -77,7 +77,8 @@ def write_new_key(file: Path) -> None:
 
 
 class TimestampFile:
-    """The last timestamp that was used with a key, so that a process that starts again does not use an older one.
+    """File with the last signing timestamp that was used with a key, so that a restarted process does not use an older
+    timestamp.
 
     The vehicle refuses messages with older timestamps. Several processes may use the same file: the newest timestamp is kept.
     problem: why the last write failed; "" if it did not

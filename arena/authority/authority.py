@@ -310,8 +310,8 @@ class Authority:
 
     @property
     def standing(self) -> dict[str, Any]:
-        """Return what this process refuses now, so that it refuses the same after a restart: JSON values for `restore`, empty
-        if nothing is refused.
+        """Return which requests this process refuses now, as JSON values with which `restore` refuses them again after a
+        restart; empty if it refuses none.
 
         latch: role and strength of a landing. taken: who took OFFBOARD. pilot: the pilot has control.
         """
@@ -323,7 +323,9 @@ class Authority:
         return found
 
     def restore(self, standing: Mapping[str, Any], now: float) -> None:
-        """Refuse again what this process refused before its restart, and what another process refuses. standing: value of `standing`."""
+        """Refuse again the requests that this process refused before its restart, or that another process refuses. standing:
+        value of `standing` of that process.
+        """
         if taken := standing.get("taken"):
             self._set_taken(str(taken), until_disarmed=standing.get("until_disarmed") is True)
         if latch := standing.get("latch"):

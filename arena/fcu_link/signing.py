@@ -106,7 +106,9 @@ class LinkSigning:
         return None
 
     def tick(self, now: float) -> None:
-        """Store the last timestamp from time to time, so that a restarted link process begins with a later timestamp."""
+        """Store the last signing timestamp in a file from time to time, so that a restarted link process begins with a later
+        timestamp.
+        """
         if self._connection is None or self._timestamps is None:
             return
         self._timestamps.save(self._connection.timestamp, now)

@@ -1,4 +1,6 @@
-"""Decision whether the parts of a simulated arena share one process, and the conversion of a plan to such a process. Pure."""
+"""Decides whether world, motion capture, forwarders, router and loggers of a simulated arena run in one process (fused arena),
+and converts a plan to it. Pure.
+"""
 
 from __future__ import annotations
 

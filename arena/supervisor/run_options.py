@@ -1,4 +1,4 @@
-"""Options of a run, and the interface of its output to a person. The caller of the main loop passes both."""
+"""Options that decide when a run ends, and the interface through which a run shows its output to a person."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ class Shutdown:
         self._processes.request(packet, to=guards(self._plan), standing=True)
 
     def _keep_serving(self) -> None:
-        """Restart processes that serve vehicles, as in flight, until the landing has ended."""
+        """Restart processes that serve vehicles if they end, as in flight, until the landing has ended."""
         self._orders.keep = run_end.kept_in_landing(self._plan, self._processes.statuses)
 
     def land(self, now: float) -> bool:
