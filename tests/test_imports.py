@@ -110,6 +110,7 @@ HEAVY = {
     "matplotlib": {"recorder"},
     "serial": {"transport"},
     "pyarrow": {"campaign"},
+    "ray": {"campaign"},
 }
 
 

@@ -48,9 +48,13 @@ def fly_all(
         on_record(lost_record(flight, f"exit code {end.exit_code}"))
 
 
-def lost_record(flight: Flight, why: str) -> Record:
-    """Return the record of a flight that has no result after all attempts. why: how the last worker ended."""
-    said = f"the process that flew the flight ended without a result, {ATTEMPTS} times ({why})"
+def lost_record(flight: Flight, why: str, times: int = ATTEMPTS) -> Record:
+    """Return the record of a flight that has no result after all attempts.
+
+    why: how the last worker ended.  times: number of attempts.
+    """
+    count = "once" if times == 1 else f"{times} times"
+    said = f"the process that flew the flight ended without a result, {count} ({why})"
     return Record(
         id=flight.id,
         number=flight.number,

@@ -90,6 +90,8 @@ class SweepFile(Strict):
     """Seed of the drawn points. The same seed draws the same points."""
     wall_limit_s: Positive = 600.0
     """Wall time after which the flight of an arena is ended and fails [s]. A scenario has its own time limit."""
+    cluster: str | None = None
+    """Address of a Ray cluster that flies the campaign: HOST:PORT, or `auto`. Default: this computer alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +114,7 @@ class Sweep:
     sampling: Sampling
     sampling_seed: int
     wall_limit_s: float
+    cluster: str | None
     source: Source
 
     @property
@@ -149,6 +152,7 @@ def load_sweep(path: str | Path) -> Sweep:
         sampling=model.sampling,
         sampling_seed=model.sampling_seed,
         wall_limit_s=model.wall_limit_s,
+        cluster=model.cluster,
         source=source,
     )
 

@@ -6,7 +6,6 @@ flown; 130 after Ctrl-C, when all arenas have ended. The results so far are kept
 
 from __future__ import annotations
 
-import os
 import sys
 from functools import partial
 from pathlib import Path
@@ -15,9 +14,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from arena.cli._options import Jobs, jobs_or_cores
 from arena.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from arena.campaign.campaign import FlyAll
     from arena.campaign.progress import ProgressBar, ProgressLines
 
 _LOG_COLUMNS = 160  # width without a terminal, so that the lines in a log file are not wrapped
@@ -46,20 +49,19 @@ def register(app: typer.Typer) -> None:
 
 def fly(
     sweep: Annotated[Path, typer.Argument(metavar="SWEEP", help="the sweep file, which lists what varies")],
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            "-j",
-            "--jobs",
-            metavar="N",
-            min=1,
-            help="number of flights at the same time; default: number of CPU cores",
-        ),
-    ] = None,
+    jobs: Jobs = None,
     results: Annotated[
         Path | None,
         typer.Option(
             "--results", metavar="DIR", help="folder of the results; default: campaigns/NAME of the campaign"
+        ),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            "--cluster",
+            metavar="ADDRESS",
+            help="fly on the computers of this Ray cluster: HOST:PORT, or auto; default: `cluster` of the sweep file",
         ),
     ] = None,
     list_: Annotated[
@@ -67,13 +69,17 @@ def fly(
     ] = False,
 ) -> None:
     """Fly a campaign, or resume it: flights that have a result are not flown again. The word `fly` can be left out."""
-    from arena.campaign import design, preparation, runner
+    from arena.campaign import design, preparation
     from arena.campaign.campaign import fly_campaign
     from arena.campaign.report import describe
     from arena.campaign.store import Store, listing_of
     from arena.campaign.sweep import load_sweep
     from arena.campaign.table import WITHOUT_PYARROW, has_pyarrow
 
+    if cluster is not None and jobs is not None:
+        raise InputError(
+            "got --cluster and --jobs, expected one of them: a cluster flies one flight per CPU core"
+        )
     found = load_sweep(sweep)
     flights = design.flights(found)
     arena = preparation.check(found, flights)
@@ -86,14 +92,10 @@ def fly(
     inputs = preparation.input_digests(found, arena)
     listing = listing_of(found.name, str(sweep), found.kind, inputs, flights)
     store = Store((results or Path("campaigns") / found.name).resolve())
+    # With --jobs, the computers of the sweep file's cluster are not used.
+    fly_all = _fly_all(jobs, cluster or (found.cluster if jobs is None else None), sweep, inputs)
     with _progress() as progress:
-        finished = fly_campaign(
-            store,
-            listing,
-            flights,
-            partial(runner.fly_all, jobs=jobs or len(os.sched_getaffinity(0))),
-            progress,
-        )
+        finished = fly_campaign(store, listing, flights, fly_all, progress)
     _print(store.folder)
     raise SystemExit(finished.exit_code)
 
@@ -114,6 +116,18 @@ def show(
     if not has_pyarrow():
         print(WITHOUT_PYARROW, file=sys.stderr)
     _print(folder)
+
+
+def _fly_all(jobs: int | None, cluster: str | None, sweep: Path, inputs: Mapping[str, str]) -> FlyAll:
+    """Return the function that flies the flights: on a Ray cluster, or on this computer alone."""
+    if cluster is None:
+        from arena.campaign import runner
+
+        return partial(runner.fly_all, jobs=jobs_or_cores(jobs))
+    from arena.campaign import ray_cluster
+    from arena.campaign.ray_task import inputs_of
+
+    return partial(ray_cluster.fly_all, address=cluster, inputs=inputs_of(inputs, sweep.parent))
 
 
 def _progress() -> ProgressBar | ProgressLines:

@@ -6,7 +6,6 @@ Exit codes: 0 all scenarios passed; 1 at least one failed; 2 a scenario or an ar
 
 from __future__ import annotations
 
-import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from arena.cli._options import Jobs, jobs_or_cores
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, InputError
 
 if TYPE_CHECKING:
@@ -41,16 +41,7 @@ def register(app: typer.Typer) -> None:
             Path | None,
             typer.Option("--junit", metavar="FILE", help="write the results as JUnit XML, for a CI server"),
         ] = None,
-        jobs: Annotated[
-            int | None,
-            typer.Option(
-                "-j",
-                "--jobs",
-                metavar="N",
-                min=1,
-                help="number of scenarios flown at the same time; default: number of CPU cores",
-            ),
-        ] = None,
+        jobs: Jobs = None,
         speed: Annotated[
             str,
             typer.Option("--speed", metavar="X", help="simulated seconds per second of wall time, or max"),
@@ -89,7 +80,7 @@ def register(app: typer.Typer) -> None:
         if junit is not None and junit.is_dir():
             raise InputError(f"{junit}: is a folder, expected a file for --junit. Try {junit / 'junit.xml'}")
         options = FlightOptions(results=results.resolve(), speed=speed, seed=seed)
-        raise SystemExit(_fly(found * repeat, options, jobs or len(os.sched_getaffinity(0)), junit))
+        raise SystemExit(_fly(found * repeat, options, jobs_or_cores(jobs), junit))
 
 
 def _make(folder: Path) -> None:

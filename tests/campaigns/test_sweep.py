@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from arena.campaign import design, preparation
+from arena.campaign import design, preparation, ray_cluster, runner
 from arena.campaign.measures import MEASURES
 from arena.campaign.sweep import Setting, SweepFile, load_sweep
+from arena.cli import main
 from arena.errors import InputError
 
 Write = Callable[[str], Path]
@@ -132,3 +133,17 @@ def test_inputs_are_the_files_that_determine_a_flight(sweep_file: Write, tmp_pat
     assert set(before) == {"arena.yaml", "fly.py"}
     (tmp_path / "fly.py").write_text("pass\n")
     assert preparation.input_digests(sweep, arena)["fly.py"] != before["fly.py"]
+
+
+def test_sweep_names_the_cluster_and_jobs_overrides_it(
+    sweep_file: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sweep = sweep_file("name: c\narena: arena.yaml\ncluster: lab:6379\n")
+    used: list[str] = []
+    monkeypatch.setattr(ray_cluster, "fly_all", lambda *_, address, **more: used.append(address))
+    monkeypatch.setattr(runner, "fly_all", lambda *_, **more: used.append("here"))
+    monkeypatch.chdir(tmp_path)
+    main(["campaign", str(sweep)])
+    main(["campaign", str(sweep), "--cluster", "auto"])
+    main(["campaign", str(sweep), "-j", "1"])
+    assert used == ["lab:6379", "auto", "here"]

@@ -45,7 +45,7 @@ def test_pages_contain_blocks_of_each_kind():
 @pytest.mark.parametrize("block", SHELL, ids=str)
 def test_shell_blocks_use_known_commands(block):
     for words in lines(block):
-        assert words[0] in ("arena", "make", "pip", "python"), words
+        assert words[0] in ("arena", "make", "pip", "python", "ray"), words
         if words[0] == "make":
             targets = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M))
             assert {w for w in words[1:] if "=" not in w} <= targets, words

@@ -1,0 +1,110 @@
+"""The flight of a campaign in a Ray worker, on any computer of a cluster: checks the files, flies, and returns all files."""
+
+from __future__ import annotations
+
+import hashlib
+import signal
+import tempfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import arena
+from arena.campaign.design import Flight
+from arena.campaign.runner import Fly
+from arena.campaign.store import Record
+from arena.errors import InputError
+
+Files = Mapping[str, bytes]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delivery:
+    """The result of a flight on another computer.
+
+    files: path relative to the folder of the campaign -> compressed content.
+    """
+
+    record: Record
+    files: Files
+
+
+def fly_here(flight: Flight, inputs: Mapping[str, str], flown_by: Fly) -> Delivery:
+    """Fly one flight in a temporary folder of this computer. When this function returns, its arena has ended.
+
+    Raises InputError if this computer has other files than the campaign. `ray.cancel` interrupts it like Ctrl-C.
+    """
+    # Ray blocks SIGINT in its workers. The processes of the arena would inherit that.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    if problems := problems_here(inputs):
+        raise InputError("\n".join(problems))
+    with tempfile.TemporaryDirectory(prefix="arena-campaign-", ignore_cleanup_errors=True) as folder:
+        record = flown_by(flight, Path(folder))
+        return Delivery(record=record, files=pack(Path(folder)))
+
+
+def problems_here(inputs: Mapping[str, str]) -> list[str]:
+    """Return the differences between this computer and the computer that started the campaign.
+
+    inputs: path -> SHA-256 of each file, as `digests` returns them.
+    """
+    found = []
+    for path, expected in inputs.items():
+        if not (digest := digests([path])[path]):
+            found.append(f"{path} is missing")
+        elif digest != expected:
+            found.append(f"{path} differs from the file of the campaign")
+    return found
+
+
+def inputs_of(files: Mapping[str, str], folder: Path) -> dict[str, str]:
+    """Return absolute path -> SHA-256 of the files of a campaign, and of the installed arena under the name `arena`.
+
+    files: path relative to `folder` -> SHA-256.
+    """
+    made = {str((folder / path).resolve()): digest for path, digest in files.items()}
+    return {**made, **digests([PACKAGE])}
+
+
+PACKAGE = "the installed arena"
+"""Name of the package `arena` in the list of files."""
+
+
+def digests(paths: list[str]) -> dict[str, str]:
+    """Return path -> SHA-256 of each file; "" if it cannot be read. PACKAGE stands for all modules of arena."""
+    return {path: _package_digest() if path == PACKAGE else _digest(Path(path)) for path in paths}
+
+
+def _digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return ""
+
+
+@cache
+def _package_digest() -> str:
+    folder = Path(arena.__file__).parent
+    made = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        made.update(f"{path.relative_to(folder)}\n".encode() + path.read_bytes())
+    return made.hexdigest()
+
+
+def pack(folder: Path) -> Files:
+    """Return relative path -> compressed content of all files in a folder and its subfolders."""
+    return {
+        str(path.relative_to(folder)): zlib.compress(path.read_bytes(), 1)
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def unpack(files: Files, folder: Path) -> None:
+    """Write the files that `pack` returned into a folder."""
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(zlib.decompress(content))
