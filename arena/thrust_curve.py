@@ -1,6 +1,7 @@
 """Thrust curves of the profiles: static thrust as a function of normalised command.
 
-Pure. The world, the built-in autopilot and user programs use them.
+Pure. The world, the built-in autopilot and user programs use them. The planning packages use only `static_command`
+of quadratic curves. It needs no numpy, whose import takes longer than everything that `arena check` does with an arena.
 
 Every curve is for the vehicle's TOTAL thrust; one of n equal rotors gives a share of 1/n. The command u is
 0..1. Both directions are limited to what the vehicle can do, so the argument of a tangent stays within one
@@ -22,14 +23,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from typing import TYPE_CHECKING, Any
 
 from arena.errors import InputError
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    Array = NDArray[np.float64]
 
 _MIN_SHARE = 0.1  # of the static thrust that remains at any airspeed: prevents a division by zero
 
@@ -45,7 +47,7 @@ class ThrustCurve:
     max_newtons: float
     fade_speed_m_s: float = math.inf
     _newtons: Callable[[Array], Array] = field(repr=False)
-    _command: Callable[[Array], Array] = field(repr=False)
+    _command: Callable[[Any], Any] = field(repr=False)
 
     def newtons(self, u: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
         """Return the total thrust [N] for a command. Both arguments can be arrays whose shapes numpy can broadcast.
@@ -53,6 +55,8 @@ class ThrustCurve:
         u: command, limited to 0..1 [-]
         speed_m_s: airspeed [m/s]
         """
+        import numpy as np
+
         return self._newtons(np.clip(np.asarray(u, dtype=np.float64), 0.0, 1.0)) * self._share(speed_m_s)
 
     def command(self, newtons: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
@@ -62,10 +66,19 @@ class ThrustCurve:
         newtons: total thrust [N]
         speed_m_s: airspeed [m/s]
         """
+        import numpy as np
+
         static = np.asarray(newtons, dtype=np.float64) / self._share(speed_m_s)
-        return np.clip(self._command(np.clip(static, 0.0, self.max_newtons)), 0.0, 1.0)
+        found: Array = np.clip(self._command(np.clip(static, 0.0, self.max_newtons)), 0.0, 1.0)
+        return found
+
+    def static_command(self, newtons: float) -> float:
+        """Return the command 0..1 [-] for a total thrust at rest [N], as `command` does."""
+        return min(max(float(self._command(min(max(newtons, 0.0), self.max_newtons))), 0.0), 1.0)
 
     def _share(self, speed_m_s: ArrayLike) -> Array:
+        import numpy as np
+
         return np.clip(
             1.0 - np.abs(np.asarray(speed_m_s, dtype=np.float64)) / self.fade_speed_m_s, _MIN_SHARE, 1.0
         )
@@ -89,8 +102,17 @@ def _quadratic(s: Mapping[str, Any]) -> ThrustCurve:
         fade_speed_m_s=_fade(s),
         _newtons=lambda u: (a * u + b) * u,
         # the root written so that nothing cancels near T = 0
-        _command=lambda t: 2.0 * t / (b + np.sqrt(b * b + 4.0 * a * t) + 1e-300),
+        _command=lambda t: 2.0 * t / (b + _sqrt(b * b + 4.0 * a * t) + 1e-300),
     )
+
+
+def _sqrt(value: Any) -> Any:
+    """Return the square root of a float or of an array."""
+    if isinstance(value, float):
+        return math.sqrt(value)
+    import numpy as np
+
+    return np.sqrt(value)
 
 
 def _tangent(s: Mapping[str, Any]) -> ThrustCurve:
@@ -99,6 +121,8 @@ def _tangent(s: Mapping[str, Any]) -> ThrustCurve:
     Below the command `low_u` the fit is not valid, because it gives thrust at u = 0. A straight line from the
     origin replaces it there.
     """
+    import numpy as np
+
     offset, scale, phase, gain, low = (float(s[k]) for k in ("offset_n", "scale_n", "phase", "gain", "low_u"))
 
     def fitted(u: Array) -> Array:

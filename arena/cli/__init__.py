@@ -49,6 +49,7 @@ VERBS = {
 GROUPS = ("params", "signing", "campaign")
 EMERGENCY = ("land-all", "kill-all")
 _HELP = ("-h", "--help")
+_HELP_COLUMNS = 110
 _GARBAGE_THRESHOLD = 50_000
 """New objects between two runs of the garbage collector. Imports make no garbage: Python's default of 700 makes them slower."""
 
@@ -96,7 +97,7 @@ def build(arguments: Sequence[str]) -> typer.Typer:
         _register(app, verb)
         return app
     for name in sorted(VERBS, key=GROUPS.__contains__):  # as typer: groups of commands after the commands
-        app.command(name, help=VERBS[name])(_listed_only)
+        app.command(name, help=VERBS[name], short_help=VERBS[name])(_listed_only)
     return app
 
 
@@ -116,7 +117,8 @@ def _empty_app() -> typer.Typer:
         no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,
-        context_settings={"help_option_names": list(_HELP)},
+        rich_markup_mode=None,  # rich and its Markdown parser take longer to import than everything else
+        context_settings={"help_option_names": list(_HELP), "max_content_width": _HELP_COLUMNS},
     )
 
     # Without a callback, typer would omit the name of the verb if only one verb is registered.

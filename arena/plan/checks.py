@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from arena.errors import InputError, Problem
 from arena.params.checks.findings import Finding
 from arena.params.facts.failsafe_table import rc_priority_modes
-from arena.params.facts.parameter_table import Version, parameters
+from arena.params.facts.parameter_table import Version, parameter
 from arena.plan.firmware import FORWARDING_MS, px4_version, requirements, written_param_findings
 from arena.schema import Arena
 from arena.schema.loader import YamlPath
@@ -66,7 +66,7 @@ def _rotors(arena: Arena) -> Iterator[Problem]:
     """
     for v in arena.simulated:
         model = VEHICLE_MODELS[v.profile.vehicle_class]
-        if why := model.control_problem([r.model_dump() for r in v.profile.rotors]):
+        if why := model.control_problem([r.as_dict() for r in v.profile.rotors]):
             path = arena.source.layer(v.name, "profile")
             yield arena.source.problem(path, f"got {v.profile.name}, but {why}.")
 
@@ -75,7 +75,7 @@ def _vision_delay(arena: Arena) -> Iterator[Problem]:
     """Find a latency of the motion capture that is longer than EKF2 can compensate (EKF2_EV_DELAY)."""
     for v in arena.simulated:
         delay_ms = requirements(arena, v).vision_delay_ms
-        known = parameters(px4_version(v))["EKF2_EV_DELAY"]
+        known = parameter("EKF2_EV_DELAY", px4_version(v))
         if delay_ms is None or known.max is None or delay_ms <= known.max or "EKF2_EV_DELAY" in v.own_params:
             continue
         message = (

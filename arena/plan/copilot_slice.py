@@ -29,7 +29,7 @@ def copilot(job: Job) -> Json:
         "listen": slices.heartbeat_address(arena),
         "escalate_after_s": c.escalate_after_s,
         "at_most": c.at_most,
-        "rules": {rule: getattr(c, rule).model_dump() for rule in RULES},
+        "rules": {rule: getattr(c, rule).as_dict() for rule in RULES},
         "latency_s": arena.mocap.latency_ms / 1000.0,
         "clock": None if arena.hardware else slices.CLOCK,
         "captures": _captures(arena),

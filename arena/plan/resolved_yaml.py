@@ -20,12 +20,12 @@ def arena_yaml(arena: Arena, fleet: Fleet | None = None) -> str:
         {
             "name": arena.name,
             "address": arena.address,
-            "world": _plain(arena.world.model_dump()),
-            "sim": _plain(arena.sim.model_dump()),
+            "world": _plain(arena.world.as_dict()),
+            "sim": _plain(arena.sim.as_dict()),
             "mocap": _plain(_mocap(arena)),
-            "preflight": _plain(arena.preflight.model_dump()),
+            "preflight": _plain(arena.preflight.as_dict()),
             **({"px4": {"home": arena.px4.home}} if arena.px4 else {}),
-            **({"copilot": _plain(arena.copilot.model_dump())} if arena.copilot else {}),
+            **({"copilot": _plain(arena.copilot.as_dict())} if arena.copilot else {}),
             **({"geofence": arena.geofence.slice()} if arena.geofence else {}),
             "tools": {name: _tool(tool) for name, tool in arena.tools.items()},
             "vehicles": {v.name: _vehicle(v, fleet[v.name]) for v in arena.vehicles},
@@ -50,7 +50,7 @@ def _vehicle(v: Vehicle, firmware: Firmware) -> dict[str, Any]:
         "sticks": v.sticks,
         "radio": None if v.simulated else v.radio,
         "signing": {"key_file": v.key_file} if v.key_file else None,
-        "measured": {name: one.model_dump() for name, one in v.measured.items()} or None,
+        "measured": {name: one.as_dict() for name, one in v.measured.items()} or None,
         "forward": v.forward,
         "pose_rate_hz": v.pose_rate_hz,
         "program": program,
@@ -68,7 +68,7 @@ def _program(program: Program) -> dict[str, Any]:
 
 
 def _mocap(arena: Arena) -> dict[str, Any]:
-    found = arena.mocap.model_dump(exclude_none=True)
+    found = arena.mocap.as_dict(without_none=True)
     for vendor in arena.mocap.vendors:
         found |= vendor_settings(vendor).derived_keys(arena.mocap.keys, arena.address)
     return found
@@ -83,7 +83,7 @@ def _wire(v: Vehicle) -> dict[str, Any]:
 
 
 def _tool(tool: Tool) -> dict[str, Any]:
-    return {key: _plain(value) for key, value in tool.model_dump(exclude_none=True).items()}
+    return {key: _plain(value) for key, value in tool.as_dict(without_none=True).items()}
 
 
 def _plain(value: Any) -> Any:

@@ -75,7 +75,7 @@ def _body(job: Job, v: Vehicle) -> Json:
 
 
 def _origin(arena: Arena) -> Json:
-    return arena.world.origin.model_dump()
+    return arena.world.origin.as_dict()
 
 
 def px4(job: Job) -> Json:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import ipaddress
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 
 class Strict(BaseModel):
-    """Base class of the pydantic models of all YAML sections: frozen and strict. Refuses unknown keys, NaN and infinity."""
+    """Base class of the pydantic models of all YAML sections: frozen and strict. Refuses unknown keys, NaN and infinity.
+
+    pydantic builds a validator at the first validation, so that only models of documents get one (`defer_build`).
+    Default values that are models themselves are therefore made with `model_construct`, and `as_dict` replaces `model_dump`:
+    neither needs a validator.
+    """
 
     model_config = ConfigDict(
         frozen=True,
@@ -17,7 +22,32 @@ class Strict(BaseModel):
         strict=True,
         allow_inf_nan=False,
         validate_default=False,
+        defer_build=True,
     )
+
+    def as_dict(self, *, json: bool = False, without_none: bool = False) -> dict[str, Any]:
+        """Return the values by key, nested models as dicts.
+
+        json: tuples become lists. without_none: keys whose value is None are omitted.
+        """
+        found = {key: getattr(self, key) for key in type(self).model_fields}
+        return {
+            key: _plain(value, json=json, without_none=without_none)
+            for key, value in found.items()
+            if value is not None or not without_none
+        }
+
+
+def _plain(value: Any, *, json: bool, without_none: bool) -> Any:
+    if isinstance(value, Strict):
+        return value.as_dict(json=json, without_none=without_none)
+    if isinstance(value, dict):
+        kept = {key: each for key, each in value.items() if each is not None or not without_none}
+        return {key: _plain(each, json=json, without_none=without_none) for key, each in kept.items()}
+    if isinstance(value, (list, tuple)):
+        items = [_plain(each, json=json, without_none=without_none) for each in value]
+        return items if json else tuple(items)
+    return value
 
 
 Positive = Annotated[float, Field(gt=0)]

@@ -100,21 +100,21 @@ class Copilot(Strict):
     """Time after which a rule that is still violated causes the next stronger action: hold, land, terminate [s]."""
     at_most: Step = "land"
     """Strongest action that is allowed. Only `terminate` stops the motors of a flying vehicle."""
-    geofence: GeofenceRule = GeofenceRule()
+    geofence: GeofenceRule = GeofenceRule.model_construct()
     """Vehicles stop before the geofence."""
-    separation: SeparationRule = SeparationRule()
+    separation: SeparationRule = SeparationRule.model_construct()
     """Smallest distance between two vehicles."""
-    tilt: TiltRule = TiltRule()
+    tilt: TiltRule = TiltRule.model_construct()
     """Largest tilt of a vehicle."""
-    speed: SpeedRule = SpeedRule()
+    speed: SpeedRule = SpeedRule.model_construct()
     """Largest speed of a vehicle."""
-    pose_age: PoseAgeRule = PoseAgeRule()
+    pose_age: PoseAgeRule = PoseAgeRule.model_construct()
     """Largest age of motion capture poses."""
-    estimate: EstimateRule = EstimateRule()
+    estimate: EstimateRule = EstimateRule.model_construct()
     """Largest distance between the estimated and the captured position."""
-    battery: BatteryRule = BatteryRule()
+    battery: BatteryRule = BatteryRule.model_construct()
     """Lowest battery charge."""
-    program: ProgramRule = ProgramRule()
+    program: ProgramRule = ProgramRule.model_construct()
     """The program sends heartbeats."""
 
     @model_validator(mode="after")

@@ -81,19 +81,19 @@ class FenceLoss(Strict):
 class Failsafe(Strict):
     """Reactions of the autopilots to failures and lost connections. They become PX4 parameters."""
 
-    offboard_loss: OffboardLoss = OffboardLoss()
+    offboard_loss: OffboardLoss = OffboardLoss.model_construct()
     """Reaction to missing setpoints in OFFBOARD."""
-    position_loss: PositionLoss = PositionLoss()
+    position_loss: PositionLoss = PositionLoss.model_construct()
     """Reaction to missing or rejected poses."""
-    low_battery: LowBattery = LowBattery()
+    low_battery: LowBattery = LowBattery.model_construct()
     """Reactions to a low battery charge."""
-    rc_loss: RcLoss = RcLoss()
+    rc_loss: RcLoss = RcLoss.model_construct()
     """Reaction to missing RC input."""
-    data_link_loss: DataLinkLoss = DataLinkLoss()
+    data_link_loss: DataLinkLoss = DataLinkLoss.model_construct()
     """Reaction to missing heartbeats of the ground stations."""
-    geofence: FenceLoss = FenceLoss()
+    geofence: FenceLoss = FenceLoss.model_construct()
     """Reaction to leaving a geofence."""
-    attitude: AttitudeLoss = AttitudeLoss()
+    attitude: AttitudeLoss = AttitudeLoss.model_construct()
     """Reaction to too much roll or pitch."""
 
 

@@ -50,12 +50,16 @@ Overrides = Mapping[str, Any]
 
 def with_overrides(profile: Profile, overrides: Overrides) -> Profile:
     """Return the profile with a vehicle's overrides. Wrong overrides are ignored here; `override_problems` reports them."""
+    if not overrides:
+        return profile
     found = _validated(profile, overrides)
     return profile if found.model is None or found.problems else found.model
 
 
 def override_problems(profile: Profile, overrides: Overrides) -> Iterator[tuple[tuple[str, ...], str]]:
     """Check a vehicle's overrides of its profile. Yield (path of the YAML key under the vehicle, message) for each wrong value."""
+    if not overrides:
+        return
     found = _validated(profile, overrides)
     for problem in found.problems:
         yield tuple(problem.field.split(".")), problem.message
@@ -67,7 +71,7 @@ def override_problems(profile: Profile, overrides: Overrides) -> Iterator[tuple[
 
 
 def _validated(profile: Profile, overrides: Overrides) -> Validated[Profile]:
-    data = _merged(profile.model_dump(mode="python"), overrides)
+    data = _merged(profile.as_dict(), overrides)
     return validate(Profile, Source(document=Document(file=profile.name, data=data), data=data))
 
 

@@ -65,10 +65,10 @@ def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], lis
         asked["defaults", "profile"] = model.defaults.profile
     folder = Path(source.document.file).parent
     for path, name in asked.items():
+        if name in profiles:
+            continue
         try:
-            profiles.setdefault(
-                name, read_profile(folder / name) if name.endswith(".yaml") else load_profile(name)
-            )
+            profiles[name] = read_profile(folder / name) if name.endswith(".yaml") else load_profile(name)
         except InputError as error:
             said = "; ".join(p.message for p in error.problems) or f"{error}"
             problems.append(source.problem(path, said))

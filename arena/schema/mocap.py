@@ -53,7 +53,7 @@ class Mocap(NatNetKeys):
     """Address of this computer in the server's network. Default: taken from the route to the server."""
     rate_hz: Annotated[float, Field(ge=10, le=1000)] = 180.0
     """Frames per second."""
-    noise: MocapNoise = MocapNoise()
+    noise: MocapNoise = MocapNoise.model_construct()
     """Noise that the emulator adds."""
     latency_ms: Annotated[float, Field(ge=0, le=MAX_MOCAP_LATENCY_MS)] = 10.0
     """Delay from the camera exposure to the frame on the network [ms]; at least one sensor step."""
@@ -69,7 +69,7 @@ class Mocap(NatNetKeys):
     @property
     def keys(self) -> dict[str, Any]:
         """Return all keys under `mocap` with their values, from which each vendor's settings are made."""
-        return self.model_dump()
+        return self.as_dict()
 
 
 # vendor -> the class of its own keys

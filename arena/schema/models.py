@@ -77,7 +77,7 @@ class World(Strict):
     """false: the room is open to the sky. Else a simulated vehicle that touches the ceiling has crashed."""
     heading_deg: Degrees = 0.0
     """Direction of the arena's north axis, clockwise from true north [deg]; affects magnetometer, GPS and global position only."""
-    origin: Origin = Origin()
+    origin: Origin = Origin.model_construct()
     """Global position of the floor's centre. It also determines the magnetic field."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
     """Seed of all random noise that the world simulates."""
@@ -265,17 +265,17 @@ class ArenaFile(Strict):
     """Name of the arena. Default: the name of its folder."""
     address: Address = "127.0.0.1"
     """Numeric address that all processes bind. Default: 127.0.0.1, or the next free loopback address."""
-    world: World = World()
+    world: World = World.model_construct()
     """The room."""
-    sim: Sim = Sim()
+    sim: Sim = Sim.model_construct()
     """The simulation."""
-    mocap: Mocap = Mocap()
+    mocap: Mocap = Mocap.model_construct()
     """The motion capture."""
-    px4: Px4Keys = Px4Keys()
+    px4: Px4Keys = Px4Keys.model_construct()
     """The PX4 for vehicles with `autopilot: px4` or `auto`."""
-    preflight: Preflight = Preflight()
+    preflight: Preflight = Preflight.model_construct()
     """Conditions for arming a real flight controller."""
-    failsafe: Failsafe = Failsafe()
+    failsafe: Failsafe = Failsafe.model_construct()
     """Reactions of the autopilots to failures and lost connections."""
     landing_speed_m_s: Annotated[float | None, Field(ge=0.3, le=2)] = None
     """Landing speed of every vehicle [m/s]. Default: the autopilot's own value (PX4: 0.7)."""
@@ -285,7 +285,7 @@ class ArenaFile(Strict):
     """The process that watches the vehicles in flight. Default: none; `copilot: {}` enables all rules with their defaults."""
     hosts: dict[str, Host] = Field(default_factory=dict)
     """Other computers that run part of the arena."""
-    defaults: VehicleDefaults = VehicleDefaults()
+    defaults: VehicleDefaults = VehicleDefaults.model_construct()
     """Values of vehicle keys for all vehicles. A key under the vehicle itself replaces them."""
     tools: dict[str, Tool] = Field(default_factory=dict)
     """Commands that run beside the arena."""

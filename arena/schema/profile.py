@@ -172,12 +172,12 @@ class Profile(Strict):
 
     @property
     def curve(self) -> ThrustCurve:
-        return thrust_curve(self.thrust_curve.model_dump())
+        return thrust_curve(self.thrust_curve.as_dict())
 
     @property
     def hover_command(self) -> float:
         """Motor command u (0 to 1) at which the static thrust equals the weight: PX4's MPC_THR_HOVER."""
-        return round(float(self.curve.command(self.mass_kg * GRAVITY_M_S2)), 4)
+        return round(self.curve.static_command(self.mass_kg * GRAVITY_M_S2), 4)
 
     def problems(self) -> list[str]:
         """Return one sentence for each error: `num_rotors` differs from the list of rotors, or full thrust does not lift the mass."""
@@ -192,4 +192,4 @@ class Profile(Strict):
 
     def slice(self) -> dict[str, Any]:
         """Return the profile as a JSON object, for the configuration files (slices) of processes."""
-        return self.model_dump(mode="json")
+        return self.as_dict(json=True)

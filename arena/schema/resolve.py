@@ -11,10 +11,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
 from arena.mocap.vendors import vendor_settings
 from arena.schema.arena import Arena, Autopilot, Fence, Origin, Program, Px4, Vehicle
+from arena.schema.base import Strict
 from arena.schema.library import with_overrides
 from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
@@ -260,7 +259,7 @@ class _Merge:
             layers["position"] = self._note(
                 "start.position", place_in_grid(layers["position"], layers["grid"], member.index), rule
             )
-        return Start(**layers)
+        return Start.model_construct(**layers)  # each value is validated already
 
     def _px4_version(self, autopilot: Autopilot) -> str:
         """Return the version of the PX4 SITL binary. For other autopilots, return `px4_version` of the YAML."""
@@ -331,7 +330,7 @@ class _Merge:
 
 def _trace(origins: dict[str, Origin], source: Source, path: YamlPath, value: Any) -> None:
     """Record where every value of a YAML section comes from."""
-    if isinstance(value, BaseModel):
+    if isinstance(value, Strict):
         for key in type(value).model_fields:
             _trace(origins, source, (*path, key), getattr(value, key))
     else:
@@ -339,5 +338,5 @@ def _trace(origins: dict[str, Origin], source: Source, path: YamlPath, value: An
 
 
 def _note(origins: dict[str, Origin], key: str, value: Any, words: str) -> None:
-    plain = value.model_dump(mode="json", exclude_none=True) if isinstance(value, BaseModel) else value
+    plain = value.as_dict(json=True, without_none=True) if isinstance(value, Strict) else value
     origins[key] = Origin(value=plain, source=words)

@@ -6,7 +6,9 @@ problems. Cross-checks skip the removed values, which are in `Validated.pruned`.
 
 from __future__ import annotations
 
+import contextlib
 import copy
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar, get_args
@@ -21,6 +23,7 @@ from arena.schema.models import PLANNED_KEYS, PLANNED_VALUES
 from arena.schema.source import Source, as_list, near, show
 
 _MOST_ROUNDS = 20
+_NO_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
 
 M = TypeVar("M", bound=Strict)
 
@@ -43,7 +46,8 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
     model: M | None = None
     for _ in range(_MOST_ROUNDS):
         try:
-            model = kind.model_validate(data)
+            with _without_plugins():
+                model = kind.model_validate(data)
             break
         except ValidationError as error:
             details = error.errors(include_url=False)
@@ -59,6 +63,20 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
         if () in pruned:
             break
     return Validated(model=model, problems=tuple(dict.fromkeys(problems)), pruned=frozenset(pruned))
+
+
+@contextlib.contextmanager
+def _without_plugins() -> Iterator[None]:
+    """Disable the plugins of pydantic. To find plugins, pydantic would read the metadata of all installed packages."""
+    before = os.environ.get(_NO_PLUGINS)
+    os.environ[_NO_PLUGINS] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_NO_PLUGINS]
+        else:
+            os.environ[_NO_PLUGINS] = before
 
 
 def _prune(data: Any, path: YamlPath, *, missing: bool) -> YamlPath:

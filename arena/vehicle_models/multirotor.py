@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+from arena.vehicle_models.model import CrashLimits, Dynamics, Profile
+from arena.vehicle_models.rotor_geometry import actuator_effect
 
-from arena.vehicle_models.model import Array, CrashLimits, Dynamics, Profile
-from arena.vehicle_models.multirotor_dynamics import Rotors, actuator_effect
+if TYPE_CHECKING:
+    from arena.vehicle_models.model import Array
 
-_LEAST_EFFECT = 0.05  # a smaller singular value of the scaled effectiveness matrix counts as 0
+LEAST_EFFECT = 0.05  # a smaller singular value of the scaled effectiveness matrix counts as 0
 _QUADROTOR = 2
 _MAV_TYPES = {6: 13, 8: 14}  # MAV_TYPE_HEXAROTOR, MAV_TYPE_OCTOROTOR
 
@@ -39,9 +40,7 @@ class Multirotor:
 
         Each column of the effectiveness matrix is scaled to 1, so the rank does not depend on units.
         """
-        effect = np.array([actuator_effect(r, moment_ratio_m=1.0) for r in actuators])
-        scaled = effect / np.maximum(np.abs(effect).max(axis=0), 1e-9)
-        rank = int(np.linalg.matrix_rank(scaled, tol=_LEAST_EFFECT))
+        rank = controlled_axes([actuator_effect(r, moment_ratio_m=1.0) for r in actuators])
         if rank == 4:
             return ""
         return (
@@ -57,6 +56,8 @@ class Multirotor:
 
         For a symmetric quadrotor X: u = thrust +- 0.707 roll +- 0.707 pitch +- yaw, as in PX4.
         """
+        import numpy as np
+
         effect = np.stack([actuator_effect(r, moment_ratio_m=1.0)[:3] for r in actuators])
         inverse = np.linalg.pinv(np.column_stack([effect, np.ones(len(effect))]).T)[:, :3]
         count = max(int((np.abs(inverse[:, 0]) > 1e-6).sum()), 1)
@@ -66,4 +67,30 @@ class Multirotor:
 
     def dynamics(self, profiles: Sequence[Profile], *, step_s: float) -> Dynamics:
         """Return the rotor dynamics. Raises InputError if a rotor's direction is not cw or ccw."""
+        from arena.vehicle_models.multirotor_dynamics import Rotors
+
         return Rotors(profiles, step_s=step_s)
+
+
+def controlled_axes(effect: Sequence[Sequence[float]]) -> int:
+    """Return how many of roll, pitch, yaw and thrust the rotors control independently: the rank of the effectiveness matrix.
+
+    effect: torque x, y, z and force z of each rotor. The rank is the number of singular values above LEAST_EFFECT of the
+    matrix with its columns scaled to 1.
+
+    These are the eigenvalues above the square of LEAST_EFFECT of the product of the transposed matrix and the matrix. By
+    Sylvester's law of inertia, as many pivots are positive in the elimination of this product minus that square.
+    Plain floats, because numpy's import takes longer than the check of an arena.
+    """
+    scale = [max(1e-9, *(abs(x) for x in column)) for column in zip(*effect, strict=True)]
+    columns = [[x / s for x in column] for column, s in zip(zip(*effect, strict=True), scale, strict=True)]
+    a = [[sum(x * y for x, y in zip(c, d, strict=True)) for d in columns] for c in columns]
+    size = len(a)
+    for i in range(size):
+        a[i][i] -= LEAST_EFFECT**2
+    for i in range(size):
+        pivot = a[i][i] or 1e-12
+        for row in range(i + 1, size):
+            for column in range(i + 1, size):
+                a[row][column] -= a[row][i] * a[i][column] / pivot
+    return sum(a[i][i] > 0.0 for i in range(size))

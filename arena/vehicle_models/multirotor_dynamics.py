@@ -32,8 +32,8 @@ Not modelled: the gyroscopic torque of the rotors, walls and ceilings near the r
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -43,11 +43,14 @@ from arena.kernels.arrays import array
 from arena.kernels.rotor_dynamics import RotorDynamics
 from arena.thrust_curve import thrust_curve
 from arena.vehicle_models.ground_effect import CELLS, ground_table
-from arena.vehicle_models.model import Array, Profile
+from arena.vehicle_models.model import Profile
+from arena.vehicle_models.rotor_geometry import SPIN, actuator_effect
+
+if TYPE_CHECKING:
+    from arena.vehicle_models.model import Array
 
 GRID = 1024
 """Cells of the thrust table between the commands 0 and 1."""
-_SPIN = {"ccw": 1.0, "cw": -1.0}
 
 
 class Rotors:
@@ -134,28 +137,13 @@ class Rotors:
         return np.asarray(-(self.wrench[:, 3] * np.stack(each)).sum(1))
 
 
-def actuator_effect(rotor: Mapping[str, Any], *, moment_ratio_m: float) -> tuple[float, float, float, float]:
-    """Return torque x, y, z [m] and force z [-] that one rotor produces per unit of thrust [FRD].
-
-    The thrust T pushes along -z at position r: torque r x (0, 0, -T) = (-y T, x T, 0). The reaction torque
-    turns the body
-    against the rotor: a rotor that turns counter-clockwise seen from above turns the body clockwise, +z.
-
-    Raises InputError if the rotor's direction is not cw or ccw.
-    """
-    x, y, _ = rotor["position_m"]
-    if rotor["direction"] not in _SPIN:
-        raise InputError(f"direction: got {rotor['direction']!r}, expected cw or ccw")
-    return -y, x, moment_ratio_m * _SPIN[rotor["direction"]], -1.0
-
-
 def turning(profile: Profile, columns: int) -> Array:
     """Return the sense of the torque on the body about its z axis when a rotor gains speed: 1 for ccw, -1 for cw (columns,).
 
     columns: number of columns, at least the number of rotors; the columns of missing rotors are zero
     """
     out = np.zeros(columns)
-    out[: len(profile["rotors"])] = [_SPIN[rotor["direction"]] for rotor in profile["rotors"]]
+    out[: len(profile["rotors"])] = [SPIN[rotor["direction"]] for rotor in profile["rotors"]]
     return out
 
 

@@ -205,9 +205,14 @@ def test_list_of_verbs_is_printed_without_their_modules() -> None:
     )
 
 
-def test_check_imports_neither_the_supervisor_loop_nor_mavlink_nor_rich(folder: Path) -> None:
+def test_help_does_not_import_rich() -> None:
+    assert imported("from arena.cli import main; main(['check', '--help'])", "rich.console") == []
+
+
+def test_check_imports_neither_the_supervisor_loop_nor_numpy_nor_rich(folder: Path) -> None:
     code = "from arena.cli import main; assert main(['check']) == 0"
-    assert imported(code, "pymavlink", "rich.console", "matplotlib", "psutil", "arena.supervisor.loop") == []
+    heavy = ("numpy", "pymavlink", "rich.console", "matplotlib", "psutil", "arena.supervisor.loop")
+    assert imported(code, *heavy) == []
 
 
 def test_check_reads_no_source_of_models(folder: Path) -> None:

@@ -10,7 +10,14 @@ import pytest
 
 from arena.errors import InputError
 from arena.params.facts import regenerate
-from arena.params.facts.parameter_table import Version, is_unreleased, parameters, source_file, versions
+from arena.params.facts.parameter_table import (
+    Version,
+    is_unreleased,
+    parameter,
+    parameters,
+    source_file,
+    versions,
+)
 
 MINORS = {version.minor: parameters(version) for version in versions()}
 
@@ -95,3 +102,16 @@ def test_versions_are_ordered_as_numbers() -> None:
 def test_the_table_is_read_once() -> None:
     assert parameters("1.16") is parameters(Version(1, 16, 2))
     assert parameters("1.9") is not parameters("1.16")
+
+
+@pytest.mark.parametrize("version", versions(), ids=str)
+def test_one_parameter_equals_that_of_the_whole_table(version: Version) -> None:
+    for name, each in list(parameters(version).items())[::40]:
+        assert parameter(name, version) == each
+
+
+def test_one_parameter_that_does_not_exist_is_an_error() -> None:
+    with pytest.raises(KeyError):
+        parameter("NOT_A_PARAMETER", versions()[0])
+    with pytest.raises(InputError):
+        parameter("EKF2_EV_DELAY", Version(1, 99))

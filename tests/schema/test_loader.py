@@ -6,9 +6,10 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from arena.schema import loader
 from arena.schema.loader import dump_yaml, parse_yaml
 
 SCALARS: dict[str, Any] = {
@@ -108,3 +109,19 @@ def tupled(value: Any) -> Any:
 def test_dumped_yaml_is_read_back_equal(value: Any) -> None:
     got = parse_yaml(dump_yaml({"key": value}), "f").data["key"]
     assert got == tupled(value) and type(got) is type(tupled(value))
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.recursive(
+        st.one_of(st.booleans(), st.integers(), st.text()),
+        lambda inner: st.dictionaries(st.text(min_size=1), inner),
+    )
+)
+def test_libyaml_and_the_python_parser_read_the_same(value: Any) -> None:
+    text = dump_yaml({"value": value})
+    fast = parse_yaml(text, "x")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loader, "_FastLoader", None)
+        slow = parse_yaml(text, "x")
+    assert fast == slow

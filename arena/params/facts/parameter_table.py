@@ -123,6 +123,23 @@ def parameters(version: Version | str) -> Mapping[str, Parameter]:
     return _parameters(version.table)
 
 
+@cache
+def parameter(name: str, version: Version | str) -> Parameter:
+    """Return one parameter of a version. It reads only the rows of this name: the whole table has thousands.
+
+    Raises InputError for a version that is not in the table, KeyError for a parameter that the version does not have.
+    """
+    version = Version.of(version)
+    if version.table not in provenance():
+        raise InputError(f"PX4 {version} is not in the table of parameters. {_known()}")
+    at = list(provenance()).index(version.table)
+    rows = [line for line in _parts()[1] if line.startswith(f"{name},")]
+    for row, since, until in _spans_of(rows):
+        if since <= at <= until:
+            return _parameter(row)
+    raise KeyError(name)
+
+
 def defaults(version: Version | str) -> Mapping[str, float]:
     """Return parameter name -> default value of a version. Raises InputError for a version that is not in the table."""
     version = Version.of(version)
@@ -178,9 +195,12 @@ def _parameter(row: list[str]) -> Parameter:
 @cache
 def _spans() -> tuple[tuple[list[str], int, int], ...]:
     """Return for each row of the CSV file: (columns, index of its first version, index of its last version)."""
-    _, rows = _parts()
+    return _spans_of(_parts()[1][1:])
+
+
+def _spans_of(rows: list[str]) -> tuple[tuple[list[str], int, int], ...]:
     places = {name: place for place, name in enumerate(provenance())}
-    return tuple((row, places[row[7]], places[row[8]]) for row in csv.reader(rows[1:]))
+    return tuple((row, places[row[7]], places[row[8]]) for row in csv.reader(rows))
 
 
 @cache
