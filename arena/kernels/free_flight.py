@@ -164,26 +164,20 @@ class FreeFlight:
 
     def _to_body(self, i: int, k: int, north: float, east: float, down: float) -> float:
         """Return element k of a vector in body axes FRD, by its elements in NED."""
-        r = self.r_nb
-        return r[i, 0, k] * north + r[i, 1, k] * east + r[i, 2, k] * down
+        return self.r_nb[i, 0, k] * north + self.r_nb[i, 1, k] * east + self.r_nb[i, 2, k] * down
 
     def _world_from_body(self, i: int, v: Triple) -> Triple:
-        r = self._r_wf
-        x, y, z = v
-        return (
-            r[i, 0, 0] * x + r[i, 0, 1] * y + r[i, 0, 2] * z,
-            r[i, 1, 0] * x + r[i, 1, 1] * y + r[i, 1, 2] * z,
-            r[i, 2, 0] * x + r[i, 2, 1] * y + r[i, 2, 2] * z,
-        )
+        return self._row_times(i, 0, v), self._row_times(i, 1, v), self._row_times(i, 2, v)
 
     def _body_from_world(self, i: int, v: Triple) -> Triple:
-        r = self._r_wf
-        x, y, z = v
-        return (
-            r[i, 0, 0] * x + r[i, 1, 0] * y + r[i, 2, 0] * z,
-            r[i, 0, 1] * x + r[i, 1, 1] * y + r[i, 2, 1] * z,
-            r[i, 0, 2] * x + r[i, 1, 2] * y + r[i, 2, 2] * z,
-        )
+        return self._column_times(i, 0, v), self._column_times(i, 1, v), self._column_times(i, 2, v)
+
+    def _row_times(self, i: int, k: int, v: Triple) -> float:
+        """Return the product of row k of the attitude's matrix and a vector."""
+        return self._r_wf[i, k, 0] * v[0] + self._r_wf[i, k, 1] * v[1] + self._r_wf[i, k, 2] * v[2]
+
+    def _column_times(self, i: int, k: int, v: Triple) -> float:
+        return self._r_wf[i, 0, k] * v[0] + self._r_wf[i, 1, k] * v[1] + self._r_wf[i, 2, k] * v[2]
 
     def _set_matrix(self, i: int) -> None:
         """Compute the matrix of the attitude of body i."""

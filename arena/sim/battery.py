@@ -27,6 +27,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.kernels.arrays import array
+from arena.kernels.battery_discharge import BatteryDischarge
+
 Array = NDArray[np.float64]
 
 RESERVE = 0.02
@@ -57,65 +60,55 @@ class Battery:
     profiles: profiles of the vehicles
     hover: motor command at which each vehicle hovers [-] (V,)
     supply_per_volt: actuator supply per volt [1/V], 0 if thrust does not depend on the voltage (V,)
+    spin: rotor state 0..1, which `step` reads [-] (V, R)
     step_s: duration of a step [s]
 
     is_weak: True if the charge of any battery is below RESERVE
 
-    The attributes `voltage` [V], `current` [A] and `remaining` 0..1 [-], each (V,), are valid after
-    construction and after each step.
+    The attributes `voltage` [V], `current` [A] and `remaining` 0..1 [-], each (V,), are valid after construction, and
+    each step changes them. So is `supply` [-] (V,), the factor on the motor commands: motors turn slower at a lower
+    voltage. It is the voltage divided by that at which the thrust curve was measured, or 1 if thrust does not depend on it.
     """
 
     def __init__(
-        self, profiles: Sequence[Mapping[str, Any]], hover: Array, supply_per_volt: Array, *, step_s: float
+        self,
+        profiles: Sequence[Mapping[str, Any]],
+        hover: Array,
+        supply_per_volt: Array,
+        *,
+        spin: Array,
+        step_s: float,
     ) -> None:
         packs = [_Pack(**profile.get("battery", {})) for profile in profiles]
         names = [f.name for f in fields(_Pack) if f.name != "thrust_at_v"]
         of: dict[str, Any] = {name: np.array([getattr(p, name) for p in packs], float) for name in names}
         rotors = np.array([len(profile["rotors"]) for profile in profiles], float)
-        self._idle, self._resistance = of["idle_a"], of["resistance_ohm"]
-        self._per_square = (of["hover_a"] - of["idle_a"]) / (rotors * hover**2)
-        self._empty = of["cells"] * of["empty_cell_v"]
-        self._span = of["cells"] * (of["full_cell_v"] - of["empty_cell_v"])
-        self._used_per_a = step_s / (3.6 * of["capacity_mah"])
-        self.remaining: Array = of["remaining"]
+        self._law = law = BatteryDischarge(spin)
+        array(law.idle)[:], array(law.resistance)[:] = of["idle_a"], of["resistance_ohm"]
+        array(law.per_square)[:] = (of["hover_a"] - of["idle_a"]) / (rotors * hover**2)
+        array(law.empty)[:] = of["cells"] * of["empty_cell_v"]
+        array(law.span)[:] = of["cells"] * (of["full_cell_v"] - of["empty_cell_v"])
+        array(law.used_per_a)[:] = step_s / (3.6 * of["capacity_mah"])
+        array(law.supply_per_volt)[:] = supply_per_volt
+        self._override = array(law.override)
+        self.current, self.voltage, self.supply = array(law.current), array(law.voltage), array(law.supply)
+        self.remaining = array(law.remaining)
+        self.remaining[:] = of["remaining"]
         self._step_s = step_s
-        self._overrides: dict[int, float] = {}  # vehicle -> share of the charge used in one step
-        self._supply_per_volt = supply_per_volt
-        self.step(np.zeros((len(packs), 1)))
+        self.step()
 
-    def step(self, spin: Array) -> None:
-        """Advance charge and voltage of all batteries by one step.
-
-        spin: rotor state during the step, 0..1 [-] (V, R)
-        """
-        self.current = self._idle + self._per_square * np.add.reduce(spin * spin, 1)
-        used = self.current * self._used_per_a
-        for vehicle, share in self._overrides.items():
-            used[vehicle] = share
-        self.remaining = np.maximum(self.remaining - used, 0.0)
-        self.is_weak = bool(self.remaining.min() < RESERVE)
-        self.voltage = self._empty + self._span * self.remaining - self._resistance * self.current
+    def step(self) -> None:
+        """Advance charge and voltage of all batteries by one step."""
+        self.is_weak = self._law.step() < RESERVE
 
     def override_discharge(self, vehicle: int, empty_in_s: float | None) -> None:
         """Set a constant discharge rate of one battery, independent of the current.
 
         empty_in_s: time from full to empty [s]; None restores the load model
         """
-        self._overrides.pop(vehicle, None)
-        if empty_in_s is not None:
-            self._overrides[vehicle] = self._step_s / empty_in_s
+        self._override[vehicle] = -1.0 if empty_in_s is None else self._step_s / empty_in_s
 
     @property
     def strength(self) -> Array:
         """Share of the commands that the motors follow at the present charge, 0..1 [-] (V, 1)."""
         return np.minimum(self.remaining / RESERVE, 1.0)[:, None]
-
-    @property
-    def supply(self) -> Array:
-        """Factor on the motor commands [-] (V,). It models that motors turn slower at a lower battery voltage.
-
-        The factor is the voltage divided by the voltage at which the thrust curve was measured. It is 1 if
-        thrust does not depend on the voltage.
-        """
-        per_volt = self._supply_per_volt
-        return np.where(per_volt > 0.0, self.voltage * per_volt, 1.0)

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.kernels.arrays import array
+from arena.kernels.flight_watch import FlightWatch
 from arena.vehicle_models import CrashLimits
 
 Array = NDArray[np.float64]
@@ -68,55 +70,55 @@ class CrashDetector:
     """Detects crashes and landings of all vehicles. Keeps a flight record of each, updated once per sensor period.
 
     limits: crash limits of each vehicle
+    p_n, v_n: position [m] and velocity [m/s] [NED], which `step` reads (V, 3)
+    r_nb: rotation matrix of the attitude, which `step` reads (V, 3, 3)
     step_s: sensor period [s]
     """
 
-    def __init__(self, names: Sequence[str], limits: Sequence[CrashLimits], *, step_s: float) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        limits: Sequence[CrashLimits],
+        *,
+        p_n: Array,
+        v_n: Array,
+        r_nb: Array,
+        step_s: float,
+    ) -> None:
         self.records = [FlightRecord(name=name) for name in names]
-        self._step_s = step_s
         self._max_touchdown = [limit.touchdown_m_s for limit in limits]
         self._min_cos_tilt: Array = np.cos([limit.tilt_rad for limit in limits])
         self._new: list[str] = []
-        self._cos_tilt, self._down = np.ones(len(names)), np.full(len(names), math.inf)
-        self._airborne_s = np.zeros(len(names))
         self._floor = np.ones(len(names), bool)
-        self._p_n: Array = np.full((len(names), 3), math.nan)
-        self._v_n: Array = np.zeros((len(names), 3))
+        self._p_n, self._r_nb = p_n, r_nb
+        self._watch = FlightWatch(p_n, v_n, r_nb, self._floor, step_s)
+        array(self._watch.min_cos_tilt)[:] = self._min_cos_tilt
 
-    def step(
-        self,
-        *,
-        now: float,
-        p_n: Array,
-        v_n: Array,
-        cos_tilt: Array,
-        floor: NDArray[np.bool_],
-        others: Mapping[int, str],
-    ) -> None:
-        """Update all flight records with the current true state. The arrays are not copied, so the caller must not change them afterwards.
+    def step(self, *, now: float, floor: NDArray[np.bool_], others: Mapping[int, str]) -> None:
+        """Update all flight records with the current true state.
 
         now: simulation time [s]
-        p_n: body origin [m] [NED] (V, 3)
-        v_n: velocity [m/s] [NED] (V, 3)
-        cos_tilt: cosine of the tilt [-] (V,)
         floor: True for each vehicle that touches the floor (V,)
         others: name of the wall, ceiling or vehicle that a vehicle touches, by row of the vehicle
         """
         for i, what in others.items():
             self._crash(i, now, f"touched {what}")
-        np.minimum(self._cos_tilt, cos_tilt, out=self._cos_tilt)
-        np.minimum(self._down, p_n[:, 2], out=self._down)
+        self._floor[...] = floor
+        if self._watch.step():
+            self._record(now)
+        self._watch.finish()
+
+    def _record(self, now: float) -> None:
+        """Record the vehicles that have tilted too far, touched down or lifted off in this step."""
+        cos_tilt = self._r_nb[:, 2, 2]
         for i in (cos_tilt < self._min_cos_tilt).nonzero()[0].tolist():
-            self._crash(
-                i, now, f"tilted {math.degrees(math.acos(max(-1.0, float(cos_tilt[i])))):.0f} degrees"
-            )
-        for i in (floor != self._floor).nonzero()[0].tolist():
-            if floor[i]:
-                self._touch_down(i, now, p_n[i])
+            tilt = math.acos(max(-1.0, float(cos_tilt[i])))
+            self._crash(i, now, f"tilted {math.degrees(tilt):.0f} degrees")
+        for i in (self._floor != np.asarray(self._watch.was_on_floor)).nonzero()[0].tolist():
+            if self._floor[i]:
+                self._touch_down(i, now)
             else:
                 self.records[i]._airborne_since = now
-        self._floor, self._p_n, self._v_n = floor, p_n, v_n
-        self._airborne_s += ~floor * self._step_s
 
     def events(self) -> list[str]:
         """Return one line for each crash since the last call."""
@@ -125,22 +127,23 @@ class CrashDetector:
 
     def report(self) -> dict[str, dict[str, Any]]:
         """Return vehicle name -> flight record, as JSON-ready objects."""
+        watch = self._watch
         for i, record in enumerate(self.records):
-            record.airborne, record.airborne_s = not bool(self._floor[i]), float(self._airborne_s[i])
+            record.airborne, record.airborne_s = not bool(self._floor[i]), watch.airborne_s[i]
             record.p_n = _triple(self._p_n[i])
-            record.max_tilt_rad = math.acos(float(np.clip(self._cos_tilt[i], -1.0, 1.0)))
-            record.max_height_m = -float(self._down[i]) if math.isfinite(self._down[i]) else 0.0
+            record.max_tilt_rad = math.acos(min(max(watch.least_cos_tilt[i], -1.0), 1.0))
+            record.max_height_m = -watch.least_down[i] if math.isfinite(watch.least_down[i]) else 0.0
         return {record.name: record.to_json() for record in self.records}
 
-    def _touch_down(self, i: int, now: float, p_n: Array) -> None:
+    def _touch_down(self, i: int, now: float) -> None:
         """Record that a vehicle has touched the floor: a landing, or a crash if it was too fast.
 
         The recorded speed is that of the previous step, because the speed of this step already contains the impact.
         """
-        record, speed = self.records[i], math.sqrt(float((self._v_n[i] * self._v_n[i]).sum()))
+        record, speed = self.records[i], self._watch.speed_before[i]
         if now - record._airborne_since >= _MIN_FLIGHT_S:
             record.touchdown_m_s, record.landings = speed, record.landings + 1
-            record.landed_p_n = _triple(p_n)
+            record.landed_p_n = _triple(self._p_n[i])
         if speed > self._max_touchdown[i]:
             self._crash(i, now, f"touched down at {speed:.1f} m/s")
 

@@ -87,6 +87,7 @@ class PybulletRoom:
         self._things = {self._floor(): "floor"} | {self._box(box): name for name, box in boxes.items()}
         self._bodies: dict[int, int] = {}  # vehicle -> its body in pybullet
         self._vehicles: dict[int, int] = {}  # body in pybullet -> vehicle
+        self._no_contacts = Contacts(floor=np.zeros(fleet.size, bool), others={})
 
     def add(self, i: int, motion: Motion) -> None:
         """Add vehicle i with this motion."""
@@ -140,11 +141,10 @@ class PybulletRoom:
 
     def contacts(self) -> Contacts:
         """Return which vehicles touched the floor, a wall, the ceiling or another vehicle in the last step."""
-        floor = np.zeros(self._fleet.size, bool)
-        others: dict[int, str] = {}
         if not self._bodies:
-            return Contacts(floor=floor, others=others)
-        vehicles = self._vehicles
+            return self._no_contacts
+        floor, vehicles = np.zeros(self._fleet.size, bool), self._vehicles
+        others: dict[int, str] = {}
         for point in self._bullet.getContactPoints(physicsClientId=self._client):
             if point[8] > _TOUCH_M:
                 continue

@@ -57,10 +57,22 @@ class World:
         )
         self._dynamics = _dynamics(self.fleet, step_s)
         self._battery = Battery(
-            self.fleet.profiles, self._dynamics.hover, self._dynamics.supply_per_volt, step_s=self.period_s
+            self.fleet.profiles,
+            self._dynamics.hover,
+            self._dynamics.supply_per_volt,
+            spin=self._dynamics.spin,
+            step_s=self.period_s,
         )
         limits = [vehicle_model(p).crash_limits for p in self.fleet.profiles]
-        self._crashes = CrashDetector(self.fleet.names, limits, step_s=self.period_s)
+        bodies = self.bodies
+        self._crashes = CrashDetector(
+            self.fleet.names,
+            limits,
+            p_n=bodies.p_n,
+            v_n=bodies.v_n,
+            r_nb=bodies.r_nb,
+            step_s=self.period_s,
+        )
         origin, heading = settings.get("origin"), math.radians(float(settings.get("heading_deg", 0.0)))
         self._sensors = SensorSuite(
             SENSORS,
@@ -132,18 +144,11 @@ class World:
         if self._observed_steps == self.steps:
             return
         self._observed_steps = self.steps
-        self._battery.step(self._dynamics.spin)
+        self._battery.step()
         if self._dynamics.voltage_matters:
             self._dynamics.supply[:] = self._battery.supply
-        bodies, contacts = self.bodies, self.bodies.contacts()
-        self._crashes.step(
-            now=self.now,
-            p_n=bodies.p_n.copy(),
-            v_n=bodies.v_n.copy(),
-            cos_tilt=bodies.r_nb[:, 2, 2],
-            floor=contacts.floor,
-            others=contacts.others,
-        )
+        contacts = self.bodies.contacts()
+        self._crashes.step(now=self.now, floor=contacts.floor, others=contacts.others)
 
     def _wind(self) -> Array:
         """Return the motion of the air at each vehicle in this period: steady wind, gusts and downwash [m/s] [NED] (V, 3)."""
@@ -213,8 +218,8 @@ class World:
             hover=self._dynamics.hover,
         )
         found = self._sensors.sample(motion, requested)
-        found["battery_v"], found["battery_current_a"] = battery.voltage, battery.current
-        found["battery_remaining"] = battery.remaining
+        found["battery_v"], found["battery_current_a"] = battery.voltage.copy(), battery.current.copy()
+        found["battery_remaining"] = battery.remaining.copy()
         return found
 
     def flights(self) -> dict[str, dict[str, Any]]:

@@ -12,6 +12,7 @@ from tests.kernels.kernel_versions import arrays_of, compiled_modules, interpret
 VEHICLES = 7
 ESTIMATION = ("strapdown", "error_covariance", "vision_fusion")
 BODIES = ("free_flight", "clearance")
+WATCH = ("battery_discharge", "flight_watch")
 CONTROL = ("control_allocation", "position_control", "attitude_control", "rate_control", "cascade")
 
 
@@ -149,6 +150,30 @@ def fly_freely(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     return seen
 
 
+def watch_flights(modules: dict[str, ModuleType]) -> list[np.ndarray]:
+    """Discharge batteries, and watch random flights. Return all arrays after each step."""
+    rng, spin, news = np.random.default_rng(9), np.zeros((VEHICLES, 6)), []
+    battery = modules["battery_discharge"].BatteryDischarge(spin)
+    fill(battery, rng, idle=-1.0, per_square=-5.0, used_per_a=-1e-4, empty=-10.0, span=-3.0, resistance=-0.1)
+    fill(battery, rng, supply_per_volt=0.1, remaining=-0.5)
+    arrays_of(battery)["override"][2] = 0.03
+    p_n, v_n, r_nb = np.zeros((VEHICLES, 3)), np.zeros((VEHICLES, 3)), np.zeros((VEHICLES, 3, 3))
+    floor = np.zeros(VEHICLES, bool)
+    watch = modules["flight_watch"].FlightWatch(p_n, v_n, r_nb, floor, 0.004)
+    arrays_of(watch)["min_cos_tilt"][:] = 0.5
+    seen = []
+    for step in range(60):
+        spin[:], floor[:] = rng.random(spin.shape), (rng.random(VEHICLES) < 0.02) | (step < 5)
+        p_n[:], v_n[:], r_nb[:] = rng.normal(size=p_n.shape), rng.normal(size=v_n.shape), 0.8
+        r_nb[:, 2, 2] = 1.0 - 0.2 * rng.random(VEHICLES) ** 2 - 0.5 * (step == 30)
+        news.append(np.array([battery.step(), watch.step()], float))
+        watch.finish()
+        for law in (battery, watch):
+            seen += [values.copy() for values in arrays_of(law).values()]
+    assert 0.0 < np.mean(news, axis=0)[1] < 1.0
+    return seen + news
+
+
 def assert_equal(first: list[np.ndarray], second: list[np.ndarray]) -> None:
     assert len(first) == len(second) > 0
     for one, other in zip(first, second, strict=True):
@@ -183,7 +208,13 @@ def test_free_flight_gives_the_same_bits_compiled_and_interpreted() -> None:
     assert_equal(fly_freely(interpreted_modules(*BODIES)), fly_freely(compiled_modules(*BODIES)))
 
 
+@needs_compiled
+def test_batteries_and_flight_watch_give_the_same_bits_compiled_and_interpreted() -> None:
+    assert_equal(watch_flights(interpreted_modules(*WATCH)), watch_flights(compiled_modules(*WATCH)))
+
+
 def test_interpreted_kernels_run() -> None:
+    assert len(watch_flights(interpreted_modules(*WATCH))) > 0
     assert np.isfinite(fly_freely(interpreted_modules(*BODIES))[-1]).all()
     assert np.isfinite(spin_rotors(interpreted_modules("rotor_dynamics"))[-1]).all()
     assert np.isfinite(fly_cascade(interpreted_modules(*CONTROL))[-1]).all()

@@ -12,6 +12,14 @@ DT = 0.004
 LIMITS = VEHICLE_MODELS["multirotor"].crash_limits
 
 
+def one_vehicle():
+    """Return the crash detector of one vehicle, with the arrays of its true state as the attribute `truth`."""
+    truth = {"p_n": np.zeros((1, 3)), "v_n": np.zeros((1, 3)), "r_nb": np.tile(np.eye(3), (1, 1, 1))}
+    detector = CrashDetector(["uav1"], [LIMITS], **truth, step_s=DT)
+    detector.truth = truth
+    return detector
+
+
 def watch(
     detector,
     seconds,
@@ -23,19 +31,14 @@ def watch(
     others=None,
     start=0.0,
 ):
+    detector.truth["p_n"][:], detector.truth["v_n"][:] = p, v
+    detector.truth["r_nb"][:, 2, 2] = cos_tilt
     for k in range(round(seconds / DT)):
-        detector.step(
-            now=start + k * DT,
-            p_n=np.array([p]),
-            v_n=np.array([v]),
-            cos_tilt=np.array([cos_tilt]),
-            floor=np.array([floor]),
-            others=others or {},
-        )
+        detector.step(now=start + k * DT, floor=np.array([floor]), others=others or {})
 
 
 def test_a_vehicle_on_the_floor_has_no_landing():
-    detector = CrashDetector(["uav1"], [LIMITS], step_s=DT)
+    detector = one_vehicle()
     watch(detector, 1.0, floor=True)
     assert detector.report()["uav1"] == {
         "crashed": "",
@@ -51,7 +54,7 @@ def test_a_vehicle_on_the_floor_has_no_landing():
 
 
 def test_touchdown_speed_is_that_before_the_contact():
-    detector = CrashDetector(["uav1"], [LIMITS], step_s=DT)
+    detector = one_vehicle()
     watch(detector, 2.0, v=(0, 0, 0.7))
     watch(detector, 1.0, floor=True, p=(1, 2, -0.05), start=2.0)
     report = detector.report()["uav1"]
@@ -62,7 +65,7 @@ def test_touchdown_speed_is_that_before_the_contact():
 
 
 def test_a_bounce_is_no_landing_but_a_hard_one_is_a_crash():
-    detector = CrashDetector(["uav1"], [LIMITS], step_s=DT)
+    detector = one_vehicle()
     watch(detector, 1.0, v=(0, 0, 0.5))
     watch(detector, 0.1, floor=True, start=1.0)
     watch(detector, 0.05, v=(0, 0, 0.2), start=1.1)
@@ -75,7 +78,7 @@ def test_a_bounce_is_no_landing_but_a_hard_one_is_a_crash():
 
 
 def test_the_first_crash_is_kept_and_reported_once():
-    detector = CrashDetector(["uav1"], [LIMITS], step_s=DT)
+    detector = one_vehicle()
     watch(detector, 0.1, others={0: "the north wall"})
     watch(detector, 0.1, cos_tilt=0.2, start=0.1)
     assert detector.report()["uav1"]["crashed"] == "touched the north wall at 0.00 s"
@@ -86,6 +89,6 @@ def test_the_first_crash_is_kept_and_reported_once():
 
 @pytest.mark.parametrize(("tilt_deg", "crashed"), [(59.0, False), (61.0, True), (180.0, True)])
 def test_tilt_above_sixty_degrees_is_a_crash(tilt_deg, crashed):
-    detector = CrashDetector(["uav1"], [LIMITS], step_s=DT)
+    detector = one_vehicle()
     watch(detector, 0.1, cos_tilt=np.cos(np.radians(tilt_deg)))
     assert bool(detector.report()["uav1"]["crashed"]) is crashed

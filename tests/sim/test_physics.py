@@ -136,14 +136,17 @@ def test_ground_table_ends_without_a_jump() -> None:
 
 def test_voltage_drops_under_load_and_recovers() -> None:
     profile = profile_of(battery={**PROFILE["battery"], "resistance_ohm": 0.05})
-    battery = Battery([profile], Rotors([profile], step_s=H).hover, np.zeros(1), step_s=0.004)
+    spin, hover = np.zeros((1, 4)), Rotors([profile], step_s=H).hover
+    battery = Battery([profile], hover, np.zeros(1), spin=spin, step_s=0.004)
     rest = float(battery.voltage[0])
-    battery.step(np.full((1, 4), 0.9))
+    spin[:] = 0.9
+    battery.step()
     loaded, charge = float(battery.voltage[0]), float(battery.remaining[0])
     assert rest - loaded == pytest.approx(
         0.05 * (battery.current[0] - PROFILE["battery"]["idle_a"]), rel=0.01
     )
-    battery.step(np.zeros((1, 4)))
+    spin[:] = 0.0
+    battery.step()
     assert float(battery.voltage[0]) == pytest.approx(rest, abs=1e-3)
     assert float(battery.remaining[0]) < charge < 1.0
 
