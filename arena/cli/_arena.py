@@ -59,11 +59,11 @@ def what_would_run(arena: Arena, plan: Plan) -> list[str]:
 
 def _how_many(arena: Arena, plan: Plan) -> str:
     """Return a line that says whether world, motion capture, forwarders, router and loggers run in one process or in several, and why."""
-    from arena.plan.fused import why_many
+    from arena.plan.fused import why_many, why_one
 
     members = [member.name for spec in plan.processes if spec.kind == "world" for member in spec.members]
     if members:
-        return f"the process world contains {', '.join(members)}"
+        return f"the process world contains {', '.join(members)}: {why_one(arena)}"
     return f"each part is a process of its own: {why_many(arena)}"
 
 

@@ -30,7 +30,7 @@ class Members:
     """All members except the world, as the world's `Links`: they exchange the messages of built-in autopilots in memory.
 
     The links of vehicles that PX4 flies are sockets. With such a vehicle the process is ready at once, because PX4 starts
-    after the world.
+    after the world. In real time it is ready at once, too, because the members of a slow computer become ready late.
 
     process: context of the process.  slices: name of each member -> its configuration.
     budget_s: wall time for reading the panic links in one step [s].
@@ -43,7 +43,8 @@ class Members:
         vehicles = world["vehicles"]
         self._inbox: Inbox = []
         in_memory = [i for i, v in enumerate(vehicles) if v.get("autopilot", "builtin") == "builtin"]
-        self._process, self._px4_waits = process, len(in_memory) < len(vehicles)
+        self._process = process
+        self._ready_at_once = len(in_memory) < len(vehicles) or world.get("speed") == 1.0
         self._panic = VehicleLinks([_panic_only(v) for v in vehicles], budget_s=budget_s)
         self._time = StepTime()
         self._contexts = {
@@ -98,8 +99,8 @@ class Members:
         self._step(now)
 
     def _step(self, now: float) -> None:
-        if self._px4_waits:
-            self._px4_waits = False
+        if self._ready_at_once:
+            self._ready_at_once = False
             self._process.ready()
         self._mocap.apply_faults()
         while self._mocap.due <= now + _EARLY_S:

@@ -14,13 +14,12 @@ from arena.schema import Arena
 
 _MEMBERS = frozenset({"mocap", "forward", "router", "logger"})
 MODULE, SLICE = "arena.fused", "fused.json"
-_IN_MEMORY = (
-    "router link",
-    "vision link",
-)  # ports that are not opened for vehicles with the built-in autopilot
-_MAY_SHARE = frozenset(
-    {"builtin", "px4"}
-)  # autopilots of vehicles whose other parts can share the world's process
+# ports that are not opened for vehicles with the built-in autopilot
+_IN_MEMORY = ("router link", "vision link")
+# autopilots of vehicles whose other parts can share the world's process
+_MAY_SHARE = frozenset({"builtin", "px4"})
+REAL_TIME_FROM = 5
+"""Number of vehicles from which on `processes: auto` chooses one process in real time. docs/architecture.md has the figures."""
 
 
 def is_fused(arena: Arena) -> bool:
@@ -46,8 +45,25 @@ def why_many(arena: Arena) -> str:
     if asked == "many":
         return "sim.processes is many"
     if asked == "auto" and arena.sim.speed == 1.0:
-        return "in real time a simulated arena has the same processes as a real one"
+        return _why_many_in_real_time(arena)
     return ""
+
+
+def _why_many_in_real_time(arena: Arena) -> str:
+    if any(v.autopilot == "px4" for v in arena.vehicles):
+        return "in real time an arena with PX4 has the same processes as a real one"
+    if len(arena.vehicles) < REAL_TIME_FROM:
+        return f"in real time a simulated arena with fewer than {REAL_TIME_FROM} vehicles has the same processes as a real one"
+    return ""
+
+
+def why_one(arena: Arena) -> str:
+    """Return why world, motion capture, forwarders, router and loggers run in one process. Call it for such an arena only."""
+    if arena.sim.processes == "one":
+        return "sim.processes is one"
+    if arena.sim.speed == 1.0:
+        return f"in real time {REAL_TIME_FROM} vehicles or more need less CPU time in one process"
+    return "an arena that does not run in real time is faster in one process, and repeatable with built-in autopilots"
 
 
 def could_be_member(process: str) -> bool:
@@ -82,7 +98,7 @@ def fused_slices(
     that lists the parts.
 
     The world waits for the programs of Python files before it begins: they use the simulation clock. With a copilot it
-    does not wait, because the copilot needs simulation time to become ready.
+    does not wait, because the copilot needs simulation time to become ready. In real time it never waits.
     """
     members = ["world", *(p.name for p in processes if p.kind in _MEMBERS)]
     programs = [
@@ -92,7 +108,9 @@ def fused_slices(
     ]
     world = {
         **made["world.json"],
-        "expected": [] if arena.copilot is not None else list(dict.fromkeys(programs)),
+        "expected": []
+        if arena.copilot is not None or arena.sim.speed == 1.0
+        else list(dict.fromkeys(programs)),
     }
     return {**made, "world.json": world, SLICE: {"name": "world", "members": members}}
 

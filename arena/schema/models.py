@@ -100,7 +100,8 @@ class Sim(Strict):
     """Simulated seconds per second, or `max`."""
     processes: Literal["auto", "one", "many"] = "auto"
     """Processes of a simulated arena. `one`: a process for all its parts: faster, and repeatable. `many`: a process for each part, as with
-    real vehicles. `auto`: `one` if no vehicle has a real flight controller and `speed` is not 1. PX4 SITL always has its own process."""
+    real vehicles. `auto`: `one` if no vehicle has a real flight controller, and `speed` is not 1 or 5 vehicles
+    or more all have the built-in autopilot. PX4 SITL always has its own process."""
     gui: bool = False
     """Show pybullet's window."""
     realtime: bool = False

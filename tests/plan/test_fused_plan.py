@@ -6,7 +6,7 @@ import pytest
 
 from arena.errors import InputError
 from arena.plan import Plan, make_plan
-from arena.plan.fused import could_be_member, why_many
+from arena.plan.fused import SLICE, could_be_member, why_many, why_one
 from arena.plan.open_ports import open_sockets
 from arena.schema import load_arena
 
@@ -69,7 +69,8 @@ def test_fused_plan_keeps_ports_slices_and_needs(tmp_path):
     assert [m.name for m in world.members] == joined
     assert program.needs == ("world", "forward.uav1", "router", "logger.uav1")
     assert one.slices["fused.json"] == {"name": "world", "members": ["world", *joined]}
-    assert one.slices["world.json"]["expected"] == ["uav1"]
+    assert one.slices["world.json"]["expected"] == []
+    assert plan_of(tmp_path, TWO, "sim.speed=max").slices["world.json"]["expected"] == ["uav1"]
     assert all(one.slices[f"{name}.json"] == many.slices[f"{name}.json"] for name in joined)
     assert Plan.from_json(one.to_json()) == one
 
@@ -98,7 +99,7 @@ def test_accepted_senders_of_every_socket_are_known(tmp_path):
 
 def test_world_does_not_wait_for_programs_that_cannot_use_its_clock(tmp_path):
     (tmp_path / "fly.sh").touch(mode=0o755)
-    plan = plan_of(tmp_path, TWO.replace("fly.py", "fly.sh"), "sim.processes=one")
+    plan = plan_of(tmp_path, TWO.replace("fly.py", "fly.sh"), "sim.speed=max")
     assert plan.slices["world.json"]["expected"] == []
 
 
@@ -115,6 +116,24 @@ def test_reason_for_many_processes(tmp_path, sets, reason):
     plan_of(tmp_path)
     found = why_many(load_arena(tmp_path / "arena.yaml", sets))
     assert found.startswith(reason) and bool(found) == bool(reason)
+
+
+@pytest.mark.parametrize(
+    ("vehicles", "sets", "one"),
+    [
+        (4, (), False),
+        (5, (), True),
+        (5, ("sim.processes=many",), False),
+        (5, ("defaults.autopilot=px4", "px4.home=stand-in"), False),
+    ],
+)
+def test_many_vehicles_share_a_process_in_real_time(tmp_path, vehicles, sets, one):
+    grid = "start: {position: [-3, -3, 0], grid: {columns: 3, spacing_m: 2}}"
+    text = f"world: {{size: [12, 12, 3]}}\nvehicles:\n  uav1..uav{vehicles}: {{{grid}}}\n"
+    plan = plan_of(tmp_path, text, *sets)
+    arena = load_arena(tmp_path / "arena.yaml", sets)
+    assert (SLICE in plan.slices) == one == (not why_many(arena))
+    assert not one or "less CPU time" in why_one(arena)
 
 
 @pytest.mark.parametrize(

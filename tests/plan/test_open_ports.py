@@ -65,4 +65,4 @@ def test_ports_of_fifty_vehicles_share_a_line(tmp_path):
     vehicles = {f"v{k}": {"autopilot": "builtin", "start": {"position": [k, 0, 0]}} for k in range(1, 51)}
     plan = plan_of(tmp_path, address="192.168.77.5", world={"size": [200, 10, 3]}, vehicles=vehicles)
     (tools,) = [line for line in open_lines(plan) if " tools " in line]
-    assert tools == "open: udp 192.168.77.5:24016..24506[50] tools (router) answers this computer only"
+    assert tools == "open: udp 192.168.77.5:24016..24506[50] tools (world) answers this computer only"
