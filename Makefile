@@ -17,8 +17,9 @@ lint: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+# Half of the time, a unit test waits for a process or a socket: three workers for two cores.
 unit: .venv/compiled
-	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 2 --dist loadfile -q
+	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 3 --dist loadfile -q
 
 # Arenas at real time need cores: two flights of a few vehicles share two cores, arenas of many vehicles fly alone.
 

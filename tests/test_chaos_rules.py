@@ -13,6 +13,7 @@ from benchmarks.chaos_flight.faults import DISK_FAULTS, draw
 from benchmarks.chaos_flight.radio import Received
 from benchmarks.chaos_flight.record import Record, Strike, table
 from benchmarks.chaos_flight.verdict import Observed, landed_names, violations
+from tests.end_to_end.chaos_seeds import DAILY
 
 LAND = Received(at=12.0, sender=(253, 200), what="mode AUTO.LAND")
 SETPOINT = Received(at=12.0, sender=(1, 191), what="setpoint")
@@ -126,3 +127,16 @@ def test_small_disk_is_really_full_and_its_files_are_kept(tmp_path):
     assert done.stdout.splitlines() == ["True", "No space left on device"], done.stderr
     assert (tmp_path / "copy" / "log").read_text() == "after"
     assert not list((tmp_path / "runs").iterdir())
+
+
+def kinds_of(seed: int) -> set[tuple[str, str]]:
+    """Return (fault, process without its vehicle) of one flight, its end, and whether a vehicle joins late."""
+    script = draw(seed)
+    found = {("end", script.end)} | ({("late", "")} if script.late else set())
+    targets = {fault: fault.target.replace("uav1", "uav").replace("uav2", "uav") for fault in script.faults}
+    return found | {(fault.what, target) for fault, target in targets.items()}
+
+
+def test_daily_flights_have_every_fault_and_every_end():
+    daily, every = (set().union(*map(kinds_of, seeds)) for seeds in (DAILY, range(1, 1001)))
+    assert daily == every

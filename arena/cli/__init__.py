@@ -41,7 +41,7 @@ VERBS = {
     "forget": "Declare a real vehicle dead: the run does not wait until the vehicle is disarmed.",
     "down": "Land the vehicles, then stop the arena. The exit code is the exit code of the run.",
     "release": "Allow programs to arm and fly a vehicle again, after land-all, the copilot, a pilot or a ground station took control.",
-    "preflight": "Check by hand that a real vehicle is its captured body: lift it, tilt it nose down, then right side down.",
+    "preflight": "Check that a real vehicle is its captured body. By hand, lift the vehicle, tilt it nose down, then right side down.",
     "arm-permit": "Allow a real vehicle to arm. Needed if the vehicle appeared, rebooted or reconnected after the start of the arena.",
     "land-all": "Land all vehicles and wait until each is on the ground and disarmed. Works without supervisor and router.",
     "kill-all": "Stop every motor at once, also in the air. To land, use land-all.",

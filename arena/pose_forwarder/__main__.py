@@ -17,6 +17,10 @@ def main() -> int:
     return run_process("forward", lambda process: _ForwarderProcess(process).serve)
 
 
+_FIRST_TICK_S = 0.02
+"""Time between two ticks until the forwarder is ready: user programs wait for it."""
+
+
 class _PoseGapSleep:
     """Timer for a sleep after each forwarded pose. Most camera frames are not forwarded, so the process need not wake up for
     each frame.
@@ -68,7 +72,7 @@ class _ForwarderProcess(ForwarderShell):
             if self.turn(now):
                 self._gap_sleep.on_sent(wall)
             if wall >= next_tick:
-                next_tick = wall + TICK_S
+                next_tick = wall + (TICK_S if self.ready else _FIRST_TICK_S)
                 if self.tick(now, wall):
                     return
 

@@ -89,7 +89,7 @@ class Forwarder:
         self._last: Pose | None = None
         self._newest: Pose | None = None
         self._resets = 0
-        self._beat = -math.inf
+        self._beat = self._heartbeat_requested = -math.inf
         self._origin_sent, self._origin_tries = -math.inf, 0
 
     # -- capture -------------------------------------------------------------------------------------------------------
@@ -269,12 +269,17 @@ class Forwarder:
         return 0.0 <= now - a.since < (_ORIGIN_WAIT_S if a.on_ground else _ORIGIN_WAIT_UNKNOWN_S)
 
     def tick(self, now: float) -> list[bytes]:
-        """Return the messages to send now: the heartbeat, and the origin until the autopilot has it."""
+        """Return the messages to send now: the heartbeat, a request for the autopilot's first heartbeat, and the origin until the
+        autopilot has it.
+        """
         due = []
         if now - self._beat >= 1.0:
             self._beat = now
             due.append(self._codec.onboard_heartbeat())
         a = self.autopilot
+        if a.since <= now and a.last_heartbeat == -math.inf and now - self._heartbeat_requested >= 1.0:
+            self._heartbeat_requested = now
+            due.append(self._codec.pack(self._heartbeat_request()))
         sends_origin = (
             self._origin is not None
             and not a.has_origin
@@ -290,6 +295,19 @@ class Forwarder:
             self._origin_sent, self._origin_tries = now, self._origin_tries + 1
             due += self._global_position(self._newest)
         return due
+
+    def _heartbeat_request(self) -> Any:
+        """Return a request for a heartbeat now. Without it, the origin would wait up to 1 s for the first heartbeat, and the
+        first pose for the origin.
+        """
+        return mavlink.MAVLink_command_long_message(
+            self.system,
+            mavlink.MAV_COMP_ID_AUTOPILOT1,
+            mavlink.MAV_CMD_REQUEST_MESSAGE,
+            0,
+            float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),
+            *(0.0,) * 6,
+        )
 
     def _global_position(self, pose: Pose) -> list[bytes]:
         """Return two messages: one sets the autopilot's origin at altitude 0 (sea level), the other sets its

@@ -181,6 +181,20 @@ def sent_between(forwarder: Forwarder, first: int, last: int) -> int:
     return sum(forwarder.on_frame(frame(n), n / 180) is not None for n in range(first, last))
 
 
+def test_first_heartbeat_is_requested_once_a_second_from_the_first_message_on():
+    def requests(datagrams: list[bytes]) -> list[tuple[int, float]]:
+        found = [decode(d) for d in datagrams]
+        return [(m.command, m.param1) for m in found if m.get_type() == "COMMAND_LONG"]
+
+    forwarder = Forwarder(SETTINGS)
+    assert requests(forwarder.tick(0.0)) == []
+    forwarder.on_mavlink(from_autopilot(mavlink.MAVLink_extended_sys_state_message(0, 1)), 0.1)
+    assert requests(forwarder.tick(0.2)) == [(mavlink.MAV_CMD_REQUEST_MESSAGE, 0.0)]
+    assert requests(forwarder.tick(0.3)) == [] and requests(forwarder.tick(1.3)) != []
+    forwarder.on_mavlink(heartbeat(), 1.4)
+    assert requests(forwarder.tick(2.6)) == []
+
+
 def test_origin_and_position_precede_the_first_pose_on_the_ground():
     """Otherwise PX4's preflight check reports "horizontal position unstable"."""
     forwarder = Forwarder(SETTINGS)
@@ -245,7 +259,7 @@ def test_timesync_is_never_answered():
     forwarder = Forwarder(SETTINGS)
     forwarder.on_mavlink(from_autopilot(mavlink.MAVLink_timesync_message(0, 123456)), 0.0)
     kinds = {decode(d).get_type() for d in forwarder.tick(0.1)}
-    assert kinds <= {"HEARTBEAT", "SET_GPS_GLOBAL_ORIGIN"}
+    assert kinds <= {"HEARTBEAT", "SET_GPS_GLOBAL_ORIGIN", "COMMAND_LONG"}
 
 
 def test_messages_of_other_vehicles_are_ignored():
