@@ -343,7 +343,9 @@ class ClockServer:
             self._epoll.register(connection, select.EPOLLIN)
 
     def _read(self, client: _Client, flags: int = 0) -> bool:
-        """Read one packet of a client. Return False if there was none. flags: of `recv`; MSG_DONTWAIT does not wait."""
+        """Read one packet of a client. Return False if there was none. flags: flags for `recv`, such as MSG_DONTWAIT to return
+        at once.
+        """
         try:
             packet = client.connection.recv(_MAX_PACKET_BYTES, flags)
         except BlockingIOError:

@@ -46,7 +46,7 @@ class Lines:
             self.print(str(message))
 
     def print(self, text: str) -> None:
-        """Print a text, independent of the level. Does not wait until it is written."""
+        """Print a text, whatever the level of output is (-q, -v). Does not wait until the text is written."""
         self._submit(text + "\n")
 
     def flush(self) -> None:

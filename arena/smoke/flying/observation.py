@@ -72,7 +72,7 @@ class VehicleStates:
 
 
 def _known_telemetry(telemetry: Telemetry, now: float, *, rotors: float) -> dict[str, Any]:
-    """Return the fields of VehicleState that come from telemetry. Telemetry older than MAX_AGE_S is unknown.
+    """Return the fields of VehicleState that come from telemetry. Values older than MAX_AGE_S count as unknown.
 
     rotors: largest rotor command (0..1). A vehicle without recent heartbeat counts as disarmed if its rotors stand still.
     """
