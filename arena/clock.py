@@ -238,7 +238,7 @@ class _Client:
         connection.setblocking(True)
 
     def limit_wait(self, timeout_s: float) -> None:
-        """Limit the time for which `recv` waits [s]. The kernel counts the time, so `recv` is a single system call."""
+        """Set the longest time for which `recv` waits [s]. The kernel measures this time, so one wait is a single system call."""
         if timeout_s != self._limit_s:
             self._limit_s = timeout_s
             timeval = _TIMEVAL.pack(int(timeout_s), int(1e6 * (timeout_s % 1.0)))

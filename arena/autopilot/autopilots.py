@@ -138,7 +138,7 @@ class Autopilots:
         return self.motors
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return the datagrams to send after this step, as (row of the vehicle, name of the link, datagram)."""
+        """Return the datagrams to send after this step, as (index of the vehicle, name of the link, datagram)."""
         now = self._now
         self._telemetry = state = TelemetryState(
             now,

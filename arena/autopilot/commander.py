@@ -377,7 +377,9 @@ def _home_or_land(s: CommanderInputs) -> Mode:
 
 
 def _battery_too_low(s: CommanderInputs, params: CommanderParams) -> bool:
-    """Return whether the charge is too low for arming: below COM_ARM_BAT_MIN. If this parameter is negative: critical."""
+    """Return whether the charge is too low for arming: below COM_ARM_BAT_MIN or, if this parameter is negative, at most the
+    critical charge.
+    """
     if params.com_arm_bat_min >= 0.0:
         return s.battery < params.com_arm_bat_min
     return s.battery <= params.bat_crit_thr

@@ -96,7 +96,7 @@ class CommanderParams:
 
     @classmethod
     def read(cls, params: Params, row: int) -> CommanderParams:
-        """Read the parameters of one vehicle from the table. row: the vehicle's row in `params`."""
+        """Read the parameters of one vehicle from the table. row: index of the vehicle in `params`."""
 
         def get(name: str) -> float:
             return float(params[name][row])

@@ -230,7 +230,7 @@ class Vehicle:
         self.offboard_setpoint, self.offboard_setpoint_at = setpoint, now
 
     def refuse_offboard_setpoint(self, reason: str) -> None:
-        """Count a refused setpoint, and report one in 100 to the user.
+        """Count a refused setpoint. Report every hundredth refused setpoint to the user.
 
         reason: reason of the refusal; "" is counted but not reported
         """

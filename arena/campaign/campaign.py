@@ -16,7 +16,7 @@ from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, InputError
 
 
 class FlyAll(Protocol):
-    """Function that flies flights, such as `runner.fly_all` with its number of jobs."""
+    """Function that flies the flights of a campaign, such as `runner.fly_all` with its number of jobs."""
 
     def __call__(
         self, flights: Sequence[Flight], folder: Path, *, on_record: OnRecord, on_poll: Callable[[], None]
@@ -38,7 +38,7 @@ class Progress(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Finished:
-    """The end of a campaign. records: all flights with a result, in the order of the listing."""
+    """Result of a campaign that has ended. records: all flights with a result, in the order of the list of flights."""
 
     records: Sequence[Record]
     files: Sequence[Path]

@@ -45,7 +45,7 @@ class Flight:
 
 
 def flights(sweep: Sweep) -> list[Flight]:
-    """Return all flights: each point of the settings with each seed. Raises InputError if there are too many."""
+    """Return all flights: each combination of settings with each seed. Raises InputError if there are too many flights."""
     every = points(sweep)
     if len(every) * len(sweep.seeds) > LARGEST_CAMPAIGN:
         raise InputError(
@@ -57,7 +57,7 @@ def flights(sweep: Sweep) -> list[Flight]:
 
 
 def points(sweep: Sweep) -> list[dict[str, Value]]:
-    """Return the points of the settings: each combination of listed values, with each drawn sample."""
+    """Return all combinations of the settings that vary: each combination of listed values, with each random sample."""
     listed = [name for name in sweep.settings if name not in sweep.drawn]
     grid = itertools.product(*(listed_values(sweep.settings[name]) for name in listed))
     samples = drawn_values(sweep)
@@ -70,7 +70,7 @@ def points(sweep: Sweep) -> list[dict[str, Value]]:
 
 
 def listed_values(setting: Setting) -> list[Value]:
-    """Return the values of a setting with `values`, or with a range and `steps`."""
+    """Return the listed values of a setting: its `values` in the sweep file, or `steps` values from `min` to `max`."""
     if setting.values is not None:
         return list(setting.values)
     low, high = _range(setting)
@@ -79,7 +79,9 @@ def listed_values(setting: Setting) -> list[Value]:
 
 
 def drawn_values(sweep: Sweep) -> list[tuple[Value, ...]]:
-    """Return one tuple per sample, with a value for each setting that is drawn. Without such settings: one empty tuple."""
+    """Return one tuple per random sample, with a value for each setting that is drawn at random. If no setting is drawn, return
+    one empty tuple.
+    """
     settings = [s for s in sweep.settings.values() if is_drawn(s)]
     if not settings:
         return [()]
@@ -98,7 +100,7 @@ def _column(setting: Setting, share: Any) -> list[Value]:
 
 def _range(setting: Setting) -> tuple[float, float]:
     if setting.min is None or setting.max is None:
-        raise ValueError("a setting without values has a range")
+        raise ValueError("got a setting without `values`, expected `min` and `max`")
     return setting.min, setting.max
 
 
@@ -107,7 +109,7 @@ def _short(value: float) -> float:
 
 
 def overrides_of(name: str, setting: Setting, value: Value) -> tuple[str, ...]:
-    """Return the `key=value` texts that give a setting this value."""
+    """Return the `key=value` overrides of the YAML that give a setting this value."""
     text = json.dumps(value, ensure_ascii=False)
     return tuple(t.replace(PLACEHOLDER, text) for t in setting.set) or (f"{name}={text}",)
 

@@ -1,4 +1,4 @@
-"""The flight of one entry of a campaign, in its own arena: flies, measures, and returns the record."""
+"""A flight of a campaign: starts an arena for the flight, flies, measures, and returns the record of the result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of all flights before the first one: every point of the settings must give a valid, simulated arena."""
+"""Checks of all flights before the first one starts: every combination of settings must give a valid, simulated arena."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from arena.smoke.language.scenario import load_scenarios
 
 
 def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None] = lambda: None) -> Arena:
-    """Load the arena, or the scenario, of every point of the settings. Return the arena of the first flight.
+    """Load the arena, or the scenario, for every combination of settings. Return the arena of the first flight.
 
     on_checked: function that is called after each point.
     Raises InputError with all problems. A problem with a varied value has the file and line of the sweep file.
@@ -76,7 +76,9 @@ def at_sweep(sweep: Sweep, flight: Flight, problem: Problem) -> Problem:
 
 
 def _of_default(key: str, field: str) -> bool:
-    """Return whether a default for all vehicles has set a vehicle's key: `defaults.mass` and `vehicles.uav1.mass`."""
+    """Return whether the key of one vehicle (`vehicles.uav1.mass`) can have its value from this key for all vehicles
+    (`defaults.mass`).
+    """
     return field.split(".")[:1] == ["vehicles"] and field.split(".")[2:3] == key.split(".")[1:2]
 
 

@@ -49,7 +49,7 @@ def headline(listing: Listing, records: Sequence[Record]) -> str:
 
 
 def text(listing: Listing, records: Sequence[Record]) -> RenderableType:
-    """Return the report: headline, measures of all flights, measures of each point of the settings, failures."""
+    """Return the report: headline, measures of all flights, measures of each combination of settings, failures."""
     flown = [r for r in records if not r.lost]
     parts: list[RenderableType] = [Text(headline(listing, records), "bold")]
     if flown:
@@ -73,7 +73,7 @@ def _measures(records: Sequence[Record]) -> Table:
 
 
 def _points(listing: Listing, records: Sequence[Record]) -> Table | None:
-    """Return the table of medians with one row per point of the settings; None if no point has several flights."""
+    """Return the table of medians with one row per combination of settings; None if each combination was flown only once."""
     rows: dict[tuple[str, ...], list[Record]] = {}
     for record in records:
         rows.setdefault(tuple(_cell(record.settings.get(n)) for n in listing.settings), []).append(record)

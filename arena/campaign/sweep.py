@@ -30,7 +30,7 @@ def _setting(value: Any) -> Any:
         return {"values": value}
     if isinstance(value, dict):
         return value
-    raise ValueError("a list of values, or a mapping with `values`, or with `min` and `max`")
+    raise ValueError("expected a list of values, or a mapping with `values`, or with `min` and `max`")
 
 
 def _texts(value: Any) -> Any:
@@ -42,7 +42,7 @@ def _seeds(value: Any) -> Any:
         return tuple(range(1, value + 1))
     if isinstance(value, tuple) and value and all(type(v) is int and 0 <= v < 2**32 for v in value):
         return tuple(dict.fromkeys(value))
-    raise ValueError("the number of seeds (1, 2, ...), or a list of seeds")
+    raise ValueError("expected the number of seeds (1, 2, ...), or a list of seeds")
 
 
 class Setting(Strict):

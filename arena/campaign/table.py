@@ -46,7 +46,7 @@ def columns(listing: Listing, records: Sequence[Record]) -> dict[str, list[Any]]
 
 
 def _alike(values: Sequence[Any]) -> list[Any]:
-    """Return values of one type: all bool, all int, all float, or all text."""
+    """Convert the values of a column to one type: all bool, all int, all float, or all text."""
     kinds = {type(v) for v in values}
     if len(kinds) <= 1 and kinds <= {bool, int, float, str}:
         return list(values)

@@ -27,7 +27,8 @@ _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in bin
 
 
 class Members:
-    """All members except the world, as the world's `Links`: they exchange the messages of built-in autopilots in memory.
+    """The parts of the fused arena except the world: router, motion capture, pose forwarders, loggers. In place of the world's
+    `Links`, they exchange the messages of built-in autopilots in memory.
 
     The links of vehicles that PX4 flies are sockets. With such a vehicle the process is ready at once, because PX4 starts
     after the world. In real time it is ready at once, too, because the members of a slow computer become ready late.
@@ -73,7 +74,7 @@ class Members:
         return all(context.is_ready for context in self._contexts.values())
 
     def drain(self, receive: Receive) -> None:
-        """Give the autopilots the datagrams that have arrived for them."""
+        """Pass the datagrams that have arrived to the autopilots."""
         self._panic.drain(receive)
         self._router.drain(self._time.now())
         waiting = self._inbox[:]
@@ -82,7 +83,9 @@ class Members:
             receive(vehicle, link, data)
 
     def drain_panic(self, receive: Receive) -> bool:
-        """Give the autopilots the datagrams of the panic links only. Return whether there was one."""
+        """Pass the datagrams that have arrived on the panic links to the autopilots, and those of no other link. Return whether
+        there was one.
+        """
         return self._panic.drain_panic(receive)
 
     def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
@@ -155,12 +158,12 @@ class _Forwarder:
         self._next_tick, self._began = 0.0, wall_time.monotonic()
 
     def receive(self, data: bytes) -> None:
-        """Store a datagram of the built-in autopilot. `step` reads it."""
+        """Store a datagram of the built-in autopilot until `step` reads it."""
         if self._link is not None:
             self._link.waiting.append(data)
 
     def step(self, now: float) -> None:
-        """Send a pose if one is due, and read the link. now: simulation time [s]."""
+        """Send a pose if one is due, and read the vision link. now: simulation time [s]."""
         due = now >= self._next_tick
         if self.capture.waiting or (due if self._link is None else self._link.waiting):
             self._shell.turn(now)
@@ -171,11 +174,13 @@ class _Forwarder:
                 self._limit_wait()
 
     def close(self) -> None:
-        """Close the link."""
+        """Close the vision link."""
         self._shell.link.close()
 
     def _limit_wait(self) -> None:
-        """Report ready after 30 s of wall time although PX4 cannot be armed. The program then starts and reports why."""
+        """Report the pose forwarder as ready after 30 s of wall time even if PX4 cannot be armed. The user program then starts
+        and reports why PX4 cannot be armed.
+        """
         if wall_time.monotonic() - self._began > READY_TIMEOUT_S:
             vehicle = self._context.settings["vehicle"]
             self._context.event(
@@ -194,7 +199,7 @@ class _Logger:
         context.ready()
 
     def step(self, now: float) -> None:
-        """Write a row if one is due."""
+        """Write a row of the vehicle's log if the time for the next row has come."""
         if now + _EARLY_S >= self._rows * self._period_s:
             self._rows = int((now + _EARLY_S) / self._period_s) + 1
             self._logger.step(now)
@@ -217,10 +222,14 @@ class StepTime:
         return self.value
 
     def sleep_until(self, t: float) -> float:
-        raise NotImplementedError("a member of the fused arena never sleeps")
+        raise NotImplementedError(
+            "the clock of a fused arena cannot sleep: the world calls its parts in every step"
+        )
 
     def rate(self, hz: float) -> Rate:
-        raise NotImplementedError("a member of the fused arena never sleeps")
+        raise NotImplementedError(
+            "the clock of a fused arena cannot sleep: the world calls its parts in every step"
+        )
 
 
 def _panic_only(vehicle: Mapping[str, Any]) -> dict[str, Any]:

@@ -43,7 +43,7 @@ class VisionLink:
 
 
 class LoggerLink:
-    """Datagrams for one logger: the router's come from memory, those of the user program from a socket.
+    """Source of the datagrams for one logger: those of the router come from memory, those of the user program from a socket.
 
     at: address of the socket.
     """
@@ -78,14 +78,14 @@ class MemoryCapture:
         return found
 
     def definition(self, body: str) -> str:
-        """Return the name of the body: the emulator does not define its bodies again."""
+        """Return the name of the body as its definition, because the definitions of emulated bodies never change."""
         return body
 
     def refresh_definitions(self) -> None:
-        """Do nothing: the emulator does not define its bodies again."""
+        """Do nothing, because the definitions of emulated bodies never change."""
 
     def diagnosis(self) -> str:
-        """Return "": nothing can be lost on the way."""
+        """Return "" (no problem), because frames cannot be lost inside one process."""
         return ""
 
     def close(self) -> None:

@@ -174,8 +174,8 @@ def _plots(run: Path, flights: list[Flight], plan: Mapping[str, Any], missing: l
 
 
 def _size_m(plan: Mapping[str, Any]) -> Any:
-    """Return the size of the flight room [m] from the configuration of the simulated world. Without a world,
-    read it from the configuration of a real vehicle's link.
+    """Return the size of the flight room [m], from the configuration of the simulated world or, without a world, of a real
+    vehicle's link.
 
     Return None if unknown.
     """

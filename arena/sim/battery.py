@@ -110,5 +110,5 @@ class Battery:
 
     @property
     def strength(self) -> Array:
-        """Share of the commands that the motors follow at the present charge, 0..1 [-] (V, 1)."""
+        """Share of the motor commands that the motors follow, 0..1 [-] (V, 1). Below 1 when the battery is almost empty."""
         return np.minimum(self.remaining / RESERVE, 1.0)[:, None]

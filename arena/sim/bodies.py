@@ -92,7 +92,7 @@ class Bodies:
         self._hand_over(list(range(fleet.size)))
 
     def begin(self, wind_n: Array) -> None:
-        """Begin a sensor period: decide which vehicles pybullet moves, and clear `accel_b`.
+        """Begin a sensor period: decide which vehicles pybullet moves (those near an obstacle), and clear `accel_b`.
 
         wind_n: motion of the air at each vehicle in this period [m/s] [NED] (V, 3)
         """
@@ -144,7 +144,7 @@ class Bodies:
         self._room.close()
 
     def _hand_over(self, near: list[int]) -> None:
-        """Move these vehicles in pybullet from now on, and the others without it."""
+        """Move the vehicles `near` in pybullet from now on, and all other vehicles by the formulas of free flight."""
         before = set(self.in_pybullet)
         for i in sorted(before.difference(near)):
             self._room.remove(i)

@@ -93,7 +93,7 @@ class Loop:
         self._clients_dropped = 0
 
     def run(self) -> None:
-        """Step the world until the process must end."""
+        """Step the world again and again, until the process must end."""
         if self._external is None:  # else the step itself begins with publishing
             self._truth.write(self._world.truth())
             self._clock.tick(self._world.now)
@@ -237,7 +237,7 @@ class Loop:
         return arrived
 
     def _must_stop(self) -> bool:
-        """Return whether the loop must end because a stop signal has arrived.
+        """Return whether the step loop must end because a stop signal has arrived.
 
         If all programs have ended before the signal, the loop first runs until the simulation time at which `_is_over` is true,
         so that repeated flights end at the same time. This takes at most 3 s of wall time.

@@ -29,7 +29,7 @@ Receive = Callable[[int, str, bytes], None]
 
 
 class Links(Protocol):
-    """MAVLink links of all vehicles, as the world's loop uses them.
+    """Interface to the MAVLink links of all vehicles, as the loop of the world uses them.
 
     ready: True if the vehicles can be flown over these links.
     """
@@ -41,7 +41,8 @@ class Links(Protocol):
         """Pass each datagram that has arrived to the autopilots: `receive(vehicle, link, datagram)`."""
 
     def drain_panic(self, receive: Receive) -> bool:
-        """Pass the datagrams of the panic links only. Return whether there was one.
+        """Pass the datagrams that have arrived on the panic links to the autopilots, and those of no other link. Return whether
+        there was one.
 
         The world calls it while simulation time stands still.
         """
@@ -115,11 +116,11 @@ class VehicleLinks:
 
     @property
     def ready(self) -> bool:
-        """Always True: the partners of these links are other processes."""
+        """Always True, because the processes at the other ends of these links report for themselves that they are ready."""
         return True
 
     def on_request(self, request: Mapping[str, Any]) -> None:
-        """Do nothing: the partners of these links receive the supervisor's requests themselves."""
+        """Do nothing. The router and the pose forwarders, which are other processes, receive the supervisor's requests themselves."""
 
     def send(self, messages: Sequence[tuple[int, str, bytes]], now: float = 0.0) -> None:
         """Send each (vehicle, link, datagram) to the remote address of the link.

@@ -132,7 +132,7 @@ def uint_at(data: Buffer, frame: Frame, offset: int, width: int) -> int:
 
 
 def _begins(data: Buffer, at: int, size: int) -> bool:
-    """Return whether a frame may begin at `at`, judged by the header bytes received so far."""
+    """Return whether a frame may begin at the position `at`, judged by the header bytes received so far."""
     if data[at] == _V2:
         return at + 2 >= size or not data[at + 2] & ~_SIGNED
     return data[at] == _V1

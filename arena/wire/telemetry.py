@@ -63,7 +63,9 @@ frames of HIGHRES_IMU do not all have new values of magnetometer and barometer: 
 
 
 class _Newest(Generic[T]):
-    """Attribute with the newest value of a group. slot: waiting frames that are decoded when the value is read; None: none wait."""
+    """Attribute of `Telemetry` with the newest value of a group of data. slot: number of the frames that are decoded only when
+    the value is read; None: decoded at once.
+    """
 
     def __init__(self, slot: int | None = None) -> None:
         self._slot = slot
@@ -159,7 +161,7 @@ class Telemetry:
         return received
 
     def decode_waiting(self, slot: int) -> None:
-        """Decode the waiting frames of one slot, in the order of arrival."""
+        """Decode the frames of one slot (group of data) that have arrived since its value was read, in the order of arrival."""
         with self._lock:
             for number, data, now in self.waiting.pop(slot, {}).values():
                 self._decode(self._handlers[number], data, now)

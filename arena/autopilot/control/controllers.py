@@ -73,7 +73,7 @@ class PositionControl:
         self._v_dot[which] = 0.0
 
     def prepare(self, sp: Setpoints, est: Estimator) -> None:
-        """Read changed parameters, and copy the estimates for the next step of `law`.
+        """Read changed parameters, and copy the estimates to the inputs of `law`, the compiled controller.
 
         sp: setpoints; those at position level are used
         est: estimator of all vehicles
@@ -163,7 +163,7 @@ class RateControl:
         self._yaw_torque[which] = 0.0
 
     def prepare(self, omega_b: Array) -> None:
-        """Read changed parameters, and copy the body rates [rad/s] [FRD] (V, 3) for the next step of `law`."""
+        """Read changed parameters, and copy the body rates [rad/s] [FRD] (V, 3) to the inputs of `law`, the compiled controller."""
         if self._version != self.params.version:
             self._read_params()
         self._omega_b[...] = omega_b
@@ -181,7 +181,7 @@ class RateControl:
 
 
 def steps_within(period_s: float, dt: float) -> int:
-    """Return the number of steps of `dt` [s] that lasts nearest to `period_s` [s], at least 1."""
+    """Return how many steps of `dt` [s] have a total duration nearest to `period_s` [s]; at least 1."""
     return max(1, round(period_s / dt))
 
 

@@ -14,7 +14,8 @@ _VELOCITY_GAIN = 3.0  # acceleration per velocity error [1/s]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrajectoryLimits:
-    """Limits of the moving point: speed, acceleration, jerk, yaw rate and distance to the vehicle.
+    """Limits of the point that moves along a trajectory ahead of the vehicle: speed, acceleration, jerk, yaw rate and distance
+    to the vehicle.
 
     cruise, up, down: horizontal, climb and sink speed [m/s]
     accel, accel_up, accel_down: horizontal, upward and downward acceleration [m/s2]
@@ -36,7 +37,7 @@ class TrajectoryLimits:
 
 @dataclass(slots=True)
 class Trajectory:
-    """State of the moving point: p_n [m], v_n [m/s], a_n [m/s2] [NED] (3,), and its heading yaw [rad]."""
+    """Point that moves ahead of the vehicle on a trajectory: p_n [m], v_n [m/s], a_n [m/s2] [NED] (3,), and heading yaw [rad]."""
 
     p_n: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     v_n: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
@@ -50,7 +51,7 @@ class Trajectory:
     def advance(
         self, to: Sequence[float], vehicle_n: Sequence[float], limits: TrajectoryLimits, dt: float
     ) -> None:
-        """Move the point towards a target for one time step.
+        """Move the point of the trajectory towards a target for one time step.
 
         to: target position [m] [NED]
         vehicle_n: position of the vehicle [m] [NED]
@@ -93,7 +94,7 @@ class Trajectory:
 
 
 def _approach(distance: float, accel: float, jerk: float) -> float:
-    """Return the greatest speed [m/s] from which the moving point can stop within `distance` [m].
+    """Return the greatest speed [m/s] from which the point of a trajectory can stop within `distance` [m].
 
     The stopping distance is v^2 / 2a, plus v * 2a/j while the deceleration builds up.
     """

@@ -16,7 +16,7 @@ Index = NDArray[np.intp]
 
 
 class VisionBatch(NamedTuple):
-    """Samples of m vehicles, in the order of the arguments of `Estimator.fuse_vision`.
+    """Samples of external vision of m vehicles, as arrays in the order of the arguments of `Estimator.fuse_vision`.
 
     idx: rows of the vehicles (m,)
     p_n: position of the autopilot [m] [NED] (m, 3)

@@ -26,7 +26,7 @@ _LONGEST_INTERVAL_S = 2147.0  # MESSAGE_INTERVAL cannot report a longer one
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """MAV_CMD command that a vehicle received, with its parameters and the link for replies.
+    """A MAV_CMD command that a vehicle has received, with its parameters and the link for replies.
 
     link: link on which the command arrived; replies are sent on the same link
     params: param1 to param7, latitude and longitude in degrees

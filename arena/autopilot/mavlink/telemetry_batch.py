@@ -35,7 +35,7 @@ _DIAGONAL = np.array((0, 6, 11, 15, 18, 20))  # of the row-major upper triangle
 
 @dataclass(slots=True)
 class Rows:
-    """Vehicles that send a certain message in this step, with the row of each vehicle in the state arrays.
+    """The vehicles that send a certain message in this step, with the index of each vehicle in the state arrays.
 
     i: row numbers of the vehicles in the arrays over all vehicles
     s: state of all vehicles
@@ -61,7 +61,7 @@ class BatchedMessage:
 
 
 def payloads(requested: Iterable[tuple[Vehicle, int]], s: TelemetryState) -> dict[int, dict[int, bytes]]:
-    """Encode the requested messages, and return their payloads: message id -> row of the vehicle -> payload.
+    """Encode the requested messages. Return their payloads: message id -> index of the vehicle -> payload.
 
     A vehicle without valid content has no payload. Message ids that this module does not support are ignored.
 
@@ -274,7 +274,7 @@ def _has_horizontal(v: Vehicle, s: TelemetryState) -> bool:
 
 
 def _is_aligned(v: Vehicle, _: TelemetryState) -> bool:
-    """Return whether the estimator is initialised. Like PX4's, its position is sent even when it is not valid."""
+    """Return whether the estimator is initialised. From then on its position is sent, even while the position is not valid, as in PX4."""
     return v.aligned
 
 

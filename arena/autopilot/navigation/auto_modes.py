@@ -27,7 +27,7 @@ _MODES = (Mode.MISSION, Mode.RTL)
 
 @dataclass(slots=True)
 class _Checked:
-    """Result of the last check of one vehicle's uploaded mission and geofence.
+    """Mission and geofence of one vehicle as last checked, with the values that the check depends on.
 
     key: the values that the result depends on; when they change, the lists are checked again
     fence_id: identifier of the fence list that `fence.areas` was read from

@@ -152,7 +152,7 @@ class _RandomStreams:
 
 
 def _noise_ratio(period_s: float) -> float:
-    """Return the noise of one sample divided by that at NOISE_HZ, for white noise of constant density [-]."""
+    """Return the noise of one sample divided by the noise of a sample at NOISE_HZ, for white noise of constant density [-]."""
     return math.sqrt(1.0 / (NOISE_HZ * period_s))
 
 
