@@ -162,8 +162,10 @@ class CommandGate:
         return [f"{self.name}: {text}" for text in found]
 
     def changed_facts(self, place: str = "") -> dict[str, Any]:
-        """Return the facts that have changed: `control` (who commands the vehicle), `blocked` (why programs must
-        not command the vehicle) and `standing` (what a restarted process must enforce, see `Authority.standing`).
+        """Return the facts about the authority over the vehicle that have changed since the last call.
+
+        control: who commands the vehicle. blocked: why programs must not command the vehicle. standing: requests that this
+        process refuses, and refuses again after a restart (see `Authority.standing`).
 
         place: appended to the names of `blocked` and `standing`, because each place has its own memory of landings.
         """

@@ -137,8 +137,10 @@ class GuidedMotion:
         return "No pose of its body is sent to the autopilot" if now - self._pose_at > GAP_S else ""
 
     def _advance(self, nose_deg: float, right_deg: float, down: float, now: float) -> None:
-        """Begin the next step if the vehicle has the attitude that completes this step. nose_deg, right_deg: angles of the nose
-        and of the right side below the horizontal [deg]. down: cosine of the tilt.
+        """Begin the next step if the vehicle has the attitude that completes this step.
+
+        nose_deg, right_deg: angles of the nose and of the right side below the horizontal [deg]
+        down: cosine of the tilt [-]
         """
         level = max(abs(nose_deg), abs(right_deg)) < LEVEL_DEG and down > 0.0
         if self._level_first:

@@ -268,9 +268,10 @@ def _routed(arena: Arena, v: Vehicle) -> Json:
 
 
 def _needs_operator(arena: Arena, v: Vehicle) -> bool:
-    """Return whether the router sends its heartbeat to this vehicle only while an operator is present. True for
-    real vehicles that may have a data-link failsafe, because a heartbeat without an operator would prevent
-    this failsafe.
+    """Return whether the router sends its heartbeat to this vehicle only while an operator is present.
+
+    True for real vehicles that may have a data-link failsafe, because a heartbeat without an operator would prevent this
+    failsafe.
 
     If the parameters of the vehicle are not checked (`--allow-diff`), it may have this failsafe.
     """

@@ -47,9 +47,10 @@ class TangentCurve(Strict):
 
 
 class Imu(Strict):
-    """Inertial measurement unit (IMU). Noise and bias are rms values per axis. The noise is that of one sample at 250 Hz. At
-    another `sim.sensor_hz`, arena keeps the noise density (this value divided by the square root of 250 Hz). The bias is
-    random.
+    """Inertial measurement unit (IMU). Noise and bias are rms values per axis. The bias is random.
+
+    The noise is that of one sample at 250 Hz. At another `sim.sensor_hz`, arena keeps the noise density (this value divided by
+    the square root of 250 Hz).
     """
 
     accel_noise_m_s2: NotNegative

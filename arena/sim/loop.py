@@ -208,8 +208,9 @@ class Loop:
                 self._serve_panic_links()
 
     def _until_clients_join(self) -> None:
-        """Stop the simulation time until all expected programs use the simulation clock, so that every run starts at the same
-        time. The wait ends early for programs that have ended, and for all programs when a datagram arrives on a panic link: a
+        """Stop the simulation time until all expected programs use the simulation clock, so that every run starts at the same time.
+
+        The wait ends early for programs that have ended, and for all programs when a datagram arrives on a panic link: a
         landing needs simulation time. A program that never uses the clock is not waited for longer than 30 s of wall time.
         """
         text, end = "", time.monotonic() + _JOIN_TIMEOUT_S
