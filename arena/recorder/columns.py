@@ -23,8 +23,8 @@ Instant = Literal["row", "interpolated", "held"]
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """A measured quantity and its columns in the log: one column per part, such as `ekf.pos.north`. A
-    quantity without parts has one column, called `name`.
+    """A measured quantity and its columns in the log: one column per component, such as `ekf.pos.north`. A quantity without
+    components has one column, called `name`.
 
     instant: time to which the value of a row belongs. "interpolated": between two samples, for the time of the row;
         "held": value of the last message; "row": exactly the time of the row.

@@ -80,7 +80,7 @@ class Gusts:
         return _ned(wind_n, sigma_u * self._u, sigma_u * across, sigma_w * down)
 
     def _filter(self, x: Array, noise: Array) -> None:
-        """Advance the two states of v and w by one step.
+        """Advance the two filter states of the lateral gust v and of the vertical gust w by one step.
 
         x: the step multiplied by V / L of v and w [-] (2, V)
         """

@@ -60,7 +60,7 @@ class ReleaseTask:
         if missing := sorted(needed - p.children.keys()):
             names = ", ".join(missing)
             raise ValueError(
-                f"nothing is released: not running: {names}. Repeat the command after the restart"
+                f"nothing is released, because these processes do not run: {names}. Repeat the command after their restart"
             )
         for vehicle in vehicles:
             packet = {"do": "release", "vehicle": vehicle, "by": by}

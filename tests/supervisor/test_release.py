@@ -121,7 +121,7 @@ def test_nothing_is_released_while_a_process_does_not_run(start):
     run.until("router", "READY")
     eventually(lambda: run.events("link.uav1") and "link.uav1" not in run.state.processes)
     done = release(run)
-    assert done.returncode == 1 and "nothing is released: not running: link.uav1. Repeat" in done.stderr
+    assert done.returncode == 1 and "because these processes do not run: link.uav1. Repeat" in done.stderr
     assert requests(run, "router") == []
     run.signal(signal.SIGTERM)
     run.wait()

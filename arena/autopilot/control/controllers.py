@@ -112,7 +112,7 @@ class AttitudeControl:
         )
 
     def prepare(self, q_nb: Array, r_nb: Array) -> None:
-        """Read changed parameters, and copy the estimates for the next step of `law`.
+        """Read changed parameters, and copy the estimates to the inputs of `law`, the compiled controller.
 
         q_nb, r_nb: attitude [-] wxyz (V, 4) and its rotation matrix (V, 3, 3)
         """
