@@ -20,6 +20,7 @@ from arena.pose_forwarder.shell import TICK_S, ForwarderShell
 from arena.process_context import ProcessContext
 from arena.recorder.logger import Logger
 from arena.sim.vehicle_links import Receive, VehicleLinks
+from arena.wire.truth_page import TruthReader
 
 READY_TIMEOUT_S = 30.0
 """Longest time for which the program of a PX4 vehicle waits until the vehicle can be armed, in wall time [s]."""
@@ -51,7 +52,8 @@ class Members:
         self._contexts = {
             name: MemberContext(process, dict(s)) for name, s in slices.items() if name != "world"
         }
-        self._loggers = [_Logger(self._contexts[f"logger.{v['name']}"], self._time) for v in vehicles]
+        truth = TruthReader(world["truth"])
+        self._loggers = [_Logger(self._contexts[f"logger.{v['name']}"], self._time, truth) for v in vehicles]
         self._forwarders = {
             i: _Forwarder(self._contexts[name], self._time, i, self._inbox if i in in_memory else None)
             for i, v in enumerate(vehicles)
@@ -190,10 +192,10 @@ class _Forwarder:
 
 
 class _Logger:
-    def __init__(self, context: MemberContext, time: StepTime) -> None:
+    def __init__(self, context: MemberContext, time: StepTime, truth: TruthReader) -> None:
         self.settings = context.settings
         self.capture, self.link = MemoryCapture(), LoggerLink(address(context.settings, "listen"))
-        self._logger = Logger(context, time, self.capture, self.link)
+        self._logger = Logger(context, time, self.capture, self.link, truth)
         self._period_s = 1.0 / float(self.settings["rate_hz"])
         self._rows = 0
         context.ready()

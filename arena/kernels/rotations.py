@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from arena.kernels.arrays import Floats
 
     Quaternion = tuple[float, float, float, float]
+    Vector = tuple[float, float, float]
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
@@ -86,3 +87,45 @@ def store_matrix(matrices: Floats, i: int, q: Quaternion) -> None:
     matrices[i, 0, 1], matrices[i, 1, 0] = 2.0 * (x * y - w * z), 2.0 * (x * y + w * z)
     matrices[i, 0, 2], matrices[i, 2, 0] = 2.0 * (x * z + w * y), 2.0 * (x * z - w * y)
     matrices[i, 1, 2], matrices[i, 2, 1] = 2.0 * (y * z - w * x), 2.0 * (y * z + w * x)
+
+
+def euler(q: Quaternion) -> Vector:
+    """Return roll, pitch, yaw [rad] of an attitude, intrinsic z-y'-x'' (aviation)."""
+    w, x, y, z = q
+    roll = math.atan2(2.0 * (y * z + w * x), w * w - x * x - y * y + z * z)
+    pitch = math.asin(min(max(-2.0 * (x * z - w * y), -1.0), 1.0))
+    return roll, pitch, math.atan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
+
+
+def rotated(q: Quaternion, v: Vector) -> Vector:
+    """Return q * v * conj(q). Example: q_nb rotates v_b into v_n."""
+    w, x, y, z = q
+    vx, vy, vz = v
+    tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
+    return (
+        vx + w * tx + (y * tz - z * ty),
+        vy + w * ty + (z * tx - x * tz),
+        vz + w * tz + (x * ty - y * tx),
+    )
+
+
+def rotated_back(q: Quaternion, v: Vector) -> Vector:
+    """Return conj(q) * v * q. Example: q_nb rotates v_n into v_b."""
+    w, x, y, z = q
+    return rotated((w, -x, -y, -z), v)
+
+
+def rotation_vector(a: Quaternion, b: Quaternion) -> Vector:
+    """Return the rotation from attitude a to attitude b as axis times angle [rad], in body axes of a. The angle is at most pi."""
+    w, x, y, z = between(a, b)
+    size = math.sqrt(x * x + y * y + z * z)
+    share = 2.0 if size < 1e-8 else 2.0 * math.atan2(size, abs(w)) / size
+    if w < 0.0:
+        share = -share
+    return x * share, y * share, z * share
+
+
+def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
+    """Interpolate at constant rate from a (fraction 0) to b (fraction 1), on the shorter way."""
+    x, y, z = rotation_vector(a, b)
+    return product(a, from_rotation_vector(fraction * x, fraction * y, fraction * z))

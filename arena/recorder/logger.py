@@ -35,7 +35,8 @@ class Logger:
     """Logger of one vehicle, which writes `<folder>/<vehicle>.csv` with `rate_hz` rows per second.
 
     The log begins at the first message of the vehicle. All settings come from the JSON configuration (slice) of the process.
-    clock, capture, source: clock, motion-capture client and source of datagrams; None: opened as the configuration says.
+    clock, capture, source, truth: clock, motion-capture client, source of datagrams and reader of the truth page; None: opened as
+    the configuration says.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class Logger:
         clock: Clock | None = None,
         capture: MocapClient | None = None,
         source: DatagramSource | None = None,
+        truth: TruthReader | None = None,
     ) -> None:
         settings = room.settings
         self._room = room
@@ -51,7 +53,7 @@ class Logger:
         self._recorder = Recorder(settings["id"], settings["index"] if settings.get("truth") else None)
         self._clock: Clock = _clock(room) if clock is None else clock
         self._wall_offset = 0.0 if settings.get("clock") else time.time() - time.monotonic()
-        self._truth = TruthReader(settings["truth"]) if settings.get("truth") else None
+        self._truth = TruthReader(settings["truth"]) if settings.get("truth") and truth is None else truth
         self._capture = _capture(settings) if capture is None else capture
         self._socket: DatagramSource = listen_udp(tuple(settings["listen"])) if source is None else source
         folder = Path(settings["folder"])

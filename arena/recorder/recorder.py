@@ -6,18 +6,19 @@ instant.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.constants import MAX_ROTORS
-from arena.geometry import Array, euler_from_quat, quat_conj, quat_log, quat_multiply, quat_rotate
+from arena.geometry import Array
+from arena.kernels.rotations import euler, rotated_back, rotation_vector
 from arena.recorder.columns import columns
-from arena.recorder.samples import MAX_GAP_S, Held, Series, leading_quaternion, position_velocity
+from arena.recorder.samples import MAX_GAP_S, Held, Sample, Series, leading_quaternion, position_velocity
 from arena.wire.telemetry import Telemetry
 from arena.wire.telemetry_values import (
     Actuators,
@@ -37,9 +38,8 @@ from arena.wire.truth_page import Truth
 SETPOINT_MAX_AGE_S, STATE_MAX_AGE_S, BATTERY_MAX_AGE_S = 0.5, 3.0, 10.0
 _PROGRAM = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 _PROGRAM_BYTES = bytes([_PROGRAM])
-_NAN3, _NAN4, _NAN6, _NAN7, _NAN_OUTPUTS = (np.full(n, np.nan) for n in (3, 4, 6, 7, MAX_ROTORS))
-
-Cell = float | str | bool
+_NAN3, _NAN4, _NAN6, _NAN7, _NAN10, _NAN_OUTPUTS = ((math.nan,) * n for n in (3, 4, 6, 7, 10, MAX_ROTORS))
+_NO_ESTIMATE, _NO_TRUTH = (math.nan,) * 19, (math.nan,) * 25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +114,7 @@ class Recorder:
         exposed: time of exposure, by the clock of the motion-capture server [s].  now: local time of reception [s].
         """
         self.poses += 1
-        self._pose.receive(exposed, now, np.concatenate([q_nb, p_n]))
+        self._pose.receive(exposed, now, (*map(float, q_nb), *map(float, p_n)))
 
     def _take_measurements(self, now: float) -> None:
         """Add the measurements that have arrived since the last call. Measurements that were added before are skipped.
@@ -127,17 +127,17 @@ class Recorder:
         self._taken = newest
         local, attitude, imu, mag, baro = newest
         if local is not None and local is not before[0]:
-            self._local.receive(local.boot_s, now, np.concatenate([local.pos, local.vel]))
+            self._local.receive(local.boot_s, now, (*local.pos.tolist(), *local.vel.tolist()))
         if attitude is not None and attitude is not before[1]:
-            self._attitude.receive(attitude.boot_s, now, np.concatenate([attitude.q_nb, attitude.ang_vel]))
+            turned = (*attitude.q_nb.tolist(), *attitude.ang_vel.tolist())
+            self._attitude.receive(attitude.boot_s, now, turned)
         if imu is None or imu is before[2]:
             return
-        self._imu.receive(imu.boot_s, now, np.concatenate([imu.acc_body, imu.ang_vel]))
+        self._imu.receive(imu.boot_s, now, (*imu.acc_body.tolist(), *imu.ang_vel.tolist()))
         if mag is not None and mag is not before[3]:
-            self._mag.receive(imu.boot_s, now, mag.mag)
+            self._mag.receive(imu.boot_s, now, tuple(mag.mag.tolist()))
         if baro is not None and baro is not before[4]:
-            air = np.array([baro.pressure, baro.temperature, baro.alt])
-            self._baro.receive(imu.boot_s, now, air)
+            self._baro.receive(imu.boot_s, now, (baro.pressure, baro.temperature, baro.alt))
 
     def _take_states(self, now: float) -> None:
         telemetry = self.telemetry
@@ -191,49 +191,42 @@ class Recorder:
         """
         self.rows += 1
         local, attitude = self._local.at(time_s), self._attitude.at(time_s)
-        cells: list[Cell] = [f"{stamp:.4f}", *_estimate(local, attitude), *self._imu_cells(time_s)]
-        cells += self._pose_cells(time_s)
-        cells += self._info(time_s)
-        cells += self._references(time_s)
+        measured = (
+            *_estimate(local, attitude),
+            *(self._imu.at(time_s) or _NAN6),
+            *(self._mag.at(time_s) or _NAN3),
+            *_pose(self._pose.at(time_s)),
+        )
+        others = self._references(time_s)
         if self._index is not None:
-            cells += self._truth(truth, local, attitude)
-        return ",".join(map(_text, cells)) + "\n"
+            others += self._truth(truth, local, attitude)
+        return f"{stamp:.4f},{_text(measured)},{self._info(time_s)},{_text(others)}\n"
 
-    def _imu_cells(self, time_s: float) -> list[Cell]:
-        return _flat(_or(self._imu.at(time_s), _NAN6), _or(self._mag.at(time_s), _NAN3))
-
-    def _pose_cells(self, time_s: float) -> list[Cell]:
-        pose = _or(self._pose.at(time_s), _NAN7)
-        q_nb, p_n = pose[:4], pose[4:]
-        return _flat(p_n, q_nb, euler_from_quat(q_nb))
-
-    def _info(self, time_s: float) -> list[Cell]:
+    def _info(self, time_s: float) -> str:
+        """Return the cells of the columns `info`."""
         heart, ground, status = (
             self._heart.at(time_s),
             self._ground.at(time_s),
             self._status.at(time_s),
         )
-        return [
-            heart.mode if heart is not None else "",
-            heart.armed if heart is not None else "",
-            ground.landed if ground is not None else "",
-            status.battery if status is not None else "",
-        ]
+        mode_and_armed = f"{heart.mode},{heart.armed}" if heart is not None else ","
+        landed = str(ground.landed) if ground is not None else ""
+        return f"{mode_and_armed},{landed},{_text((status.battery,)) if status is not None else ''}"
 
-    def _references(self, time_s: float) -> list[Cell]:
+    def _references(self, time_s: float) -> Sample:
         """Return the values of references, setpoints and actuator outputs: the columns from pos_ref to
         act.output, in the order of `arena.recorder.columns`.
         """
         pos, vel, yaw = self._position_reference(time_s)
-        q_nb, rates, thrust = _NAN4, _NAN3, math.nan
+        attitude, rates, thrust = _NAN7, _NAN3, math.nan
         if (wanted := self._attitude_setpoint.at(time_s)) is not None:
-            q_nb, rates, thrust = wanted.q_nb, wanted.ang_vel, wanted.thrust
+            attitude, rates, thrust = _with_euler(wanted.q_nb), tuple(wanted.ang_vel.tolist()), wanted.thrust
         actuators = self._actuators.at(time_s)
-        outputs = actuators.output if actuators is not None else _NAN_OUTPUTS
-        air = _or(self._baro.at(time_s), _NAN3)
-        return _flat(pos, euler_from_quat(q_nb), [yaw], vel, q_nb, rates, [thrust], air, outputs)
+        outputs = actuators.output.tolist() if actuators is not None else _NAN_OUTPUTS
+        air = self._baro.at(time_s) or _NAN3
+        return (*pos, *attitude[4:], yaw, *vel, *attitude[:4], *rates, thrust, *air, *outputs)
 
-    def _position_reference(self, time_s: float) -> tuple[Array, Array, float]:
+    def _position_reference(self, time_s: float) -> tuple[Sample, Sample, float]:
         """Return the position, velocity and yaw references [NED]. They are from the user program if it
         publishes them, else from the setpoint.
 
@@ -242,43 +235,57 @@ class Recorder:
         pos, vel, yaw = _NAN3, _NAN3, math.nan
         for reference in (self._setpoint.at(time_s), self._program_reference.at(time_s)):
             if reference is not None:
-                pos = np.where(np.isfinite(reference.pos), reference.pos, pos)
-                vel = np.where(np.isfinite(reference.vel), reference.vel, vel)
+                pos, vel = _replaced(pos, reference.pos), _replaced(vel, reference.vel)
                 yaw = reference.yaw if math.isfinite(reference.yaw) else yaw
         return pos, vel, yaw
 
-    def _truth(self, truth: Truth | None, local: Array | None, attitude: Array | None) -> list[Cell]:
+    def _truth(self, truth: Truth | None, local: Sample | None, attitude: Sample | None) -> Sample:
         if truth is None:
-            return [math.nan] * 25
+            return _NO_TRUTH
         i = self._index or 0
-        q_nb = truth.q_nb[i]
-        error = _NAN6 if local is None else local - np.concatenate([truth.p_n[i], truth.v_n[i]])
-        turned = _NAN3 if attitude is None else quat_log(quat_multiply(quat_conj(q_nb), attitude[:4]))
-        return _flat(truth.p_n[i], truth.v_n[i], q_nb, euler_from_quat(q_nb), truth.omega_b[i], error, turned)
+        q_nb = truth.q_nb[i].tolist()
+        p_v = (*truth.p_n[i].tolist(), *truth.v_n[i].tolist())
+        error = _NAN6 if local is None else [a - b for a, b in zip(local, p_v, strict=True)]
+        turned = _NAN3 if attitude is None else rotation_vector(q_nb, attitude[:4])  # type: ignore[arg-type]
+        return (*p_v, *q_nb, *euler(q_nb), *truth.omega_b[i].tolist(), *error, *turned)
 
 
-def _estimate(local: Array | None, attitude: Array | None) -> list[Cell]:
-    pos_vel, attitude = _or(local, _NAN6), _or(attitude, _NAN7)
-    q_nb = attitude[:4]
-    body = quat_rotate(quat_conj(q_nb), pos_vel[3:])
-    return _flat(pos_vel, body, q_nb, euler_from_quat(q_nb), attitude[4:])
+def _estimate(local: Sample | None, attitude: Sample | None) -> Sample:
+    """Return the estimated position, velocity, velocity in body axes, attitude, Euler angles and body rates (19,)."""
+    if attitude is None:
+        return _NO_ESTIMATE if local is None else (*local, *_NO_ESTIMATE[6:])
+    q_nb, rates = attitude[:4], attitude[4:]
+    body = _NAN3 if local is None else rotated_back(q_nb, local[3:])  # type: ignore[arg-type]
+    return (*(local or _NAN6), *body, *q_nb, *euler(q_nb), *rates)  # type: ignore[arg-type]
 
 
-def _or(value: Array | None, missing: Array) -> Array:
-    return missing if value is None else value
+def _pose(pose: Sample | None) -> Sample:
+    """Return the captured position, attitude and Euler angles (10,). pose: quaternion and position (7,)."""
+    return _NAN10 if pose is None else (*pose[4:], *pose[:4], *euler(pose[:4]))  # type: ignore[arg-type]
 
 
-def _flat(*parts: Sequence[float] | Array) -> list[Cell]:
-    found: list[Cell] = []
-    for part in parts:
-        found += part.tolist() if isinstance(part, np.ndarray) else part
-    return found
+def _with_euler(q_nb: Array) -> Sample:
+    """Return an attitude as quaternion and Euler angles (7,)."""
+    q = tuple(q_nb.tolist())
+    return (*q, *euler(q))
 
 
-def _text(cell: Cell) -> str:
-    if isinstance(cell, float):
-        return f"{cell:.7g}" if math.isfinite(cell) else ""
-    return str(cell)
+def _replaced(values: Sample, newer: Array) -> Sample:
+    """Return `values` with each element replaced by the element of `newer`, if that is finite."""
+    return tuple(
+        [new if math.isfinite(new) else old for old, new in zip(values, newer.tolist(), strict=True)]
+    )
+
+
+def _text(numbers: Sample) -> str:
+    """Return numbers as cells with seven digits. The cell of a number that is not finite is empty."""
+    text = _format(len(numbers)) % numbers
+    return text.replace("-inf", "").replace("inf", "").replace("nan", "") if "n" in text else text
+
+
+@functools.cache
+def _format(count: int) -> str:
+    return ",".join(["%.7g"] * count)
 
 
 def rates(recorder: Recorder, now: float) -> dict[str, float | int]:

@@ -11,12 +11,11 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-import numpy as np
-
-from arena.geometry import Array, quat_slerp
+from arena.kernels.rotations import slerp
 
 T = TypeVar("T")
-Interpolate = Callable[[Array, Array, float, float], Array]
+Sample = tuple[float, ...]
+Interpolate = Callable[[Sample, Sample, float, float], Sample]
 
 MAX_GAP_S = 0.5
 """Longest time between two samples for interpolation [s]. In longer gaps the cells of the log are empty."""
@@ -67,15 +66,15 @@ class Series:
     """
 
     def __init__(self, interpolate: Interpolate | None = None) -> None:
-        self._samples: deque[tuple[float, Array]] = deque(maxlen=_HISTORY)
+        self._samples: deque[tuple[float, Sample]] = deque(maxlen=_HISTORY)
         self._interpolate = interpolate or _linear
         self._clock = SenderClock()
 
-    def receive(self, stamp: float, received: float, value: Array) -> None:
+    def receive(self, stamp: float, received: float, value: Sample) -> None:
         """Append a sample with a time stamp of its sender. stamp: time by the sender's clock [s].  received: local time [s]."""
         self.add(self._clock.local(stamp, received), value)
 
-    def add(self, time_s: float, value: Array) -> None:
+    def add(self, time_s: float, value: Sample) -> None:
         """Append a sample if it is newer than the last one. time_s: local time of the sample [s]."""
         if not self._samples or time_s > self._samples[-1][0]:
             self._samples.append((time_s, value))
@@ -87,12 +86,12 @@ class Series:
         """
         return bool(self._samples) and 0.0 < time_s - self._samples[-1][0] <= MAX_GAP_S
 
-    def at(self, time_s: float) -> Array | None:
+    def at(self, time_s: float) -> Sample | None:
         """Return the value at local time `time_s` [s], interpolated between the samples before and after that time.
 
         Return None if one of the two is missing or they are more than MAX_GAP_S apart.
         """
-        after: tuple[float, Array] | None = None
+        after: tuple[float, Sample] | None = None
         for sample in reversed(self._samples):
             if sample[0] <= time_s:
                 return _between(sample, after, time_s, self._interpolate)
@@ -101,8 +100,8 @@ class Series:
 
 
 def _between(
-    before: tuple[float, Array], after: tuple[float, Array] | None, time_s: float, interpolate: Interpolate
-) -> Array | None:
+    before: tuple[float, Sample], after: tuple[float, Sample] | None, time_s: float, interpolate: Interpolate
+) -> Sample | None:
     if before[0] == time_s:
         return before[1]
     if after is None or after[0] - before[0] > MAX_GAP_S:
@@ -144,29 +143,35 @@ class Held(Generic[T]):
         return None
 
 
-def _linear(before: Array, after: Array, fraction: float, _: float) -> Array:
-    return before + fraction * (after - before)
+def _linear(before: Sample, after: Sample, fraction: float, _: float) -> Sample:
+    return tuple([a + fraction * (b - a) for a, b in zip(before, after, strict=True)])
 
 
-def position_velocity(before: Array, after: Array, u: float, span: float) -> Array:
+def position_velocity(before: Sample, after: Sample, u: float, span: float) -> Sample:
     """Interpolate a position by a cubic Hermite spline and a velocity linearly. Return both (6,).
 
     before, after: position [m] and velocity [m/s] of the two samples (6,).
     u: fraction 0..1 of the time between the samples.  span: time between the samples [s].
     """
-    p0, v0, p1, v1 = before[:3], before[3:], after[:3], after[3:]
     # Cubic Hermite basis: https://en.wikipedia.org/wiki/Cubic_Hermite_spline
-    h00, h10 = (1 + 2 * u) * (1 - u) ** 2, u * (1 - u) ** 2
-    h01, h11 = u * u * (3 - 2 * u), u * u * (u - 1)
-    p = h00 * p0 + h10 * span * v0 + h01 * p1 + h11 * span * v1
-    return np.concatenate([p, v0 + u * (v1 - v0)])
+    h00, h10 = (1 + 2 * u) * (1 - u) ** 2, u * (1 - u) ** 2 * span
+    h01, h11 = u * u * (3 - 2 * u), u * u * (u - 1) * span
+    px, py, pz, vx, vy, vz = before
+    qx, qy, qz, wx, wy, wz = after
+    return (
+        h00 * px + h10 * vx + h01 * qx + h11 * wx,
+        h00 * py + h10 * vy + h01 * qy + h11 * wy,
+        h00 * pz + h10 * vz + h01 * qz + h11 * wz,
+        vx + u * (wx - vx),
+        vy + u * (wy - vy),
+        vz + u * (wz - vz),
+    )
 
 
-def leading_quaternion(before: Array, after: Array, fraction: float, _: float) -> Array:
+def leading_quaternion(before: Sample, after: Sample, fraction: float, span: float) -> Sample:
     """Interpolate samples that begin with a quaternion: the quaternion by slerp, the values after it
     linearly.
 
     before, after: quaternion wxyz and n other values (4 + n,).  fraction: 0..1.
     """
-    q_nb = quat_slerp(before[None, :4], after[None, :4], np.array([fraction]))[0]
-    return np.concatenate([q_nb, before[4:] + fraction * (after[4:] - before[4:])])
+    return (*slerp(before[:4], after[:4], fraction), *_linear(before[4:], after[4:], fraction, span))  # type: ignore[arg-type]

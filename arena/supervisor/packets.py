@@ -1,4 +1,6 @@
-"""Packets that processes send to the supervisor: who has sent a packet, and how many different names the supervisor stores. Pure."""
+"""Packets between processes and supervisor: who has sent a packet, how many different names the supervisor stores, and the report
+of an ended program. Pure.
+"""
 
 from __future__ import annotations
 

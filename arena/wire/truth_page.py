@@ -119,6 +119,7 @@ class TruthReader:
                 f"{path} is not a truth page: got {self._all.size} numbers, expected {_HEAD + ring * width} for {vehicles} vehicles"
             )
         self._rows, self._ring = self._all[_HEAD:].reshape(ring, width), ring
+        self._last: tuple[float, Truth | None] = (math.nan, None)
 
     def newest(self) -> Truth | None:
         """Return the newest true state; None if the world has not written one yet."""
@@ -131,14 +132,21 @@ class TruthReader:
     def at(self, time_s: float) -> Truth | None:
         """Return the state at `time_s` [s], interpolated between the samples before and after; None if one of
         them is not in the page.
+
+        A second call with the same time returns the same object: the loggers of all vehicles sample at the same time.
         """
+        if self._last[0] == time_s:
+            return self._last[1]
         count = int(self._all[0])
         held = min(count, self._ring - 1)
         found = self._around(time_s, count, held)
         # Samples that were overwritten during the search are wrong: search again.
         if int(self._all[0]) - count >= 1 + self._ring - held:
             return self.at(time_s) if held >= 2 else None
-        return None if found is None else _between(*found, time_s)
+        if found is None:
+            return None
+        self._last = time_s, _between(*found, time_s)
+        return self._last[1]
 
     def _around(self, time_s: float, count: int, held: int) -> tuple[Array, Array] | None:
         """Return the samples before and after `time_s`; None if one of them is not in the page."""

@@ -14,7 +14,7 @@ from arena.recorder.samples import MAX_GAP_S, Held, SenderClock, Series, leading
 def series(*samples: tuple[float, float]) -> Series:
     made = Series()
     for time_s, value in samples:
-        made.add(time_s, np.array([value]))
+        made.add(time_s, (value,))
     return made
 
 
@@ -24,7 +24,7 @@ def test_value_between_two_samples_is_interpolated():
 
 def test_value_at_a_sample_is_the_sample():
     made = series((1.0, 3.0), (1.1, 4.0))
-    assert made.at(1.0) == 3.0 and made.at(1.1) == 4.0
+    assert made.at(1.0) == (3.0,) and made.at(1.1) == (4.0,)
 
 
 def test_nothing_is_extrapolated():
@@ -37,7 +37,7 @@ def test_long_gap_is_not_interpolated():
 
 
 def test_sample_that_is_not_newer_is_dropped():
-    assert series((1.0, 3.0), (1.0, 9.0), (0.5, 9.0), (1.1, 4.0)).at(1.0) == 3.0
+    assert series((1.0, 3.0), (1.0, 9.0), (0.5, 9.0), (1.1, 4.0)).at(1.0) == (3.0,)
 
 
 def test_live_stream_is_waited_for_and_dead_one_is_not():
@@ -57,7 +57,7 @@ def test_constant_acceleration_is_interpolated_exactly(u: float, span: float):
 
 def test_attitude_turns_at_a_constant_rate():
     a, b = quat_from_euler([0.1, -0.3, 3.0]), quat_from_euler([0.1, -0.3, 3.4])
-    found = leading_quaternion(np.append(a, 0.0), np.append(-b, 1.0), 0.25, 0.02)
+    found = leading_quaternion((*a.tolist(), 0.0), (*(-b).tolist(), 1.0), 0.25, 0.02)
     assert euler_from_quat(found[:4]) == pytest.approx([0.1, -0.3, 3.1]) and found[4] == 0.25
 
 
