@@ -73,7 +73,7 @@ class ThrustCurve:
         return found
 
     def static_command(self, newtons: float) -> float:
-        """Return the command 0..1 [-] for a total thrust at rest [N], as `command` does."""
+        """Return the command 0..1 [-] for a total thrust at airspeed 0 [N]. This method is for one value and needs no numpy."""
         return min(max(float(self._command(min(max(newtons, 0.0), self.max_newtons))), 0.0), 1.0)
 
     def _share(self, speed_m_s: ArrayLike) -> Array:

@@ -100,7 +100,7 @@ class _Campaign:
             self.on_record(delivery.record)
 
     def cancel(self, *, kill: bool) -> None:
-        """Interrupt the flights in the air, and drop the waiting ones. kill: end the workers at once."""
+        """Interrupt the flights in the air, and drop the flights that wait for a worker. kill: end the workers at once."""
         for one in self.pending:
             self.ray.cancel(one, force=kill)
 

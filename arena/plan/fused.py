@@ -58,7 +58,7 @@ def _why_many_in_real_time(arena: Arena) -> str:
 
 
 def why_one(arena: Arena) -> str:
-    """Return why world, motion capture, forwarders, router and loggers run in one process. Call it for such an arena only."""
+    """Return why world, motion capture, forwarders, router and loggers run in one process. Call this function only for such an arena."""
     if arena.sim.processes == "one":
         return "sim.processes is one"
     if arena.sim.speed == 1.0:

@@ -26,7 +26,7 @@ class Strict(BaseModel):
     )
 
     def as_dict(self, *, json: bool = False, without_none: bool = False) -> dict[str, Any]:
-        """Return the values by key, nested models as dicts.
+        """Return the values of the model as {key: value}. Nested models become dicts, too.
 
         json: tuples become lists. without_none: keys whose value is None are omitted.
         """

@@ -145,7 +145,7 @@ if yaml.__with_libyaml__:
     from yaml.cyaml import CParser  # type: ignore[attr-defined]
 
     class _CLoader(CParser, _Resolver):
-        """PyYAML's composer on libyaml: the same nodes in a tenth of the time."""
+        """PyYAML's composer with the C library libyaml. It makes the same nodes as PyYAML's own composer in a tenth of the time."""
 
         def __init__(self, stream: str) -> None:
             CParser.__init__(self, stream)

@@ -67,7 +67,7 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
 
 @contextlib.contextmanager
 def _without_plugins() -> Iterator[None]:
-    """Disable the plugins of pydantic. To find plugins, pydantic would read the metadata of all installed packages."""
+    """Disable the plugins of pydantic, because their search reads the metadata of all installed packages and takes long."""
     before = os.environ.get(_NO_PLUGINS)
     os.environ[_NO_PLUGINS] = "1"
     try:

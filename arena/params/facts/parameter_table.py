@@ -125,7 +125,8 @@ def parameters(version: Version | str) -> Mapping[str, Parameter]:
 
 @cache
 def parameter(name: str, version: Version | str) -> Parameter:
-    """Return one parameter of a version. It reads only the rows of this name: the whole table has thousands.
+    """Return one parameter of a PX4 version. Only the rows of this parameter are parsed, because the whole table has thousands
+    of rows.
 
     Raises InputError for a version that is not in the table, KeyError for a parameter that the version does not have.
     """
