@@ -1,4 +1,4 @@
-"""Battery discharge: current, charge and voltage by the state of the rotors."""
+"""Discharge of batteries: current, charge and voltage, computed from the state of the rotors."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class CascadeLaw:
         yaw_rate: Floats,
         yaw_rate_ff: Floats,
     ) -> None:
-        """Use these arrays as the given setpoints in each later step."""
+        """Use these arrays as the setpoints of attitude, body rates and thrust in each later step."""
         self.level, self.q_nb, self.omega_b, self.thrust = level, q_nb, omega_b, thrust
         self.yaw_rate, self.yaw_rate_ff = yaw_rate, yaw_rate_ff
 
@@ -64,7 +64,9 @@ class CascadeLaw:
         self.rate.step()
 
     def _select_attitude(self, i: int) -> None:
-        """Set attitude setpoint and thrust of vehicle i: those of the position controller, or those that were given."""
+        """Set attitude setpoint and thrust of vehicle i. At position level they come from the position controller, else from
+        the arrays of setpoints.
+        """
         by_position = self.level[i] == POSITION
         self.selected_thrust[i] = self.position.thrust[i] if by_position else self.thrust[i]
         for k in range(4):

@@ -25,7 +25,7 @@ _SPEED_CHANGE = 1.0
 
 
 class Clearance:
-    """Distances between V spheres, boxes and the floor.
+    """Finds which of V bodies nothing can touch, by the distances between spheres around the bodies, boxes and the floor.
 
     period_s: time between two checks [s]
     free: output: True for each body that nothing can touch (V,)
@@ -52,7 +52,8 @@ class Clearance:
         self._spare = 0.0
 
     def check(self) -> bool:
-        """Update `free`; return whether it may have changed.
+        """Update `free`, which is true for the bodies that nothing can touch in the next period. Return whether it may have
+        changed.
 
         The distances are not measured while all bodies together cannot have used up the smallest one.
         """
@@ -69,7 +70,7 @@ class Clearance:
         return True
 
     def _measure(self) -> None:
-        """Measure all distances, and set `free` and the smallest distance to spare."""
+        """Measure all distances. Set `free`, and the smallest distance that is left after each body gets the space that it needs."""
         count = len(self.free)
         for i in range(count):
             self._need[i] = (_MARGIN_M if self.free[i] else _RETURN_M) + self.radius[i] + self._reach[i]
@@ -84,7 +85,7 @@ class Clearance:
                     self.free[j] = False
 
     def _use(self, i: int, spare: float) -> None:
-        """Compare one distance of body i, less what the body needs, with the smallest one."""
+        """Take one distance of body i into account. spare: the distance minus the space that the body needs [m]."""
         self._spare = min(self._spare, spare)
         if spare <= 0.0:
             self.free[i] = False
@@ -96,7 +97,7 @@ class Clearance:
         return math.sqrt(x * x + y * y + z * z)
 
     def _room(self, i: int) -> float:
-        """Return the distance from body i to the nearest of floor and boxes, or less [m]."""
+        """Return the distance from body i to the floor or the nearest box [m], or a lower limit of this distance."""
         p, boxes = self.place_w, self.boxes
         least = p[i, 2]
         for b in range(len(boxes)):

@@ -18,7 +18,7 @@ _MOST_VARIANCE = 1e4
 
 
 class ErrorCovariance:
-    """Covariance of V vehicles.
+    """Covariance of the estimator's error state, for V vehicles.
 
     dt: IMU period [s]
     samples: number of IMU samples of a prediction; each prediction uses their mean, as PX4's `ImuDownSampler`
@@ -37,7 +37,7 @@ class ErrorCovariance:
         self.error, self._column = floats(15), floats(15)
 
     def step(self) -> None:
-        """Add one IMU sample. Predict the covariance of all vehicles if the samples of a prediction are complete."""
+        """Add one IMU sample. When the samples of one prediction period are complete, predict the covariance of all vehicles."""
         self.summed += 1
         for i in range(len(self.force_sum)):
             for k in range(3):
@@ -70,7 +70,7 @@ class ErrorCovariance:
             self.force_sum[i, k] = self.omega_sum[i, k] = 0.0
 
     def _advance_error(self, i: int) -> None:
-        """Advance an error of vehicle i in `_column` by one prediction period: the product with F.
+        """Advance the error of vehicle i in `_column` by one prediction period. This is the multiplication by the matrix F.
 
         dp' = v, dv' = -R (f x th + dba), dth' = -w x th - dbg, with specific force f and body rates w.
         """
@@ -90,7 +90,7 @@ class ErrorCovariance:
         x[8] = tz - (wx * ty - wy * tx) - period * x[11]
 
     def variance(self, i: int, jacobian: Floats, row: int) -> float:
-        """Return the variance of a measurement without noise.
+        """Return the variance that the covariance predicts for a measurement, without the noise of the measurement itself.
 
         jacobian: derivatives of measurements by the error state (M, 15)
         row: row of the measurement

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class FlightWatch:
-    """Watch of V vehicles.
+    """Watches V vehicles: records extreme values, and finds touchdown, lift-off and too much tilt.
 
     step_s: time between two steps [s]
     p_n, v_n: input: position [m] and velocity [m/s] [NED] (V, 3)
@@ -38,7 +38,7 @@ class FlightWatch:
         self.speed, self.speed_before = floats(v), floats(v)
 
     def step(self) -> bool:
-        """Update all vehicles. Return whether any has touched down, lifted off or tilted too far.
+        """Update the records of all vehicles. Return whether a vehicle has touched down, lifted off or tilted too far.
 
         The caller reads from `floor` and `was_on_floor` which it is, then calls `finish`.
         """

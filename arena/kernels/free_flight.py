@@ -35,7 +35,7 @@ _HALF_ROOT = math.sqrt(0.5)
 
 
 class FreeFlight:
-    """Motion of V rigid bodies.
+    """Motion of V rigid bodies. `step` moves only the bodies in free flight, which touch nothing.
 
     step_s: duration of a step [s]
     free: input: True for the bodies that `step` moves; the caller moves the others (V,)
@@ -68,7 +68,7 @@ class FreeFlight:
             self._set_air(i)
 
     def step(self) -> None:
-        """Move the free bodies by one step. Call `finish` when the others have moved, too."""
+        """Move the bodies in free flight by one step. Call `finish` after the caller has moved all other bodies, too."""
         for i in range(len(self.free)):
             if self.free[i]:
                 self._accelerate(i)

@@ -94,7 +94,7 @@ class RotorDynamics:
         return self._at(self.ground_table, i, place, self.ground_cells)
 
     def _at(self, table: Floats, i: int, place: float, cells: int) -> float:
-        """Return the value of row i of a table, interpolated between its cells.
+        """Return the value of row i of a table at a place between its cells, by linear interpolation.
 
         place: index in the row, with a fraction 0..cells
         """

@@ -19,7 +19,7 @@ _G = GRAVITY_M_S2
 
 
 class Strapdown:
-    """Nominal state of V vehicles.
+    """Position, velocity, attitude and sensor biases of V vehicles, as predicted from the inertial sensors.
 
     dt: IMU period [s]
     mean_share: share of a new sample in the mean specific force 0..1
@@ -83,7 +83,7 @@ class Strapdown:
             self.a_n[i, k] += 0.5 * self._force_n(i, k)
 
     def _mean_rate(self, i: int, axis: int) -> float:
-        """Return the mean body rate of the period, and store the rate at its end."""
+        """Return the mean body rate of the last period [rad/s], and store the rate at the end of the period."""
         before, after = self.omega_b[i, axis], self.sensed_gyro_b[i, axis] - self.gyro_bias[i, axis]
         self.omega_b[i, axis] = after
         return 0.5 * (before + after)
@@ -98,7 +98,7 @@ class Strapdown:
         rotations.store_matrix(self.r_nb, i, q)
 
     def _move(self, i: int) -> None:
-        """Advance velocity and position of vehicle i, unless it is not aligned."""
+        """Advance velocity and position of vehicle i. The velocity changes only after the initial attitude is set."""
         self.a_n[i, 2] += _G
         for k in range(3):
             change = self.a_n[i, k] * self.dt if self.aligned[i] else 0.0
@@ -106,7 +106,8 @@ class Strapdown:
             self.v_n[i, k] += change
 
     def find_past(self, i: int, age_s: float) -> rotations.Quaternion:
-        """Return the attitude of vehicle i some seconds ago, and set `past_p` to its position. Both are interpolated.
+        """Return the attitude that vehicle i had `age_s` seconds ago, and set `past_p` to its position then. Both are
+        interpolated.
 
         age_s: age [s]
         """

@@ -24,7 +24,7 @@ _YAW = 3
 
 
 class VisionFusion:
-    """Fusion of poses for V vehicles.
+    """Fusion of external vision poses with the estimates of V vehicles.
 
     control: EKF2_EV_CTRL (V,)
     delay_s: EKF2_EV_DELAY [s] (V,)
@@ -80,7 +80,7 @@ class VisionFusion:
         self._gate(i, has_yaw, now)
 
     def _set_measurement(self, i: int, pose: Floats, row: int, age_s: float) -> None:
-        """Set derivatives and noise of the four measurements of vehicle i.
+        """Set the derivatives and the noise of the four measurements (position and yaw) of vehicle i.
 
         The sample arrived at any time of the period: half a period old on average, with a variance of dt^2 / 12.
         """
@@ -132,11 +132,13 @@ class VisionFusion:
         self.state.correct(i, self.covariance.error, past_states)
 
     def _ratio(self, i: int, k: int) -> float:
-        """Return the squared innovation k of vehicle i divided by the variance of its gate [-], infinite if it is not finite."""
+        """Return the squared innovation k of vehicle i divided by the variance of its gate [-]; infinite if this ratio is not finite."""
         innovation = self.innovation[i, k]
         ratio = innovation * innovation / min(self.innovation_var[i, k], self.gate_var[i, k])
         return ratio if math.isfinite(ratio) else _INFINITE
 
     def _move_gate(self, i: int, k: int, passed: bool) -> None:
-        """Keep the variance of a gate that rejected innovation k of vehicle i; release the gate of an accepted innovation."""
+        """Store the variance of the gate that has rejected innovation k of vehicle i, so that the gate stays as narrow. Reset
+        it after an accepted innovation.
+        """
         self.gate_var[i, k] = _INFINITE if passed else min(self.innovation_var[i, k], self.gate_var[i, k])
