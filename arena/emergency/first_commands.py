@@ -45,7 +45,7 @@ def send_first_commands(targets: Sequence[Target], action: Action) -> None:
 
 
 def _open(sockets: dict[str, socket.socket], host: str) -> socket.socket:
-    """Open a socket at this address of the computer, because the hardware link drops datagrams from other addresses."""
+    """Open a UDP socket that sends from this address of the computer, because the hardware link drops datagrams from other addresses."""
     sender = sockets[host] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sender.setblocking(False)
     sender.bind((host, 0))

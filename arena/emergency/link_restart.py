@@ -28,7 +28,7 @@ class LinkRestart:
         self._known: ProcessIdentity | None = None
 
     def on_link(self) -> None:
-        """Record that the link process runs. When this process ends later, a new wait for its restart begins."""
+        """Record that the link process runs now. When the process ends later, land-all waits again for its restart."""
         self._ended_at = None
 
     def is_expected(self, now: float) -> bool:

@@ -33,7 +33,8 @@ class Axes:
 
 
 def fit_axes(rates: tuple[Array, Array], down: tuple[Array, Array]) -> Axes | None:
-    """Return the rotation that fits rotation rates and gravity together; None if the motion does not determine it.
+    """Return the rotation with which captured rotation rates and gravity agree best with the measured ones; None if the motion
+    does not determine the rotation.
 
     rates, down: captured and measured rotation rates [rad/s] [FRD] (N, 3), directions down [-] [FRD] (M, 3), at the
         same times

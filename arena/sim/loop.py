@@ -311,7 +311,9 @@ class Loop:
         return self._shutdown.over(orphaned=orphaned, any_armed=bool(np.any(self._autopilots.armed)), now=now)
 
     def _take(self, request: Mapping[str, Any]) -> None:
-        """Process a request of the supervisor that concerns the end of programs."""
+        """Process a request of the supervisor: stop simulation time after the end of all programs, or stop waiting for a
+        program that has ended.
+        """
         match request.get("do"):
             case "until_done":
                 self._until_done = True

@@ -77,7 +77,9 @@ class Lines:
         """Do nothing: output as single lines has no table to redraw."""
 
     def started(self, failed: list[str]) -> None:
-        """Do nothing when all processes have started. The subclass for `arena up --detach` overrides this method."""
+        """Do nothing at the end of the start. The output of `arena up --detach` overrides this method and reports the end of
+        the start.
+        """
 
     def close(self) -> None:
         """Wait until everything is written. Lines may also be printed afterwards."""

@@ -176,7 +176,9 @@ class Telemetry:
         return made
 
     def _decode(self, handler: _Handler, data: bytes, now: float) -> bool:
-        """Decode a frame and store its values. Return false if its layout is wrong, though its checksum is correct."""
+        """Decode a frame and store its values. Return false if the payload does not have the expected layout, although the
+        checksum is right.
+        """
         try:
             handler(self, self._codec.decode(bytearray(data)), now)
         except (mavlink.MAVError, ValueError, TypeError, struct.error):

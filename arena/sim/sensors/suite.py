@@ -143,7 +143,7 @@ class _RandomStreams:
         ]
 
     def draw(self, count: int) -> Array:
-        """Return the next `count` numbers of each sensor axis (count, V, width)."""
+        """Return the next `count` random numbers for each sensor axis (count, V, width)."""
         rows = [
             np.concatenate([rng.standard_normal((count, width)) for rng, width in each], axis=1)
             for each in self._streams
