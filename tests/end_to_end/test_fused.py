@@ -78,6 +78,18 @@ def test_a_program_that_crashes_at_once_does_not_delay_the_flight(
     assert "has not slept" not in (flight.folder / "events.jsonl").read_text()
 
 
+@pytest.mark.crowd
+def test_five_vehicles_fly_in_one_process_in_real_time(hangar: Hangar) -> None:
+    vehicles = {f"uav{k}": "lands" for k in range(1, 6)}
+    flight = hangar.fly(vehicles, "--until-done", "--no-report", "--time-limit", "300")
+    assert flight.wait(360) == 0, flight.said()
+    assert flight.outcome["processes"]["router"]["member_of"] == "world"
+    for name in vehicles:
+        told = flight.verdict(name)
+        assert told["crashed"] == "" and told["max_height_m"] > 0.9, name
+    flight.assert_nothing_left()
+
+
 @pytest.fixture(scope="module")
 def many(shared_hangar: Hangar) -> Flight:
     return fly(shared_hangar, "--seed", "7", "--processes")
