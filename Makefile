@@ -2,11 +2,12 @@
 # make test    installs into .venv, checks style and types, runs every test but the long campaigns
 # make nightly runs the long campaigns
 # make kernels compiles the formulas of arena/kernels again; the others do it when a formula has changed
+# make wheels  builds wheels for Linux x86_64 and aarch64 in dist/
 # make bench   the benchmarks that need nothing else, as tables; px4, contract, tracking and thesis are commands of their own
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint unit flights nightly bench docs kernels clean
+.PHONY: demo test lint unit flights nightly bench docs kernels wheels clean
 
 demo: .venv/compiled
 	$(BIN)/arena up examples/01_two_quads/arena.yaml --headless --until-done --time-limit 120
@@ -40,6 +41,11 @@ docs: .venv/ready
 
 kernels: .venv/compiled
 
+# A tool that pip cannot install is named by the last command.
+wheels: .venv/ready
+	-$(BIN)/python -m pip install --quiet --disable-pip-version-check ziglang auditwheel
+	$(BIN)/python tools/build_wheels.py
+
 .venv/compiled: .venv/ready setup.py $(wildcard arena/kernels/*.py arena/kernels/*.pxd)
 	$(BIN)/python setup.py --quiet build_ext --inplace
 	touch $@
@@ -54,4 +60,4 @@ kernels: .venv/compiled
 	touch $@
 
 clean:
-	rm -rf .venv build arena/kernels/*.so runs examples/*/runs *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist arena/kernels/*.so runs examples/*/runs *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

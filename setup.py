@@ -3,23 +3,30 @@
     python setup.py build_ext --inplace      compile the kernels after a change
 
 Without a C compiler or Python's headers, or with ARENA_NO_COMPILE=1, arena installs without compiled kernels and runs
-their Python source.
+their Python source. `make wheels` builds wheels for other computers (tools/build_wheels.py).
 """
 
 import os
 import runpy
 import shutil
+import sys
+import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
+from setuptools.errors import CompileError
 
 HERE = Path(__file__).parent
 FOLDERS = ("profiles", "templates")
 KERNELS = Path("arena/kernels")
 C_FILES = Path("build/kernels")
+NOT_COMPILED = (
+    "no C compiler that finds Python's headers, so the kernels are not compiled and simulated flights are slow. "
+    "Install both (Debian and Ubuntu: apt install gcc python3-dev), then install arena again"
+)
 TOOLS = runpy.run_path(str(HERE / KERNELS / "source_digest.py"))
 # Without contraction a * b + c is rounded twice on every architecture, as Python rounds it.
 FLAGS = ["-O2", "-g0", "-ffp-contract=off"]
@@ -46,6 +53,10 @@ class BuildKernels(build_ext):
         self.force, self.parallel = True, os.cpu_count()
 
     def build_extensions(self) -> None:
+        if not self._can_compile():
+            print(f"arena: {NOT_COMPILED}", file=sys.stderr)
+            self.extensions = []
+            return
         from Cython.Build import cythonize
 
         digest = TOOLS["source_digest"](HERE / KERNELS)
@@ -63,6 +74,17 @@ class BuildKernels(build_ext):
         for extension, translated in zip(self.extensions, in_c, strict=True):
             extension.sources = translated.sources
         super().build_extensions()
+
+    def _can_compile(self) -> bool:
+        """Return whether a C compiler compiles a file that includes Python's headers. The compiler prints its errors."""
+        with tempfile.TemporaryDirectory() as folder:
+            source = Path(folder, "headers.c")
+            source.write_text("#include <Python.h>\n")
+            try:
+                self.compiler.compile([str(source)], output_dir=folder, include_dirs=self.include_dirs)
+            except (CompileError, OSError):
+                return False
+        return True
 
 
 def kernels() -> list[Extension]:

@@ -75,6 +75,7 @@ def fly(
     from arena.campaign.store import Store, listing_of
     from arena.campaign.sweep import load_sweep
     from arena.campaign.table import WITHOUT_PYARROW, has_pyarrow
+    from arena.kernels import INTERPRETED
 
     if cluster is not None and jobs is not None:
         raise InputError(
@@ -89,6 +90,8 @@ def fly(
         return
     if not has_pyarrow():
         print(WITHOUT_PYARROW, file=sys.stderr)
+    if INTERPRETED:
+        print(INTERPRETED, file=sys.stderr)
     inputs = preparation.input_digests(found, arena)
     listing = listing_of(found.name, str(sweep), found.kind, inputs, flights)
     store = Store((results or Path("campaigns") / found.name).resolve())

@@ -67,6 +67,7 @@ def register(app: typer.Typer) -> None:
         ] = False,
     ) -> None:
         """Fly scenarios without a window, several at a time, and report which passed. All files are checked before the first flight."""
+        from arena.kernels import INTERPRETED
         from arena.smoke.flying.fly_scenario import FlightOptions
 
         seeds = [] if seed is None else [f"world.seed={seed}", f"mocap.seed={seed}"]
@@ -79,6 +80,8 @@ def register(app: typer.Typer) -> None:
             _make(folder)
         if junit is not None and junit.is_dir():
             raise InputError(f"{junit}: is a folder, expected a file for --junit. Try {junit / 'junit.xml'}")
+        if INTERPRETED:
+            print(INTERPRETED, file=sys.stderr)
         options = FlightOptions(results=results.resolve(), speed=speed, seed=seed)
         raise SystemExit(_fly(found * repeat, options, jobs_or_cores(jobs), junit))
 

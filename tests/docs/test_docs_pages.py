@@ -95,9 +95,9 @@ def in_order(parts: list[str], text: str) -> bool:
 
 @cache
 def texts() -> tuple[str, ...]:
-    """Return every string of the package, with `…` for inserted values, and the Makefile."""
+    """Return every string of the package and of its tools, with `…` for inserted values, and the Makefile."""
     found = [(ROOT / "Makefile").read_text()]
-    for path in sorted((ROOT / "arena").rglob("*.py")):
+    for path in sorted([*(ROOT / "arena").rglob("*.py"), *(ROOT / "tools").glob("*.py")]):
         found += [told for node in ast.walk(ast.parse(path.read_text())) if (told := told_by(node))]
     return tuple(found)
 
