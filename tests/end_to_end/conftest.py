@@ -22,17 +22,24 @@ def own_address() -> str:
     return f"127.58.{os.getpid() % 250 + 1}.{next(_count)}"
 
 
+def wants_report(request: pytest.FixtureRequest) -> bool:
+    """Return whether the flights of a test module make a report with plots: only if the module has `REPORT = True`."""
+    return bool(getattr(request.module, "REPORT", False))
+
+
 @pytest.fixture
-def hangar(tmp_path: Path) -> Iterator[Hangar]:
-    made = Hangar(tmp_path, own_address())
+def hangar(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Hangar]:
+    made = Hangar(tmp_path, own_address(), report=wants_report(request))
     yield made
     made.close()
 
 
 @pytest.fixture(scope="module")
-def shared_hangar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hangar]:
+def shared_hangar(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Hangar]:
     """Give a hangar for an arena that all tests of a module share."""
-    made = Hangar(tmp_path_factory.mktemp("flight"), own_address())
+    made = Hangar(tmp_path_factory.mktemp("flight"), own_address(), report=wants_report(request))
     yield made
     made.close()
 

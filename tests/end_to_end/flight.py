@@ -282,14 +282,19 @@ class Flight:
 
 
 class Hangar:
-    """Starts flights on one address and ends them all on `close`."""
+    """Starts flights on one address and ends them all on `close`.
 
-    def __init__(self, folder: Path, address: str) -> None:
-        self.folder, self.address = folder, address
+    report: whether `arena up` makes a report with plots at the end, which costs some seconds of CPU time.
+    """
+
+    def __init__(self, folder: Path, address: str, *, report: bool = False) -> None:
+        self.folder, self.address, self._report = folder, address, report
         self.runtime = Path(tempfile.mkdtemp(prefix="arena-fly-"))  # short, for socket paths
         self._flights: list[Flight] = []
 
     def up(self, yaml: Path, *options: str) -> Flight:
+        if not self._report and "--no-report" not in options:
+            options = (*options, "--no-report")
         self._flights.append(Flight(yaml, self.address, *options, folder=self.folder, runtime=self.runtime))
         return self._flights[-1]
 

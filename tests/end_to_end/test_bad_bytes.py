@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from .flight import Flight, Hangar
 
 pytestmark = pytest.mark.flight
+REPORT = True  # these tests read the summary
 VEHICLES = {"uav1": "tours", "uav2": "tours"}
 FLOOD_S, FLOOD_PER_S = 3.0, 7000
 GROWTH_MB = 6.0

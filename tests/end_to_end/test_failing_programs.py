@@ -7,6 +7,7 @@ import pytest
 from .flight import Hangar
 
 pytestmark = pytest.mark.flight
+REPORT = True  # these tests read the summary
 
 BAD = {"thrower": "throws", "spinner": "spins", "frozen": "freezes", "killed": "is_killed"}
 

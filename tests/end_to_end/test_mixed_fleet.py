@@ -17,6 +17,7 @@ from .flight import PROGRAMS, ROOT, Flight, Hangar, eventually
 from .posing import PosingRoom, PosingVehicle
 
 pytestmark = pytest.mark.crowd  # two worlds: the arena and the simulated reality
+REPORT = True  # these tests read the summary
 EXAMPLE = ROOT / "examples" / "01_two_quads" / "position_setpoints.py"
 WIRE_PORT = 14540
 

@@ -24,6 +24,7 @@ from arena.wire.mavlink_codec import Codec
 from .flight import ROOT, Flight, Hangar, eventually
 
 pytestmark = pytest.mark.flight
+REPORT = True  # these tests read the summary
 
 FIRST_ID = 200 + os.getpid() % 40
 """PX4 binds its ports on every address, so these ids are used by no other test."""

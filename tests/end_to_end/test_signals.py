@@ -11,6 +11,7 @@ import pytest
 from .flight import Flight, Hangar, eventually
 
 pytestmark = pytest.mark.flight
+REPORT = True  # these tests read the summary
 
 
 def assert_landed_softly(flight: Flight, vehicle: str) -> None:

@@ -10,6 +10,7 @@ import pytest
 from .flight import Hangar, eventually
 
 pytestmark = pytest.mark.flight
+REPORT = True  # these tests read the summary
 VEHICLES = {"uav1": "hovers", "uav2": "hovers"}
 
 

@@ -13,6 +13,7 @@ from arena.recorder.columns import columns
 from .flight import ROOT, Flight, Hangar
 
 pytestmark = pytest.mark.flight
+REPORT = True  # these tests read the summary
 VEHICLES = ("uav1", "uav2")
 
 

@@ -12,6 +12,7 @@ from arena.cli import main
 
 EXAMPLES = sorted((ROOT / "examples").glob("*/arena.yaml"))
 FLOWN_ELSEWHERE = {"01_two_quads"}
+REPORT = True  # these tests read the summary
 CROWDED = {"10_ten_quads"}
 SWARM = {"11_swarm"}
 SHORT = [e for e in EXAMPLES if e.parent.name not in FLOWN_ELSEWHERE | CROWDED | SWARM]
