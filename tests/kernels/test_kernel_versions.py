@@ -174,6 +174,36 @@ def watch_flights(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     return seen + news
 
 
+def detect_landings(modules: dict[str, ModuleType]) -> list[np.ndarray]:
+    """Run land detector and take-off ramp with random motion and setpoints. Return all arrays after each step."""
+    rng = np.random.default_rng(10)
+    masks = [rng.random(VEHICLES) < 0.5 for _ in range(6)]
+    land = modules["land_detection"].LandDetection(*masks[:5])
+    ramp = modules["land_detection"].RampLaw(masks[5], masks[0], masks[4])
+    fill(
+        land,
+        rng,
+        z_vel_max=-0.5,
+        xy_vel_max=-2.0,
+        rot_max=-1.0,
+        thr_min=-0.1,
+        thr_hover=-0.5,
+        land_speed=-0.5,
+    )
+    fill(ramp, rng, full=-2.0, spoolup_s=-0.2, ramp_s=-0.3, start=2.0, begun=-3.0)
+    seen = []
+    for step in range(200):
+        masks[3][:], masks[4][:] = rng.random((2, VEHICLES)) < 0.3
+        fill(land, rng, v_n=0.3, omega_b=0.3, thrust=-0.2, sink=1.0, trigger_s=-0.05)
+        arrays_of(land)["force"][:] = 9.8 + rng.normal(size=VEHICLES)
+        arrays_of(ramp)["armed_since"][:] = 0.02 * step - rng.random(VEHICLES)
+        for law in (land.step, ramp.update, ramp.limit):
+            law(0.02 * step)
+        for law in (land, ramp):
+            seen += [values.copy() for values in arrays_of(law).values()]
+    return seen
+
+
 def assert_equal(first: list[np.ndarray], second: list[np.ndarray]) -> None:
     assert len(first) == len(second) > 0
     for one, other in zip(first, second, strict=True):
@@ -213,7 +243,16 @@ def test_batteries_and_flight_watch_give_the_same_bits_compiled_and_interpreted(
     assert_equal(watch_flights(interpreted_modules(*WATCH)), watch_flights(compiled_modules(*WATCH)))
 
 
+@needs_compiled
+def test_land_detector_gives_the_same_bits_compiled_and_interpreted() -> None:
+    assert_equal(
+        detect_landings(interpreted_modules("land_detection")),
+        detect_landings(compiled_modules("land_detection")),
+    )
+
+
 def test_interpreted_kernels_run() -> None:
+    assert len(detect_landings(interpreted_modules("land_detection"))) > 0
     assert len(watch_flights(interpreted_modules(*WATCH))) > 0
     assert np.isfinite(fly_freely(interpreted_modules(*BODIES))[-1]).all()
     assert np.isfinite(spin_rotors(interpreted_modules("rotor_dynamics"))[-1]).all()

@@ -102,6 +102,7 @@ class Estimator:
         samples = samples_per_prediction(dt)
         self._covariance = ErrorCovariance(dt, samples, state.r_nb, state.force_b, state.omega_b)
         self.cov = array(self._covariance.cov)
+        self._variances = np.einsum("vii->vi", self.cov)[:, :9]  # of position, velocity and attitude
         self._ctrl, self.rejected = np.zeros(v, int), np.zeros(v, int)
         self._vision = vision = VisionFusion(state, self._covariance, self._ctrl, self.rejected)
         self._delay_s, self._rejected_since = array(vision.delay_s), array(vision.rejected_since)
@@ -167,8 +168,7 @@ class Estimator:
         return np.asarray(np.sqrt((self._accel_mean * self._accel_mean).sum(1)))
 
     def _converged(self, now: float) -> Bool:
-        d = np.einsum("vii->vi", self.cov)[:, :9]
-        return np.asarray((d < _VALID_VARIANCE).all(1) & (now - self.aligned_at > _SETTLE_S))
+        return np.asarray((self._variances < _VALID_VARIANCE).all(1) & (now - self.aligned_at > _SETTLE_S))
 
     # -- prediction ------------------------------------------------------------------------------------------
 

@@ -17,13 +17,11 @@ from arena.autopilot.control.setpoints import Level, Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.param_table import Params
 from arena.constants import GRAVITY_M_S2
+from arena.kernels.arrays import array
+from arena.kernels.land_detection import LandDetection, RampLaw
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
-
-_LOW_THRUST = 0.3  # share of the way from MPC_THR_MIN to MPC_THR_HOVER
-_FREEFALL_M_S2 = 2.0  # below this specific force the vehicle falls
-_REST_M_S2 = 0.5  # largest difference of the specific force from gravity at rest
 
 
 class LandDetector:
@@ -36,11 +34,22 @@ class LandDetector:
 
     def __init__(self, params: Params, vehicles: int) -> None:
         self.params = params
-        self.landed = np.ones(vehicles, bool)
-        self.contact = np.ones(vehicles, bool)
+        self.landed, self.contact = np.ones(vehicles, bool), np.ones(vehicles, bool)
         self.at_rest = np.zeros(vehicles, bool)
-        self._since = np.zeros(vehicles)
-        self._at_rest_since = np.zeros(vehicles)
+        self._xy_valid, self._climbing = np.zeros(vehicles, bool), np.zeros(vehicles, bool)
+        self._law = law = LandDetection(
+            self.landed, self.contact, self.at_rest, self._xy_valid, self._climbing
+        )
+        self._inputs = tuple(map(array, (law.v_n, law.omega_b, law.force, law.thrust, law.sink)))
+        self._read_params()
+
+    def _read_params(self) -> None:
+        p, law = self.params, self._law
+        self._version = p.version
+        array(law.z_vel_max)[:], array(law.xy_vel_max)[:] = p["LNDMC_Z_VEL_MAX"], p["LNDMC_XY_VEL_MAX"]
+        array(law.rot_max)[:], array(law.trigger_s)[:] = np.radians(p["LNDMC_ROT_MAX"]), p["LNDMC_TRIG_TIME"]
+        array(law.thr_min)[:], array(law.thr_hover)[:] = p["MPC_THR_MIN"], p["MPC_THR_HOVER"]
+        array(law.land_speed)[:] = p["MPC_LAND_SPEED"]
 
     def update(self, now: float, est: Estimator, thrust: Array, climbing: Bool, v_sp_down: Array) -> None:
         """Detect from estimate and setpoints which vehicles are on the ground, and store the result in the attributes.
@@ -50,25 +59,13 @@ class LandDetector:
         climbing: True if the setpoint is a climb (V,)
         v_sp_down: setpoint of the sink rate [m/s], NaN if there is none (V,)
         """
-        p = self.params
-        low = p["MPC_THR_MIN"] + _LOW_THRUST * (p["MPC_THR_HOVER"] - p["MPC_THR_MIN"])
-        vertical = np.abs(est.v_n[:, 2]) < p["LNDMC_Z_VEL_MAX"]
-        moving = est.xy_valid(now) & (np.hypot(est.v_n[:, 0], est.v_n[:, 1]) >= p["LNDMC_XY_VEL_MAX"])
-        quiet = np.abs(est.omega_b).max(1) < np.radians(p["LNDMC_ROT_MAX"])
-        force = est.specific_force()
-        pressed_down = (
-            vertical & (v_sp_down > 0.5 * p["MPC_LAND_SPEED"]) & (thrust < 0.9 * p["MPC_THR_HOVER"])
-        )
-        still = vertical & ~moving & (force > _FREEFALL_M_S2)
-        resting = ~climbing & (quiet & still & ((thrust <= low) | pressed_down) | (thrust < 0.01) & vertical)
-        self._since = np.where(resting, self._since, now)
-        held = now - self._since
-        trigger = p["LNDMC_TRIG_TIME"]
-        self.contact = held > trigger / 3.0
-        self.landed = np.where(self.landed, resting | ~climbing & (thrust <= low), held > trigger)
-        rest = self.landed & quiet & (np.abs(force - GRAVITY_M_S2) < _REST_M_S2)
-        self._at_rest_since = np.where(rest, self._at_rest_since, now)
-        self.at_rest = now - self._at_rest_since > trigger
+        if self._version != self.params.version:
+            self._read_params()
+        values = (est.v_n, est.omega_b, est.specific_force(), thrust, v_sp_down)
+        for to, value in zip(self._inputs, values, strict=True):
+            to[...] = value
+        self._xy_valid[...], self._climbing[...] = est.xy_valid(now), climbing
+        self._law.step(now)
 
 
 class TakeoffRamp:
@@ -81,7 +78,19 @@ class TakeoffRamp:
     def __init__(self, params: Params, vehicles: int) -> None:
         self.params = params
         self.flying = np.zeros(vehicles, bool)
-        self.begun = np.full(vehicles, np.inf)
+        self._landed, self._climbing = np.zeros(vehicles, bool), np.zeros(vehicles, bool)
+        self._law = law = RampLaw(self.flying, self._landed, self._climbing)
+        self.begun = array(law.begun)
+        self.begun[:] = np.inf
+        self._armed_since, self._full = array(law.armed_since), array(law.full)
+        self._climb_rate = array(law.climb_rate)
+        self._read_params()
+
+    def _read_params(self) -> None:
+        p, law = self.params, self._law
+        self._version = p.version
+        array(law.spoolup_s)[:], array(law.ramp_s)[:] = p["COM_SPOOLUP_TIME"], p["MPC_TKO_RAMP_T"]
+        array(law.start)[:] = -GRAVITY_M_S2 / p["MPC_Z_VEL_P_ACC"]
 
     def update(self, now: float, armed_since: Array, landed: Bool, climbing: Bool) -> None:
         """Update the take-off ramp of each vehicle: set `begun` when the ramp starts, and `flying` when the ramp is complete.
@@ -91,25 +100,20 @@ class TakeoffRamp:
         landed: True if the land detector detects the ground (V,)
         climbing: True if the setpoint is a climb (V,)
         """
-        spooled = now - armed_since >= self.params["COM_SPOOLUP_TIME"]
-        go = spooled & climbing
-        self.begun = np.where(
-            landed & ~go & ~self.flying | ~spooled, np.inf, np.minimum(self.begun, np.where(go, now, np.inf))
-        )
-        done = now - self.begun >= self.params["MPC_TKO_RAMP_T"]
-        self.flying = spooled & (self.flying & ~landed | done & climbing)
+        if self._version != self.params.version:
+            self._read_params()
+        self._armed_since[...], self._landed[...], self._climbing[...] = armed_since, landed, climbing
+        self._law.update(now)
 
     def speed_up(self, now: float, full: Array) -> Array:
         """Return the greatest climb rate [m/s] (V,) that the take-off ramp allows now. During the ramp this rate
-        rises from a negative value (no thrust) to `full`.
+        rises from a negative value (no thrust) to `full`. The next call changes the array.
 
         full: climb rate at the end of the ramp [m/s] (V,)
         """
-        p = self.params
-        part = np.clip((now - self.begun) / np.maximum(p["MPC_TKO_RAMP_T"], 1e-3), 0.0, 1.0)
-        start = -GRAVITY_M_S2 / p["MPC_Z_VEL_P_ACC"]
-        ramp = start + part * (full - start)
-        return np.where(self.flying, np.inf, np.where(np.isfinite(self.begun), ramp, start))
+        self._full[...] = full
+        self._law.limit(now)
+        return self._climb_rate
 
 
 def climb_requested(sp: Setpoints, est: Estimator, params: Params) -> Bool:

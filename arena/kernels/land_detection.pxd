@@ -1,0 +1,28 @@
+# C types of land_detection.py: they make the compiled classes fast and change no result.
+cimport cython
+from libc cimport math
+
+from arena.kernels cimport limits
+
+cdef double _G, _LOW_THRUST, _FREEFALL_M_S2, _REST_M_S2
+
+cdef class LandDetection:
+    cdef readonly unsigned char[::1] landed, contact, at_rest, xy_valid, climbing
+    cdef readonly double[:, ::1] v_n, omega_b
+    cdef readonly double[::1] force, thrust, sink, z_vel_max, xy_vel_max, rot_max, trigger_s, thr_min, thr_hover, land_speed
+    cdef readonly double[::1] since, at_rest_since
+    @cython.locals(resting=bint, low=bint)
+    cpdef void step(self, double now) except *
+    @cython.locals(vertical=bint, slow=bint, pressed=bint)
+    cdef bint _is_resting(self, Py_ssize_t i) except -1
+    @cython.locals(fastest=double)
+    cdef bint _is_quiet(self, Py_ssize_t i) except -1
+    cdef bint _has_low_thrust(self, Py_ssize_t i) except -1
+
+cdef class RampLaw:
+    cdef readonly unsigned char[::1] flying, landed, climbing
+    cdef readonly double[::1] armed_since, full, spoolup_s, ramp_s, start, begun, climb_rate
+    @cython.locals(spooled=bint, go=bint, done=bint)
+    cpdef void update(self, double now) except *
+    @cython.locals(part=double)
+    cpdef void limit(self, double now) except *
