@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite, sqrt
+from typing import NamedTuple
 
 Triple = tuple[float, float, float]
 Quad = tuple[float, float, float, float]
@@ -15,8 +16,7 @@ _H = sqrt(0.5)
 _MAX_DISTANCE_M = 1e4
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
+class Pose(NamedTuple):
     """Position and attitude of a rigid body in NED.
 
     body: name of the rigid body. p_n: position of its origin [m] [NED]. q_nb: attitude [-] wxyz.

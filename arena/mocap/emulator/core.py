@@ -8,7 +8,6 @@ and frames keep their order.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -50,6 +49,7 @@ class EmulatedCameras:
         self.delay_s = 0.0
         self._bodies = settings["bodies"]
         self._index = {str(b["name"]): i for i, b in enumerate(self._bodies)}
+        self._numbers = [int(b["number"]) for b in self._bodies]
         self._rows = np.array([b["index"] for b in self._bodies], int)
         self._shown_rows = self._rows  # rows of the truth after swapped bodies
         self._offset_n = np.zeros((len(self._bodies), 3))
@@ -65,7 +65,7 @@ class EmulatedCameras:
         self._frames_left = 0
         self._occluded: set[str] = set()
         self._frozen: set[str] = set()
-        self._last: dict[str, MeasuredBody] = {}
+        self._last: list[MeasuredBody] = []
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -112,9 +112,14 @@ class EmulatedCameras:
         if self._has_offset:
             p_n, q_nb = p_n + self._offset_n, quat_multiply(self._rotation, q_nb)
         places, quats = (p_n @ _W_N).tolist(), (q_nb @ _XYZW_NB).tolist()
-        bodies = tuple(self._body(b, p, q) for b, p, q in zip(self._bodies, places, quats, strict=True))
-        self._last = {b["name"]: body for b, body in zip(self._bodies, bodies, strict=True)}
-        return MeasuredFrame(number=number, exposed_s=self.exposure(number), bodies=bodies)
+        bodies = [
+            MeasuredBody(k, (x, y, z), (qx, qy, qz, qw), self._sigma_m, True)
+            for k, (x, y, z), (qx, qy, qz, qw) in zip(self._numbers, places, quats, strict=True)
+        ]
+        if self._occluded or self._frozen:
+            bodies = [self._with_faults(name, body) for name, body in zip(self._index, bodies, strict=True)]
+        self._last = bodies
+        return MeasuredFrame(number=number, exposed_s=self.exposure(number), bodies=tuple(bodies))
 
     def _draw(self) -> Array:
         """Return standard normal noise of one frame: position and rotation of each body (B, 6)."""
@@ -126,21 +131,12 @@ class EmulatedCameras:
         row: Array = self._noise[_BLOCK - 1 - self._frames_left]
         return row
 
-    def _body(self, body: Mapping[str, Any], position: list[float], quat_xyzw: list[float]) -> MeasuredBody:
-        name = body["name"]
-        last = self._last.get(name)
-        if last is not None and name in self._occluded:
-            return dataclasses.replace(last, tracked=False)
-        if last is not None and name in self._frozen:
-            return last
-        (x, y, z), (qx, qy, qz, qw) = position, quat_xyzw
-        return MeasuredBody(
-            number=body["number"],
-            position_w=(x, y, z),
-            quat_xyzw_wf=(qx, qy, qz, qw),
-            mean_error_m=self._sigma_m,
-            tracked=name not in self._occluded,
-        )
+    def _with_faults(self, name: str, measured: MeasuredBody) -> MeasuredBody:
+        """Return the pose of a body with the injected faults: an occluded or frozen body repeats its last pose."""
+        last = self._last[self._index[name]] if self._last else measured
+        if name in self._occluded:
+            return last._replace(tracked=False)
+        return last if name in self._frozen else measured
 
     # -- fault injection -----------------------------------------------------------------------------------------------
 

@@ -6,13 +6,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Protocol, cast
+from typing import NamedTuple, Protocol, cast
 
 from arena.mocap.vendors import Settings, load_vendor
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeasuredBody:
+class MeasuredBody(NamedTuple):
     """Pose of a rigid body as the cameras measure it.
 
     number: the body's number in the stream. position_w: [m] [z-up capture axes].

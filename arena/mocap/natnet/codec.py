@@ -15,6 +15,7 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import isfinite
+from typing import NamedTuple
 
 from arena.errors import WireError
 
@@ -41,8 +42,7 @@ _SIZED_TAIL_BYTES = (
 )  # after a sized frame's last section: stamps, precision stamp, parameters, end
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Body:
+class Body(NamedTuple):
     """A rigid body in a frame. position: [m] [capture axes]. quat_xyzw: [-]. tracked: NatNet's tracking-valid
     bit.
     """

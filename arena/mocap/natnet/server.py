@@ -43,13 +43,7 @@ class NatNetServer:
         self.counts["frames"] += 1
         self._now_s = sent_s
         bodies = tuple(
-            codec.Body(
-                streaming_id=b.number,
-                position=b.position_w,
-                quat_xyzw=b.quat_xyzw_wf,
-                mean_error_m=b.mean_error_m,
-                tracked=b.tracked,
-            )
+            codec.Body(b.number, b.position_w, b.quat_xyzw_wf, b.mean_error_m, b.tracked)
             for b in frame.bodies
         )
         packet = codec.Frame(
