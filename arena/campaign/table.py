@@ -86,7 +86,8 @@ def write_plots(listing: Listing, records: Sequence[Record], folder: Path) -> li
     for measure in MEASURES:
         values = np.array([_number(r.measures.get(measure.name)) for r in records])
         if np.isfinite(values).any():
-            label = f"{measure.name.removesuffix('_' + measure.unit.replace('/', '_'))} [{measure.unit}]"
+            unit = "" if measure.unit == "1" else f" [{measure.unit}]"
+            label = measure.name.removesuffix("_" + measure.unit.replace("/", "_")) + unit
             path = folder / f"{measure.name}.png"
             title = f"{listing.name}: {measure.meaning}"
             passed = [r.passed for r in records]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from arena.geometry import Array
 
@@ -15,6 +16,8 @@ _DPI = 90
 _GOOD, _BAD = "tab:blue", "tab:red"
 _COLUMNS = 3
 _MOST_TICKS = 12
+_LONG_NAME = 10  # characters; longer names of values are turned, so that they do not overlap
+_LOG_RATIO = 30.0  # largest to smallest value of a setting from which its axis is logarithmic
 
 
 def draw(
@@ -40,8 +43,7 @@ def draw(
         _over_setting(panel, values, np.array(passed, bool), given)
         panel.set(xlabel=_plain(name), ylabel=label)
     histogram = axes[len(settings)]
-    known = values[np.isfinite(values)]
-    histogram.hist(known, bins=min(30, max(5, int(np.sqrt(known.size)))), color=_GOOD)
+    _histogram(histogram, values, np.array(passed, bool))
     histogram.set(xlabel=label, ylabel="flights")
     for panel in axes[panels:]:
         panel.set_visible(False)
@@ -53,21 +55,50 @@ def draw(
     return path
 
 
+def _histogram(panel: Axes, values: Array, passed: Array) -> None:
+    """Plot the number of flights over the measure; failed flights on top of passed ones. Counts get one bar per integer."""
+    known = np.isfinite(values)
+    parts = [values[known & passed], values[known & np.logical_not(passed)]]
+    if _whole(values[known]):
+        panel.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
+        bins = np.arange(values[known].min() - 0.5, values[known].max() + 1.0)
+    else:
+        bins = np.histogram_bin_edges(values[known], min(30, max(5, int(np.sqrt(known.sum())))))
+    panel.hist(parts, bins=list(bins), color=[_GOOD, _BAD], stacked=True)
+    panel.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
+
+
+def _whole(values: Array) -> bool:
+    """Return whether all values are integers, and few enough for one bar each."""
+    return bool(values.size and np.all(values == np.round(values)) and np.ptp(values) < 30)
+
+
 def _over_setting(panel: Axes, values: Array, passed: Array, given: Sequence[object]) -> None:
-    """Plot a point per flight over the values of a setting. If values repeat, plot the line of the medians, too."""
+    """Plot a point per flight over the values of a setting. If values repeat, plot the medians, too."""
     numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in given)
     names = [str(v) for v in given]
     known = list(dict.fromkeys(names))
     x = np.array(given, float) if numeric else np.array([known.index(n) for n in names], float)
-    for mask, colour, text in ((passed, _GOOD, "passed"), (np.logical_not(passed), _BAD, "failed")):
-        if mask.any():
-            panel.plot(x[mask], values[mask], ".", color=colour, alpha=0.6, label=text)
+    if passed.any():
+        panel.plot(x[passed], values[passed], ".", color=_GOOD, alpha=0.6, label="passed")
+    failed = np.logical_not(passed)
+    if failed.any():
+        panel.plot(x[failed], values[failed], "x", color=_BAD, markersize=7, zorder=3, label="failed")
     places = np.unique(x)
-    if places.size < x.size and numeric:
+    if places.size < x.size:
         middles = [_median(values[x == place]) for place in places]
-        panel.plot(places, middles, color="black", linewidth=1.0, label="median")
+        style = "-" if numeric else "_"
+        panel.plot(places, middles, style, color="black", linewidth=1.0, markersize=16, label="median")
+    if numeric and places[0] > 0 and places[-1] >= _LOG_RATIO * places[0]:
+        panel.set_xscale("log")
     if not numeric and len(known) <= _MOST_TICKS:
         panel.set_xticks(range(len(known)), [_plain(n) for n in known])
+        if max(map(len, known)) > _LONG_NAME:
+            for text in panel.get_xticklabels():
+                text.set(rotation=20.0, ha="right")
+        panel.margins(x=0.2)
+    if _whole(values[np.isfinite(values)]):
+        panel.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
     panel.legend(fontsize="small")
 
 
