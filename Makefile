@@ -9,7 +9,7 @@ BIN := .venv/bin
 
 .PHONY: demo test lint unit flights nightly bench docs kernels wheels clean
 
-demo: .venv/compiled
+demo: bytecode
 	$(BIN)/arena up examples/01_two_quads/arena.yaml --headless --until-done --time-limit 120
 
 test: lint unit flights
@@ -19,27 +19,31 @@ lint: .venv/ready
 	$(BIN)/mypy
 
 # Half of the time, a unit test waits for a process or a socket: three workers for two cores.
-unit: .venv/compiled
+unit: bytecode
 	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 3 --dist loadfile -q
 
 # Arenas at real time need cores: two flights of a few vehicles share two cores, arenas of many vehicles fly alone.
 
-flights: .venv/compiled
+flights: bytecode
 	$(BIN)/python -m pytest -m "flight and not nightly" -n 2 --dist loadfile -q
 	$(BIN)/python -m pytest -m "crowd and not nightly" -q
 
 # Long campaigns: every cell of the process table, every shipped scenario, twelve vehicles, full fuzz and estimator campaigns.
-nightly: .venv/compiled
+nightly: bytecode
 	$(BIN)/python -m pytest -m "nightly and not crowd" -n 2 --dist loadfile -q
 	$(BIN)/python -m pytest -m "nightly and crowd" -q
 
-bench: .venv/compiled
+bench: bytecode
 	for each in flights world router startup; do $(BIN)/python benchmarks/$$each.py || exit 1; done
 
 docs: .venv/ready
 	$(BIN)/python -m arena.cli.reference
 
 kernels: .venv/compiled
+
+# Where PYTHONDONTWRITEBYTECODE is set, as in many containers, each process of an arena would compile its modules again.
+bytecode: .venv/compiled
+	$(BIN)/python -m compileall -q arena
 
 # A tool that pip cannot install is named by the last command.
 wheels: .venv/ready
