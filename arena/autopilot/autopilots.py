@@ -26,8 +26,8 @@ from arena.autopilot.control.setpoints import Level, Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.estimation.land_detector import LandDetector, TakeoffRamp, climb_requested
 from arena.autopilot.estimation.vision_input import vision_batch
-from arena.autopilot.mavlink import telemetry_batch
 from arena.autopilot.mavlink.mavlink_interface import MavlinkInterface
+from arena.autopilot.mavlink.telemetry_packer import TelemetryPacker
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.navigation.auto_modes import AutoModes
 from arena.autopilot.param_table import Params
@@ -88,10 +88,11 @@ class Autopilots:
         ]
         self.gates = [CommandGate(x["name"], x["id"], simulated=True) for x in vehicles if authority]
         self.interfaces = [
-            MavlinkInterface(v, lambda: self._telemetry, self.gates[i] if authority else None)
+            MavlinkInterface(v, self._read_telemetry, self.gates[i] if authority else None)
             for i, v in enumerate(self.vehicles)
         ]
         self._telemetry: TelemetryState | None = None
+        self._packer = TelemetryPacker(self.est, self.sp, self.cascade, self.allocator.rows.shape[1])
         self.tasks = [FlightTask(i) for i in range(n)]
         self._decide_every = steps_within(_DECISION_PERIOD_S, dt)
         self._realign_every = self._decide_every * steps_within(_REALIGN_PERIOD_S, dt * self._decide_every)
@@ -140,22 +141,27 @@ class Autopilots:
     def transmit(self) -> list[tuple[int, str, bytes]]:
         """Return the datagrams to send after this step, as (index of the vehicle, name of the link, datagram)."""
         now = self._now
-        self._telemetry = state = TelemetryState(
+        self._telemetry = TelemetryState(
             now,
             self.est,
-            self.sp,
-            self.cascade,
             self._sensors,
             thrust=self.thrust,
             motors=self.motors,
             consumed_mah=self._consumed_mah,
         )
         active = [x for x in self.interfaces if x.has_output(now)]
-        due = [(x, link, msgid) for x in active for link, msgid in x.prepare(now)]
-        payloads = telemetry_batch.payloads(((x.vehicle, msgid) for x, _, msgid in due), state)
-        for x, link, msgid in due:
-            x.send_telemetry(link, msgid, state, payloads)
+        due = [(x, link, messages) for x in active for link, messages in x.prepare(now)]
+        if due and (last := self._read_telemetry()):
+            for x, link, messages in due:
+                x.send_telemetry(link, messages, *last)
         return [(x.vehicle.row, link, data) for x in active for link, data in x.take_datagrams()]
+
+    def _read_telemetry(self) -> tuple[TelemetryState, TelemetryPacker] | None:
+        """Return the state of the last step and a packer of it, None before the first step."""
+        if self._telemetry is None:
+            return None
+        self._packer.begin(self._telemetry)
+        return self._telemetry, self._packer
 
     def on_request(self, request: Mapping[str, Any]) -> None:
         """Process a request of the supervisor (see `process_context`), such as to refuse arming."""

@@ -16,5 +16,5 @@ cdef class FrameParser:
 @cython.locals(end=Py_ssize_t)
 cpdef bint plausible(bytes data, tuple frame, bint clean, Py_ssize_t size) except -1
 
-@cython.locals(size=Py_ssize_t, end=Py_ssize_t, frame=bytearray, crc=long)
+@cython.locals(size=Py_ssize_t, head=bytes, body=bytes)
 cpdef bytes pack(bytes payload, long msgid, bytes seed, long seq, long sysid, long compid)

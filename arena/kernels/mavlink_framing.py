@@ -6,6 +6,7 @@ The CRC is computed by fastcrc, which is compiled: it needs 10 ns for a short fr
 from __future__ import annotations
 
 import re
+import struct
 from typing import TYPE_CHECKING
 
 from fastcrc import crc16
@@ -22,6 +23,7 @@ _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13
 _SIGNED = 0x01
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _crc = crc16.mcrf4xx
+_pack_head, _pack_crc = struct.Struct("<BBBBBBHB").pack, struct.Struct("<H").pack
 _new = tuple.__new__  # a NamedTuple's constructor costs twice as much, and there is one call per message
 
 
@@ -119,12 +121,6 @@ def pack(payload: bytes, msgid: int, seed: bytes, seq: int, sysid: int, compid: 
     size = len(payload)
     while size > 1 and payload[size - 1] == 0:
         size -= 1
-    end = _V2_HEAD + size
-    frame = bytearray(end + _CRC)
-    frame[0], frame[1] = _V2, size
-    frame[4], frame[5], frame[6] = seq, sysid, compid
-    frame[7], frame[8], frame[9] = msgid & 0xFF, msgid >> 8 & 0xFF, msgid >> 16
-    frame[_V2_HEAD:end] = payload[:size]
-    crc = _crc(seed, _crc(frame[1:end]))
-    frame[end], frame[end + 1] = crc & 0xFF, crc >> 8
-    return bytes(frame)
+    head = _pack_head(size, 0, 0, seq, sysid, compid, msgid & 0xFFFF, msgid >> 16)
+    body = head + (payload if size == len(payload) else payload[:size])
+    return b"\xfd" + body + _pack_crc(_crc(body + seed))

@@ -38,6 +38,12 @@ class Codec:
         self._sender.seq = (self._sender.seq + 1) % 256
         return data
 
+    def take_sequence(self, count: int) -> int:
+        """Return the next sequence number, and reserve it and the following ones for `count` frames."""
+        seq: int = self._sender.seq
+        self._sender.seq = (seq + count) % 256
+        return seq
+
     def onboard_heartbeat(self) -> bytes:
         """Return the frame of a HEARTBEAT as onboard controller, with the next sequence number."""
         return pack_onboard_heartbeat(self._sender)

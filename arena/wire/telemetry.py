@@ -8,16 +8,16 @@ the time at which it was received.
 
 from __future__ import annotations
 
-import struct
 import threading
 from collections import deque
 from collections.abc import Callable, Collection
-from typing import Generic, Self, TypeVar, overload
+from typing import Any, Generic, Self, TypeVar, overload
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavlink_frame import AUTOPILOT, parse_frames, uint_at
+from arena.wire.mavlink_frame import AUTOPILOT, Frame, parse_frames, uint_at
+from arena.wire.mavlink_layout import decoder
 from arena.wire.px4_mode import mode_words
 from arena.wire.telemetry_values import (
     Ack,
@@ -42,7 +42,7 @@ _HIGHRES_MAG = 0x01C0
 _HIGHRES_BARO = 0x1A00
 
 
-_Handler = Callable[["Telemetry", mavlink.MAVLink_message, float], None]
+_Handler = Callable[["Telemetry", Any, float], None]
 T = TypeVar("T")
 
 _HIGHRES, _SERVOS = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU, mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
@@ -99,7 +99,7 @@ class Telemetry:
     waiting: slot -> the newest frames that are not decoded yet, with their time of arrival [s]; see `_SLOTS`
     system_id, component_id: ids of the autopilot; messages of other senders are ignored
     only: message ids to decode; None decodes all messages that belong to a group
-    refused: number of frames with a wrong checksum or layout
+    refused: number of frames with a wrong checksum
     """
 
     local = _Newest[Local](mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
@@ -122,9 +122,8 @@ class Telemetry:
         self._handlers = {
             number: handler for number, handler in _HANDLERS.items() if only is None or number in only
         }
-        self._codec = mavlink.MAVLink(None)
         self.received_at: float | None = None
-        self.waiting: dict[int, dict[int, tuple[int, bytes, float]]] = {}
+        self.waiting: dict[int, dict[int, tuple[bytes, Frame, float]]] = {}
         self._lock = threading.RLock()  # a background thread may receive while the program reads
         self.version: tuple[int, int, int] | None = None
         self.texts: deque[Text] = deque(maxlen=32)
@@ -138,24 +137,23 @@ class Telemetry:
         now: time of arrival [s], by any clock.
         """
         received = False
-        found = parse_frames(datagram)
-        self.refused += found.bad_crc
-        for frame in found.frames:
-            handler = self._handlers.get(frame.msgid)
-            if handler is None or frame.sysid != self._system or frame.compid != self._component:
+        frames, _, bad_crc, _ = parse_frames(datagram)
+        self.refused += bad_crc
+        for frame in frames:
+            msgid = frame.msgid
+            if msgid not in self._handlers or frame.sysid != self._system or frame.compid != self._component:
                 continue
-            data = datagram[frame.start : frame.end]
-            slot = _SLOTS.get(frame.msgid)
+            received, slot = True, _SLOTS.get(msgid)
             if slot is None:
-                received = self._decode(handler, data, now) or received
+                self._decode(datagram, frame, now)
                 continue
-            received, key = True, 0
+            key = 0
             if slot == _HIGHRES:
                 key = uint_at(datagram, frame, _FIELDS_UPDATED, 2) & (_HIGHRES_MAG | _HIGHRES_BARO)
             with self._lock:
-                frames = self.waiting.setdefault(slot, {})
-                frames.pop(key, None)  # so that the frames stay in the order of arrival
-                frames[key] = frame.msgid, data, now
+                waiting = self.waiting.setdefault(slot, {})
+                waiting.pop(key, None)  # so that the frames stay in the order of arrival
+                waiting[key] = datagram, frame, now
         if received:
             self.received_at = now
         return received
@@ -163,8 +161,8 @@ class Telemetry:
     def decode_waiting(self, slot: int) -> None:
         """Decode the frames of one slot (group of data) that have arrived since its value was read, in the order of arrival."""
         with self._lock:
-            for number, data, now in self.waiting.pop(slot, {}).values():
-                self._decode(self._handlers[number], data, now)
+            for datagram, frame, now in self.waiting.pop(slot, {}).values():
+                self._decode(datagram, frame, now)
 
     def __copy__(self) -> Self:
         """Return a copy with the present values, which does not change any more."""
@@ -175,16 +173,9 @@ class Telemetry:
             made.__dict__ |= {**self.__dict__, "waiting": {}}
         return made
 
-    def _decode(self, handler: _Handler, data: bytes, now: float) -> bool:
-        """Decode a frame and store its values. Return false if the payload does not have the expected layout, although the
-        checksum is right.
-        """
-        try:
-            handler(self, self._codec.decode(bytearray(data)), now)
-        except (mavlink.MAVError, ValueError, TypeError, struct.error):
-            self.refused += 1
-            return False
-        return True
+    def _decode(self, datagram: bytes, frame: Frame, now: float) -> None:
+        """Decode a frame and store its values."""
+        self._handlers[frame.msgid](self, decoder(frame.msgid)(datagram, frame), now)
 
     def recent_texts(self, since: float, worst: int = mavlink.MAV_SEVERITY_INFO) -> list[str]:
         """Return the STATUSTEXTs received since a time [s], each text once.
@@ -195,20 +186,20 @@ class Telemetry:
             dict.fromkeys(t.text for t in self.texts if t.received_at >= since and t.severity <= worst)
         )
 
-    def _heartbeat(self, m: mavlink.MAVLink_heartbeat_message, now: float) -> None:
+    def _heartbeat(self, m: Any, now: float) -> None:
         armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.heartbeat = HeartbeatState(received_at=now, mode=mode_words(m.custom_mode), armed=armed)
 
-    def _sys_status(self, m: mavlink.MAVLink_sys_status_message, now: float) -> None:
+    def _sys_status(self, m: Any, now: float) -> None:
         battery = float(m.battery_remaining) if m.battery_remaining >= 0 else np.nan
         # PX4 sets this bit only in the health field, never in the sensors present.
         prearm = bool(m.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
         self.status = Status(received_at=now, prearm=prearm, battery=battery)
 
-    def _extended(self, m: mavlink.MAVLink_extended_sys_state_message, now: float) -> None:
+    def _extended(self, m: Any, now: float) -> None:
         self.ground = Ground(received_at=now, landed=m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND)
 
-    def _local(self, m: mavlink.MAVLink_local_position_ned_message, now: float) -> None:
+    def _local(self, m: Any, now: float) -> None:
         self.local = Local(
             received_at=now,
             boot_s=m.time_boot_ms * 1e-3,
@@ -216,7 +207,7 @@ class Telemetry:
             vel=np.array((m.vx, m.vy, m.vz)),
         )
 
-    def _attitude(self, m: mavlink.MAVLink_attitude_quaternion_message, now: float) -> None:
+    def _attitude(self, m: Any, now: float) -> None:
         self.attitude = Attitude(
             received_at=now,
             boot_s=m.time_boot_ms * 1e-3,
@@ -224,7 +215,7 @@ class Telemetry:
             ang_vel=np.array((m.rollspeed, m.pitchspeed, m.yawspeed)),
         )
 
-    def _highres(self, m: mavlink.MAVLink_highres_imu_message, now: float) -> None:
+    def _highres(self, m: Any, now: float) -> None:
         self.imu = Imu(
             received_at=now,
             boot_s=m.time_usec * 1e-6,
@@ -241,44 +232,44 @@ class Telemetry:
                 alt=m.pressure_alt,
             )
 
-    def _gps(self, m: mavlink.MAVLink_gps_raw_int_message, now: float) -> None:
+    def _gps(self, m: Any, now: float) -> None:
         if m.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX:
             self.gps = Gps(received_at=now, pos=np.array((m.lat * 1e-7, m.lon * 1e-7, m.alt * 1e-3)))
 
-    def _servos(self, m: mavlink.MAVLink_servo_output_raw_message, now: float) -> None:
+    def _servos(self, m: Any, now: float) -> None:
         raw = np.array([getattr(m, f"servo{i}_raw") for i in range(1, 9)], float)
         self.actuators = Actuators(
             received_at=now, group=m.port, output=np.clip((raw - 1000.0) / 1000.0, 0.0, 1.0)
         )
 
-    def _controls(self, m: mavlink.MAVLink_actuator_control_target_message, now: float) -> None:
+    def _controls(self, m: Any, now: float) -> None:
         self.actuators = Actuators(received_at=now, group=m.group_mlx, output=np.array(m.controls, float))
 
-    def _reference(self, m: mavlink.MAVLink_position_target_local_ned_message, now: float) -> None:
+    def _reference(self, m: Any, now: float) -> None:
         ignored = [bool(m.type_mask & 1 << bit) for bit in range(12)]
         pos = np.where(ignored[0:3], np.nan, (m.x, m.y, m.z))
         vel = np.where(ignored[3:6], np.nan, (m.vx, m.vy, m.vz))
         yaw = np.nan if ignored[10] else m.yaw
         self.reference = Reference(received_at=now, boot_s=m.time_boot_ms * 1e-3, pos=pos, vel=vel, yaw=yaw)
 
-    def _attitude_reference(self, m: mavlink.MAVLink_attitude_target_message, now: float) -> None:
+    def _attitude_reference(self, m: Any, now: float) -> None:
         rates = np.array((m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate))
         self.attitude_reference = AttitudeReference(
             received_at=now, boot_s=m.time_boot_ms * 1e-3, q_nb=np.array(m.q), ang_vel=rates, thrust=m.thrust
         )
 
-    def _text(self, m: mavlink.MAVLink_statustext_message, now: float) -> None:
-        text = m.text if isinstance(m.text, str) else m.text.decode(errors="replace")
+    def _text(self, m: Any, now: float) -> None:
+        text = m.text.split(b"\0", 1)[0].decode("ascii", errors="replace")
         if m.id and m.id == self._text_id and m.chunk_seq and self.texts:
             text = self.texts.pop().text + text
         self._text_id = m.id
-        self.texts.append(Text(received_at=now, severity=m.severity, text=text.rstrip("\0")))
+        self.texts.append(Text(received_at=now, severity=m.severity, text=text))
 
-    def _ack(self, m: mavlink.MAVLink_command_ack_message, now: float) -> None:
+    def _ack(self, m: Any, now: float) -> None:
         target = m.target_system, m.target_component
         self.acks.append(Ack(received_at=now, command=m.command, result=m.result, target=target))
 
-    def _version(self, m: mavlink.MAVLink_autopilot_version_message, now: float) -> None:
+    def _version(self, m: Any, now: float) -> None:
         number = m.flight_sw_version
         self.version = number >> 24 & 0xFF, number >> 16 & 0xFF, number >> 8 & 0xFF
 

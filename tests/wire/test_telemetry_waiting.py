@@ -22,8 +22,9 @@ def imu(codec: Codec, fields: int, mag: float) -> bytes:
 
 def test_only_the_newest_frame_of_a_value_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
     telemetry, codec, decoded = Telemetry(1), Codec(1, 1), []
-    decode = telemetry._codec.decode
-    monkeypatch.setattr(telemetry._codec, "decode", lambda data: decoded.append(1) or decode(data))
+    store = telemetry._handlers[mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED]
+    handlers = {mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: lambda *given: decoded.append(1) or store(*given)}
+    monkeypatch.setattr(telemetry, "_handlers", handlers)
     for i in range(50):
         assert telemetry.on_datagram(position(codec, i), 0.1 * i)
     assert decoded == [] and telemetry.received_at == pytest.approx(4.9)

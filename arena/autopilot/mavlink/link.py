@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from arena.wire.mavlink_codec import Codec
 
-_QUEUE_LIMIT = 256  # frames
+_QUEUE_LIMIT = 256  # entries
 _CATCH_UP_S = 0.1  # a late stream skips messages that are older than this
 _ROUNDING_S = 1e-6
 
@@ -18,7 +19,7 @@ _ROUNDING_S = 1e-6
 class MavlinkLink:
     """MAVLink channel of a vehicle (`router`, `vision` or `panic`): frames to send and stream schedule.
 
-    queue: frames to send
+    queue: frames to send; an entry may contain several
     intervals: period of each scheduled message [s], by message id
     schedule: heap of (time [s], message id), one entry per scheduled message
     gcs_heartbeat_at: time of the last ground station heartbeat on this link [s]
@@ -49,7 +50,8 @@ class MavlinkLink:
 
     def take_due(self, now: float) -> list[int]:
         """Return the ids of the messages that are due at `now` [s], and schedule each of these messages again."""
-        schedule, until, oldest, due = self.schedule, now + _ROUNDING_S, now - _CATCH_UP_S, []
+        schedule, until, oldest = self.schedule, now + _ROUNDING_S, now - _CATCH_UP_S
+        due: list[int] = []
         while schedule and schedule[0][0] <= until:
             when, msgid = schedule[0]
             due.append(msgid)
@@ -62,10 +64,14 @@ class MavlinkLink:
         if message is not None and len(self.queue) < _QUEUE_LIMIT:
             self.queue.append(self.codec.pack(message))
 
-    def send_payload(self, msgid: int, payload: bytes) -> None:
-        """Queue a message whose payload is already encoded, or drop it if the queue is full."""
+    def send_frames(self, count: int, pack: Callable[[int], bytes]) -> None:
+        """Queue several frames, or drop them if the queue is full.
+
+        count: number of frames
+        pack: function that returns the frames as bytes, with this sequence number and the next ones
+        """
         if len(self.queue) < _QUEUE_LIMIT:
-            self.queue.append(self.codec.frame(msgid, payload))
+            self.queue.append(pack(self.codec.take_sequence(count)))
 
     def take_datagram(self) -> bytes:
         """Remove all queued frames and return them as one datagram."""

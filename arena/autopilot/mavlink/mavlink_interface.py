@@ -10,7 +10,7 @@ supported. No received data raises an exception.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -24,10 +24,10 @@ from arena.autopilot.mavlink import (
     offboard_setpoints,
     param_protocol,
     streams,
-    telemetry_batch,
 )
 from arena.autopilot.mavlink.external_vision import from_odometry, from_vision_estimate
 from arena.autopilot.mavlink.link import MavlinkLink
+from arena.autopilot.mavlink.telemetry_packer import AVAILABLE, FREQUENT, READERS, TelemetryPacker
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.vehicle import Vehicle
 from arena.wire import mavlink_records
@@ -44,14 +44,14 @@ _PHASE_S, _PHASES = 0.004, 5  # phase shift between the streams of neighbouring 
 class MavlinkInterface:
     """Receives and sends the MAVLink messages of one vehicle on its links `router`, `vision` and `panic`.
 
-    telemetry: function that returns the state of all vehicles at the last step, None before the first step
+    telemetry: function that returns the state of all vehicles at the last step and its packer, None before the first step
     gate: decides who may command the vehicle; None obeys every sender, as PX4 does
     """
 
     def __init__(
         self,
         vehicle: Vehicle,
-        telemetry: Callable[[], TelemetryState | None],
+        telemetry: Callable[[], tuple[TelemetryState, TelemetryPacker] | None],
         gate: CommandGate | None = None,
     ) -> None:
         self.vehicle, self._telemetry, self.gate = vehicle, telemetry, gate
@@ -237,11 +237,8 @@ class MavlinkInterface:
 
     def _send_now(self, link: MavlinkLink, msgid: int) -> bool:
         """Send one requested message. Return False if the message is not supported or has no valid content."""
-        state = self._telemetry()
-        if state is None:
-            return False
-        payloads = telemetry_batch.payloads([(self.vehicle, msgid)], state)
-        return self.send_telemetry(link, msgid, state, payloads)
+        last = self._telemetry()
+        return last is not None and self.send_telemetry(link, [msgid], *last)
 
     # -- sending ---------------------------------------------------------------------------------------------
 
@@ -254,10 +251,10 @@ class MavlinkInterface:
             or bool(self.vehicle.commander.texts)
         )
 
-    def prepare(self, now: float) -> list[tuple[MavlinkLink, int]]:
-        """Queue replies and status texts; return the telemetry due at `now` [s] as (link, message id).
+    def prepare(self, now: float) -> list[tuple[MavlinkLink, list[int]]]:
+        """Queue replies and status texts; return the telemetry due at `now` [s] as (link, message ids).
 
-        The caller encodes the telemetry of all vehicles as one batch and passes it to `send_telemetry`.
+        The caller passes the result to `send_telemetry`.
         """
         if now >= self.mission_protocol.due or self.mission_protocol.has_progress:
             self.mission_protocol.update(now)
@@ -268,26 +265,31 @@ class MavlinkInterface:
             for link in self.links.values():
                 for message in self.param_server.next_values(link.name):
                     link.send(message)
-        return [(link, msgid) for link in self.links.values() for msgid in link.take_due(now)]
+        until = now + _ROUNDING_S
+        return [(link, link.take_due(now)) for link in self.links.values() if link.next_due() <= until]
 
     def send_telemetry(
-        self,
-        link: MavlinkLink,
-        msgid: int,
-        state: TelemetryState,
-        payloads: Mapping[int, Mapping[int, bytes]],
+        self, link: MavlinkLink, message_ids: list[int], state: TelemetryState, packer: TelemetryPacker
     ) -> bool:
-        """Queue one telemetry message. Return False if the message is not supported or has no valid content.
+        """Queue telemetry messages. Return False if no message is supported and has valid content.
 
         state: state of all vehicles
-        payloads: result of `telemetry_batch.payloads`
+        packer: packs the frequent messages of this state
         """
-        if msgid in payloads:
-            payload = payloads[msgid].get(self.vehicle.row)
-            if payload is None:
-                return False
-            link.send_payload(msgid, payload)
-            return True
+        v, packed, sent = self.vehicle, [], False
+        for msgid in message_ids:
+            if msgid not in FREQUENT:
+                sent = self._send_rare(link, msgid, state) or sent
+            elif msgid not in AVAILABLE or AVAILABLE[msgid](v, state):
+                if msgid in READERS:
+                    READERS[msgid](packer, v, state)
+                packed.append(msgid)
+        if packed:
+            link.send_frames(len(packed), lambda seq: packer.pack(v, packed, seq))
+        return sent or bool(packed)
+
+    def _send_rare(self, link: MavlinkLink, msgid: int, state: TelemetryState) -> bool:
+        """Queue a message that pymavlink encodes. Return False if it is not supported or has no valid content."""
         if msgid == mavlink.MAVLINK_MSG_ID_PING:
             self._pings += 1
             link.send(mavlink.MAVLink_ping_message(state.us, self._pings, 0, 0))

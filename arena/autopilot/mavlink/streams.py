@@ -1,7 +1,7 @@
 """Telemetry streams: default rate of each message on each link, and functions that build the rare messages.
 
-The rates are those of PX4's onboard link, measured on v1.16 SITL in simulation time. `telemetry_batch`
-encodes the frequent messages for many vehicles at once. Each function here builds the message of one vehicle;
+The rates are those of PX4's onboard link, measured on v1.16 SITL in simulation time. `telemetry_packer`
+packs the frequent messages. Each function here builds the message of one vehicle;
 it returns None if the vehicle has no valid content for it.
 """
 
@@ -11,14 +11,16 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.atmosphere import pressure_hpa
 from arena.autopilot.commander import Mode
-from arena.autopilot.mavlink.telemetry_batch import BATCHED, INT16, INT32, global_position
+from arena.autopilot.mavlink.telemetry_packer import FREQUENT
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.vehicle import Vehicle
+from arena.constants import INT32_MAX, INT32_MIN
+from arena.geometry import EARTH_M
+from arena.kernels.telemetry_packing import global_position
 from arena.wire.mavlink_frame import MavlinkSender
 from arena.wire.px4_mode import ADVANCED, AVAILABLE_MODES, CURRENT_MODE, AvailableMode, CurrentMode
 
@@ -35,6 +37,7 @@ _SELECTABLE = {
     Mode.LAND: "",
 }
 _NAN = math.nan
+_INT32, _INT16 = (INT32_MIN, INT32_MAX), (-32768, 32767)
 
 
 class AllModes:
@@ -102,8 +105,14 @@ def scaled_pressure(v: Vehicle, s: TelemetryState) -> Any:
 def home_position(v: Vehicle, s: TelemetryState) -> Any:
     if v.origin is None or v.home_n is None:
         return None
-    place = (int(x[0]) for x in global_position(np.array([v.origin]), np.array([v.home_n])))
-    return mavlink.MAVLink_home_position_message(*place, *v.home_n, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, s.us)
+    lat0, lon0, alt0, heading = v.origin
+    north, east, down = v.home_n
+    lat, lon = global_position(north, east, heading, lat0, lon0, EARTH_M)
+    alt = _clamped((alt0 - down) * 1e3, _INT32)
+    level = [1.0, 0.0, 0.0, 0.0]
+    return mavlink.MAVLink_home_position_message(
+        int(lat), int(lon), alt, *v.home_n, level, 0.0, 0.0, 0.0, s.us
+    )
 
 
 def gps_global_origin(v: Vehicle, now: float) -> Any:
@@ -112,7 +121,7 @@ def gps_global_origin(v: Vehicle, now: float) -> Any:
         return None
     lat, lon, alt, _ = v.origin
     return mavlink.MAVLink_gps_global_origin_message(
-        round(lat * 1e7), round(lon * 1e7), _clamped(alt * 1e3, INT32), int(now * 1e6)
+        round(lat * 1e7), round(lon * 1e7), _clamped(alt * 1e3, _INT32), int(now * 1e6)
     )
 
 
@@ -174,7 +183,7 @@ BUILDERS: dict[int, Builder] = {
     CURRENT_MODE: current_mode,
     AVAILABLE_MODES: available_modes,
 }
-SUPPORTED = BUILDERS.keys() | BATCHED.keys() | {mavlink.MAVLINK_MSG_ID_PING}
+SUPPORTED = BUILDERS.keys() | FREQUENT.keys() | {mavlink.MAVLINK_MSG_ID_PING}
 """Ids of all messages that can be streamed or requested."""
 
 _SLOW = {
@@ -214,9 +223,9 @@ LINK_RATES: dict[str, dict[int, float]] = {
 }
 
 
-def _clamped(value: float, limits: tuple[float, float]) -> int:
+def _clamped(value: float, limits: tuple[int, int]) -> int:
     return int(min(max(value, limits[0]), limits[1]))
 
 
 def _centi(amperes: float) -> int:
-    return _clamped(100.0 * amperes, INT16) if math.isfinite(amperes) else 0
+    return _clamped(100.0 * amperes, _INT16) if math.isfinite(amperes) else 0

@@ -1,0 +1,326 @@
+"""Telemetry messages that built-in autopilots send often: which quantity each field contains.
+
+The kernel `telemetry_packing` computes the quantities and packs the frames. pymavlink's dialect defines the layouts.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.atmosphere import pressure_hpa
+from arena.autopilot.commander import Mode
+from arena.autopilot.control.controllers import Cascade
+from arena.autopilot.control.setpoints import Setpoints
+from arena.autopilot.estimation.estimator import Estimator
+from arena.autopilot.mavlink.telemetry_state import TelemetryState
+from arena.autopilot.vehicle import Vehicle
+from arena.geometry import EARTH_M
+from arena.kernels.arrays import array, integers, view
+from arena.kernels.telemetry_packing import (
+    COLUMNS,
+    KINDS,
+    PLACE,
+    SIZES,
+    STATUS,
+    VALUES,
+    PayloadWriter,
+    TelemetryPacking,
+)
+from arena.wire.mavlink_frame import SEEDS
+from arena.wire.mavlink_layout import layout, payload_bytes
+
+Array = NDArray[np.float64]
+_NAN = float("nan")
+_EXACT = 2.0**53  # integers up to this size are exact in a float
+
+_BOOT = {"time_boot_ms": "time_ms"}
+_TIME = {"time_usec": "time_us"}
+_RATES = "rollspeed pitchspeed yawspeed"
+FREQUENT: dict[int, dict[str, str | float]] = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: {
+        "type": "mav_type",
+        "autopilot": mavlink.MAV_AUTOPILOT_PX4,
+        "base_mode": "base_mode",
+        "custom_mode": "custom_mode",
+        "system_status": "status",
+        "mavlink_version": 3,
+    },
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: {
+        "onboard_control_sensors_present": "present",
+        "onboard_control_sensors_enabled": "present",
+        "onboard_control_sensors_health": "health",
+        "load": 100,
+        "voltage_battery": "voltage_mv",
+        "current_battery": "current_ca",
+        "battery_remaining": "remaining",
+    },
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: {**_BOOT},
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: {**_BOOT, "roll pitch yaw": "rpy", _RATES: "omega_b"},
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: {**_BOOT, "q1 q2 q3 q4": "q_nb", _RATES: "omega_b"},
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: {**_BOOT, "x y z": "p_n", "vx vy vz": "v_n"},
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: {
+        **_BOOT,
+        "lat": "lat",
+        "lon": "lon",
+        "alt": "alt_mm",
+        "relative_alt": "relative_alt_mm",
+        "vx vy vz": "velocity_cm_s",
+        "hdg": "heading_cdeg",
+    },
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: {
+        "time_usec": "time_us_32",
+        " ".join(f"servo{k}_raw" for k in range(1, 9)): "servos",
+    },
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: {
+        "airspeed": "speed",
+        "groundspeed": "speed",
+        "alt": "alt",
+        "climb": "climb",
+        "heading": "heading_deg",
+        "throttle": "throttle",
+    },
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: {
+        **_BOOT,
+        "q": "q_sp",
+        "body_roll_rate body_pitch_rate body_yaw_rate": "omega_sp",
+        "thrust": "thrust",
+    },
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: {
+        **_BOOT,
+        "x y z vx vy vz afx afy afz yaw yaw_rate": "setpoint",
+        "type_mask": "ignored",
+        "coordinate_frame": mavlink.MAV_FRAME_LOCAL_NED,
+    },
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: {
+        **_TIME,
+        "xacc yacc zacc": "accel_b",
+        "xgyro ygyro zgyro": "gyro_b",
+        "xmag ymag zmag": "mag_b",
+        "abs_pressure": "pressure_hpa",
+        "pressure_alt": "baro_alt",
+        "temperature": 25.0,
+        "fields_updated": 0x1BFF,
+    },
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: {"ts1": "time_ns"},
+    mavlink.MAVLINK_MSG_ID_ALTITUDE: {
+        **_TIME,
+        "altitude_monotonic altitude_amsl altitude_local altitude_relative": "heights",
+        "altitude_terrain": _NAN,
+        "bottom_clearance": _NAN,
+    },
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: {"landed_state": "landed"},
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: {
+        **_TIME,
+        # PX4 sends the velocity in NED and declares it in child_frame_id.
+        "frame_id": mavlink.MAV_FRAME_LOCAL_NED,
+        "child_frame_id": mavlink.MAV_FRAME_LOCAL_NED,
+        "x y z": "p_n",
+        "q": "q_nb",
+        "vx vy vz": "v_n",
+        _RATES: "omega_b",
+        "pose_covariance": "pose_covariance",
+        "velocity_covariance": "velocity_covariance",
+        "reset_counter": "reset_counter",
+        "estimator_type": mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT,
+    },
+}
+"""Message id -> names of fields -> the quantity that these fields contain, or a constant. All other fields are 0."""
+
+
+class TelemetryPacker:
+    """Packs the messages of `FREQUENT` for V vehicles with at most R rotors each. Use `begin` once per step, before `pack`.
+
+    est, sp, cascade: estimator, setpoints and controllers of the vehicles
+    """
+
+    def __init__(self, est: Estimator, sp: Setpoints, cascade: Cascade, rotors: int) -> None:
+        self._packing = packing = TelemetryPacking(len(sp.level), rotors, *_tables(), EARTH_M)
+        inputs = array(packing.inputs)
+        self._status, self._place = inputs[:, : len(STATUS)], inputs[:, len(STATUS) :]
+        self._pressure_hpa, self._baro_alt = array(packing.pressure_hpa), array(packing.baro_alt)
+        self._copied = [
+            (array(packing.accel_b), "accel_b"),
+            (array(packing.gyro_b), "gyro_b"),
+            (array(packing.mag_b), "mag_b"),
+            (self._baro_alt, "baro_alt_m"),
+            (array(packing.battery_v), "battery_v"),
+            (array(packing.battery_a), "battery_a"),
+            (array(packing.battery), "battery"),
+            (array(packing.thrust), "thrust"),
+            (array(packing.motors), "motors"),
+        ]
+        packing.read_estimates_from(
+            view(est.p_n),
+            view(est.v_n),
+            view(est.q_nb),
+            view(est.r_nb),
+            view(est.omega_b),
+            view(est.cov),
+            integers(est.reset_counter),
+        )
+        position = cascade.position
+        used = (sp.p_n, sp.yaw, sp.yaw_rate, position.v_sp_n, position.a_sp_n, cascade.q_sp, cascade.omega_sp)
+        packing.read_setpoints_from(integers(sp.level), *(view(each) for each in used))
+
+    def begin(self, state: TelemetryState) -> None:
+        """Copy the values of a step that the autopilots do not keep in the same arrays."""
+        for to, name in self._copied:
+            to[...] = getattr(state, name)
+        self._pressure_hpa[...] = pressure_hpa(self._baro_alt)
+        self._packing.set_time(state.ms, state.us, int(state.now_s * 1e9))
+
+    def pack(self, v: Vehicle, message_ids: list[int], seq: int) -> bytes:
+        """Return the frames of these messages of a vehicle. seq: sequence number of the first frame."""
+        return self._packing.pack(v.row, message_ids, seq, v.system_id, 1)
+
+    def set_status(self, v: Vehicle, s: TelemetryState) -> None:
+        """Read mode, arming and health of a vehicle."""
+        present = _present(v, s)
+        self._status[v.row] = (
+            v.mav_type,
+            v.commander.mode.custom_mode,
+            _base_mode(v),
+            _status(v),
+            v.landed_state,
+            present,
+            _health(v, s, present),
+        )
+
+    def set_place(self, v: Vehicle, s: TelemetryState) -> None:
+        """Read arming, origin and home of a vehicle."""
+        lat, lon, alt, _ = v.origin or (_NAN, _NAN, _NAN, 0.0)
+        home_d = v.home_n[2] if v.home_n else _NAN
+        self._place[v.row] = v.commander.armed, lat, lon, alt, v.heading, home_d
+
+
+def _tables() -> tuple[list[float], list[PayloadWriter]]:
+    """Return the constants of all messages, and a writer for each message."""
+    constants: list[float] = []
+    writers, ranges = [], view(_ranges())
+    for msgid, contents in FREQUENT.items():
+        fields: list[tuple[int, int, int]] = []
+        for names, content in contents.items():
+            if isinstance(content, str):
+                fields += _fields_of(msgid, names.split(), COLUMNS[content], SIZES[content])
+            else:
+                constants.append(content)
+                fields += _fields_of(msgid, names.split(), VALUES + len(constants) - 1, 1)
+        table = integers(np.array(fields, np.int64))
+        writers.append(PayloadWriter(msgid, payload_bytes(msgid), SEEDS[msgid], table, ranges))
+    return constants, writers
+
+
+def _fields_of(msgid: int, names: Sequence[str], column: int, size: int) -> list[tuple[int, int, int]]:
+    """Return a row of the kernel's table of fields for each number in these fields of a message.
+
+    column, size: position and number of the values. Raises ValueError if the fields contain another number of elements.
+    """
+    rows: list[tuple[int, int, int]] = []
+    for name in names:
+        code, offset, count = layout(msgid)[name]
+        place, rest = divmod(offset, struct.calcsize(f"<{code}"))
+        if rest:
+            raise ValueError(f"message {msgid}: field {name} is not aligned to its size")
+        rows += [(column + len(rows) + k, KINDS.index(code), place + k) for k in range(count)]
+    if len(rows) != size:
+        raise ValueError(f"message {msgid}: {names} contain {len(rows)} numbers, expected {size}")
+    return rows
+
+
+def _ranges() -> Array:
+    """Return the smallest and largest value of each type in `KINDS` (9, 2). Those of 64 bits have the range of exact floats."""
+    found = []
+    for code in KINDS:
+        bits = 8 * struct.calcsize(f"<{code}")
+        low, high = (
+            (0.0, 2.0**bits - 1.0) if code.isupper() else (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1.0)
+        )
+        found.append((max(low, -_EXACT), min(high, _EXACT)))
+    return np.array(found)
+
+
+def _base_mode(v: Vehicle) -> int:
+    base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (
+        mavlink.MAV_MODE_FLAG_SAFETY_ARMED if v.commander.armed else 0
+    )
+    base |= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+    if v.commander.mode is not Mode.OFFBOARD:
+        base |= mavlink.MAV_MODE_FLAG_AUTO_ENABLED | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+    return int(base)
+
+
+def _status(v: Vehicle) -> int:
+    c = v.commander
+    if c.mode is Mode.TERMINATE:
+        return int(mavlink.MAV_STATE_FLIGHT_TERMINATION)
+    return int(
+        mavlink.MAV_STATE_CRITICAL
+        if c.failsafe
+        else mavlink.MAV_STATE_ACTIVE
+        if c.armed
+        else mavlink.MAV_STATE_STANDBY
+    )
+
+
+_SENSORS = (
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+    | mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
+    | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+    | mavlink.MAV_SYS_STATUS_AHRS
+)
+
+
+def _present(v: Vehicle, s: TelemetryState) -> int:
+    # SDKs interpret the GPS bit as "the global position is valid", whatever its source.
+    present = _SENSORS | (mavlink.MAV_SYS_STATUS_SENSOR_GPS if _has_global(v, s) else 0)
+    return int(present | (mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER if v.inputs.manual_control else 0))
+
+
+def _health(v: Vehicle, s: TelemetryState, present: int) -> int:
+    health = present if s.xy_valid[v.row] else present & ~mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
+    return int(health | mavlink.MAV_SYS_STATUS_PREARM_CHECK) if v.ready_to_arm else health
+
+
+def _has_horizontal(v: Vehicle, s: TelemetryState) -> bool:
+    return s.xy_valid[v.row]
+
+
+def _is_aligned(v: Vehicle, _: TelemetryState) -> bool:
+    """Return whether the estimator is initialised. Like PX4's, its position is sent even when it is not valid."""
+    return v.aligned
+
+
+def _has_global(v: Vehicle, s: TelemetryState) -> bool:
+    return v.origin is not None and s.xy_valid[v.row]
+
+
+AVAILABLE: dict[int, Callable[[Vehicle, TelemetryState], bool]] = {
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _is_aligned,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _has_global,
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: _has_horizontal,
+}
+"""Message id -> function that returns whether a vehicle has valid content for the message. All other messages always have."""
+
+
+def _readers() -> dict[int, Callable[[TelemetryPacker, Vehicle, TelemetryState], None]]:
+    """Return for each message the method that reads inputs of the vehicle which the message contains."""
+    place = {"servos", "lat", "alt", "heights"}
+    found: dict[int, Callable[[TelemetryPacker, Vehicle, TelemetryState], None]] = {}
+    for msgid, contents in FREQUENT.items():
+        used = {each for each in contents.values() if isinstance(each, str)}
+        if used & set(STATUS):
+            found[msgid] = TelemetryPacker.set_status
+        elif used & (place | set(PLACE)):
+            found[msgid] = TelemetryPacker.set_place
+    return found
+
+
+READERS = _readers()

@@ -1,0 +1,56 @@
+# C types of telemetry_packing.py: they make the compiled class fast and change no result.
+cimport cython
+from libc cimport math
+
+from arena.kernels cimport limits, mavlink_framing, rotations
+
+cdef Py_ssize_t _TIME_MS, _TIME_US, _TIME_US_32, _TIME_NS, _RPY, _Q, _OMEGA, _P, _V
+cdef Py_ssize_t _POSE_COVARIANCE, _VELOCITY_COVARIANCE, _RESETS, _ACCEL, _GYRO, _MAG, _PRESSURE, _BARO_ALT
+cdef Py_ssize_t _LAT, _LON, _ALT_MM, _RELATIVE_MM, _VELOCITY_CM_S, _HEADING_CDEG, _SPEED, _ALT, _CLIMB
+cdef Py_ssize_t _HEADING_DEG, _THROTTLE, _HEIGHTS, _Q_SP, _OMEGA_SP, _THRUST, _SETPOINT, _IGNORED, _SERVOS
+cdef Py_ssize_t _VOLTAGE, _CURRENT, _REMAINING, _INPUTS, _ARMED, _LAT0, _LON0, _ALT0, _HEADING, _HOME_D
+cdef Py_ssize_t _POSITION, _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64
+cdef double _DEG, _NAN
+
+cpdef (double, double) global_position(double north, double east, double heading, double lat0, double lon0, double earth_m)
+cpdef double rounded(double x) except? -1.0
+
+cdef class PayloadWriter:
+    cdef readonly long number
+    cdef readonly bytes seed
+    cdef readonly object payload
+    cdef readonly long[:, ::1] fields
+    cdef readonly double[:, ::1] ranges
+    cdef unsigned char[::1] u8
+    cdef signed char[::1] i8
+    cdef unsigned short[::1] u16
+    cdef short[::1] i16
+    cdef unsigned int[::1] u32
+    cdef int[::1] i32
+    cdef unsigned long long[::1] u64
+    cdef long long[::1] i64
+    cdef float[::1] f32
+    cpdef bytes write(self, double[::1] values)
+    @cython.locals(whole=long)
+    cdef void _store(self, double value, Py_ssize_t kind, Py_ssize_t at) except *
+
+cdef class TelemetryPacking:
+    cdef readonly dict writers
+    cdef readonly Py_ssize_t rotors
+    cdef readonly double earth_m
+    cdef readonly double[::1] values, baro_alt, pressure_hpa, battery_v, battery_a, battery, thrust, sp_yaw, sp_yaw_rate
+    cdef readonly double[:, ::1] inputs, accel_b, gyro_b, mag_b, motors
+    cdef readonly double[:, ::1] p_n, v_n, q_nb, omega_b, sp_p_n, v_sp_n, a_sp_n, q_sp, omega_sp
+    cdef readonly double[:, :, ::1] r_nb, cov
+    cdef readonly long[::1] resets, level
+    cpdef void set_time(self, double time_ms, double time_us, double time_ns) except *
+    @cython.locals(frames=list, number=long, writer=PayloadWriter, payload=bytes)
+    cpdef bytes pack(self, Py_ssize_t i, list message_ids, long seq, long sysid, long compid)
+    cdef void _compute(self, Py_ssize_t i) except *
+    @cython.locals(at=Py_ssize_t)
+    cdef void _compute_estimates(self, Py_ssize_t i) except *
+    cdef void _compute_sensors(self, Py_ssize_t i) except *
+    cdef void _compute_heights(self, Py_ssize_t i) except *
+    cdef void _compute_global(self, Py_ssize_t i) except *
+    @cython.locals(by_position=bint)
+    cdef void _compute_setpoints(self, Py_ssize_t i) except *

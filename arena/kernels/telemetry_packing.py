@@ -1,0 +1,355 @@
+"""Telemetry of the autopilots: computes the quantities of a vehicle, and packs them into MAVLink frames.
+
+A quantity is one or several numbers, such as the position. The tables of a message say which quantity its fields contain.
+They are made from pymavlink's dialect (`arena.autopilot.mavlink.telemetry_packer`), so no layout is in this module.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from arena.kernels import limits, mavlink_framing, rotations
+from arena.kernels.arrays import floats
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from arena.kernels.arrays import Floats, Integers
+
+
+KINDS = "BbHhIiQqf"
+"""Types of fields that can be packed, as codes of the module `struct`. The tables contain positions in this text."""
+STATUS = ("mav_type", "custom_mode", "base_mode", "status", "landed", "present", "health")
+PLACE = ("armed", "lat0", "lon0", "alt0", "heading", "home_d")
+"""Inputs of a vehicle, each one number. alt0, home_d: NaN if the origin, or home, is not set."""
+SIZES = {
+    **dict.fromkeys(("time_ms", "time_us", "time_us_32", "time_ns"), 1),
+    **{"rpy": 3, "q_nb": 4, "omega_b": 3, "p_n": 3, "v_n": 3},
+    **{"pose_covariance": 21, "velocity_covariance": 21, "reset_counter": 1},
+    **{"accel_b": 3, "gyro_b": 3, "mag_b": 3, "pressure_hpa": 1, "baro_alt": 1},
+    **{"lat": 1, "lon": 1, "alt_mm": 1, "relative_alt_mm": 1, "velocity_cm_s": 3, "heading_cdeg": 1},
+    **{"speed": 1, "alt": 1, "climb": 1, "heading_deg": 1, "throttle": 1, "heights": 4},
+    **{"q_sp": 4, "omega_sp": 3, "thrust": 1, "setpoint": 11, "ignored": 1, "servos": 8},
+    **{"voltage_mv": 1, "current_ca": 1, "remaining": 1},
+    **dict.fromkeys(STATUS + PLACE, 1),
+}
+"""Quantity -> number of its values. The constant values of messages follow after the last quantity."""
+COLUMNS = {name: sum(list(SIZES.values())[:k]) for k, name in enumerate(SIZES)}
+"""Quantity -> position of its first value."""
+VALUES = sum(SIZES.values())
+
+_TIME_MS, _TIME_US, _TIME_US_32, _TIME_NS = (
+    COLUMNS["time_ms"],
+    COLUMNS["time_us"],
+    COLUMNS["time_us_32"],
+    COLUMNS["time_ns"],
+)
+_RPY, _Q, _OMEGA, _P, _V = (
+    COLUMNS["rpy"],
+    COLUMNS["q_nb"],
+    COLUMNS["omega_b"],
+    COLUMNS["p_n"],
+    COLUMNS["v_n"],
+)
+_POSE_COVARIANCE, _VELOCITY_COVARIANCE = COLUMNS["pose_covariance"], COLUMNS["velocity_covariance"]
+_RESETS, _ACCEL, _GYRO, _MAG = (
+    COLUMNS["reset_counter"],
+    COLUMNS["accel_b"],
+    COLUMNS["gyro_b"],
+    COLUMNS["mag_b"],
+)
+_PRESSURE, _BARO_ALT = COLUMNS["pressure_hpa"], COLUMNS["baro_alt"]
+_LAT, _LON, _ALT_MM, _RELATIVE_MM = (
+    COLUMNS["lat"],
+    COLUMNS["lon"],
+    COLUMNS["alt_mm"],
+    COLUMNS["relative_alt_mm"],
+)
+_VELOCITY_CM_S, _HEADING_CDEG, _SPEED = COLUMNS["velocity_cm_s"], COLUMNS["heading_cdeg"], COLUMNS["speed"]
+_ALT, _CLIMB, _HEADING_DEG, _THROTTLE = (
+    COLUMNS["alt"],
+    COLUMNS["climb"],
+    COLUMNS["heading_deg"],
+    COLUMNS["throttle"],
+)
+_HEIGHTS, _Q_SP, _OMEGA_SP, _THRUST = (
+    COLUMNS["heights"],
+    COLUMNS["q_sp"],
+    COLUMNS["omega_sp"],
+    COLUMNS["thrust"],
+)
+_SETPOINT, _IGNORED, _SERVOS = COLUMNS["setpoint"], COLUMNS["ignored"], COLUMNS["servos"]
+_VOLTAGE, _CURRENT, _REMAINING = COLUMNS["voltage_mv"], COLUMNS["current_ca"], COLUMNS["remaining"]
+_INPUTS, _ARMED, _LAT0, _LON0 = (
+    COLUMNS["mav_type"],
+    COLUMNS["armed"],
+    COLUMNS["lat0"],
+    COLUMNS["lon0"],
+)
+_ALT0, _HEADING, _HOME_D = COLUMNS["alt0"], COLUMNS["heading"], COLUMNS["home_d"]
+_POSITION = 3  # level of a setpoint, as in `cascade`
+_DEG = 180.0 / math.pi
+_NAN = float("nan")
+_MOST_BYTES = 256  # more than every payload
+_UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64 = range(8)  # positions in KINDS
+
+
+def global_position(
+    north: float, east: float, heading: float, lat0: float, lon0: float, earth_m: float
+) -> tuple[float, float]:
+    """Return latitude and longitude [1e-7 deg] of a local position, rounded. `arena.geometry.globe_from_local` has the formula
+    for arrays.
+
+    north, east: position from the origin [m]
+    heading: direction of the local frame's north, clockwise from true north [rad]
+    lat0, lon0: origin [deg]
+    earth_m: radius of the Earth [m]
+    """
+    cos, sin = math.cos(heading), math.sin(heading)
+    true_north, true_east = cos * north - sin * east, sin * north + cos * east
+    lat = limits.within(lat0 + _DEG * (true_north / earth_m), -90.0, 90.0)
+    lon = lon0 + _DEG * (true_east / (earth_m * math.cos(lat0 / _DEG)))
+    return rounded(lat * 1e7), rounded(((lon + 180.0) % 360.0 - 180.0) * 1e7)
+
+
+def rounded(x: float) -> float:
+    """Return the nearest integer. Values without one, such as NaN, stay."""
+    return math.floor(x + 0.5) if abs(x) < 1e15 else x
+
+
+class PayloadWriter:
+    """Writes the payload of one message type, always into the same buffer.
+
+    number, seed: message id and its seed byte CRC_EXTRA
+    fields: for each number in the payload: its position in the values, its type as position in `KINDS`, and its offset in
+        units of the type's size (F, 3). The other bytes of the payload are 0
+    ranges: smallest and largest value of each type in `KINDS` (9, 2)
+    """
+
+    def __init__(self, number: int, size: int, seed: bytes, fields: Integers, ranges: Floats) -> None:
+        """Prepare the buffer. size: number of bytes of the payload"""
+        self.number, self.seed, self.fields, self.ranges = number, seed, fields, ranges
+        raw = memoryview(bytearray(_MOST_BYTES))
+        self.payload, self.u8, self.i8 = raw[:size], raw, raw.cast("b")
+        self.u16, self.i16, self.u32, self.i32 = raw.cast("H"), raw.cast("h"), raw.cast("I"), raw.cast("i")
+        self.u64, self.i64, self.f32 = raw.cast("Q"), raw.cast("q"), raw.cast("f")
+
+    def write(self, values: Floats) -> bytes:
+        """Return the payload with these values."""
+        for k in range(len(self.fields)):
+            self._store(values[self.fields[k, 0]], self.fields[k, 1], self.fields[k, 2])
+        return self.payload.tobytes()
+
+    def _store(self, value: float, kind: int, at: int) -> None:
+        """Store a number in the payload. An integer is truncated toward zero and limited to its range; NaN becomes 0.
+
+        at: offset in units of the type's size
+        """
+        if kind > _INT64:
+            self.f32[at] = value
+            return
+        whole = 0
+        if not math.isnan(value):
+            whole = int(limits.within(value, self.ranges[kind, 0], self.ranges[kind, 1]))
+        if kind == _UINT8:
+            self.u8[at] = whole
+        elif kind == _INT8:
+            self.i8[at] = whole
+        elif kind == _UINT16:
+            self.u16[at] = whole
+        elif kind == _INT16:
+            self.i16[at] = whole
+        elif kind == _UINT32:
+            self.u32[at] = whole
+        elif kind == _INT32:
+            self.i32[at] = whole
+        elif kind == _UINT64:
+            self.u64[at] = whole
+        else:
+            self.i64[at] = whole
+
+
+class TelemetryPacking:
+    """Packs the telemetry of V vehicles with at most R rotors each.
+
+    inputs: numbers that the caller sets before it packs messages that contain them, `STATUS` then `PLACE` (V, 13)
+    accel_b, gyro_b, mag_b: input: specific force [m/s2], body rates [rad/s], magnetic field [gauss] [FRD] (V, 3)
+    baro_alt, pressure_hpa: input: barometric altitude [m] and its pressure [hPa] (V,)
+    battery_v, battery_a, battery: input: voltage [V], current [A] and remaining charge 0..1 (V,)
+    thrust, motors: input: collective thrust (V,) and motor commands (V, R) 0..1
+    rotors: R
+    values: the quantities of one vehicle, then the constants of the messages
+    """
+
+    def __init__(
+        self,
+        vehicles: int,
+        rotors: int,
+        constants: Sequence[float],
+        writers: Sequence[PayloadWriter],
+        earth_m: float,
+    ) -> None:
+        """Use these messages.
+
+        constants: constant values of all messages
+        writers: one for each message
+        earth_m: radius of the Earth [m]
+        """
+        self.writers, self.earth_m = {each.number: each for each in writers}, earth_m
+        self.values = floats(VALUES + len(constants))
+        for k, constant in enumerate(constants):
+            self.values[VALUES + k] = constant
+        for k in range(21):
+            self.values[_POSE_COVARIANCE + k] = self.values[_VELOCITY_COVARIANCE + k] = _NAN
+        self.inputs = floats(vehicles, len(STATUS) + len(PLACE))
+        self.accel_b, self.gyro_b, self.mag_b = floats(vehicles, 3), floats(vehicles, 3), floats(vehicles, 3)
+        self.baro_alt, self.pressure_hpa = floats(vehicles), floats(vehicles)
+        self.battery_v, self.battery_a, self.battery = floats(vehicles), floats(vehicles), floats(vehicles)
+        self.thrust, self.motors, self.rotors = floats(vehicles), floats(vehicles, rotors), rotors
+
+    def read_estimates_from(
+        self,
+        p_n: Floats,
+        v_n: Floats,
+        q_nb: Floats,
+        r_nb: Floats,
+        omega_b: Floats,
+        cov: Floats,
+        resets: Integers,
+    ) -> None:
+        """Use these arrays of the estimator in each later step."""
+        self.p_n, self.v_n, self.q_nb, self.r_nb, self.omega_b = p_n, v_n, q_nb, r_nb, omega_b
+        self.cov, self.resets = cov, resets
+
+    def read_setpoints_from(
+        self,
+        level: Integers,
+        p_n: Floats,
+        yaw: Floats,
+        yaw_rate: Floats,
+        v_sp_n: Floats,
+        a_sp_n: Floats,
+        q_sp: Floats,
+        omega_sp: Floats,
+    ) -> None:
+        """Use these arrays of the setpoints and of the controllers in each later step."""
+        self.level, self.sp_p_n, self.sp_yaw, self.sp_yaw_rate = level, p_n, yaw, yaw_rate
+        self.v_sp_n, self.a_sp_n, self.q_sp, self.omega_sp = v_sp_n, a_sp_n, q_sp, omega_sp
+
+    def set_time(self, time_ms: float, time_us: float, time_ns: float) -> None:
+        """Set the time of the messages.
+
+        time_ms: time since boot [ms], modulo 2^32
+        time_us, time_ns: time since boot [us], [ns]
+        """
+        self.values[_TIME_MS], self.values[_TIME_US], self.values[_TIME_NS] = time_ms, time_us, time_ns
+        self.values[_TIME_US_32] = time_us % 4294967296.0
+
+    def pack(self, i: int, message_ids: list[int], seq: int, sysid: int, compid: int) -> bytes:
+        """Return the frames of these messages of vehicle i.
+
+        seq: sequence number of the first frame; the other frames have the next ones
+        sysid, compid: sender
+        """
+        self._compute(i)
+        frames = []
+        for number in message_ids:
+            writer = self.writers[number]
+            payload = writer.write(self.values)
+            frames.append(mavlink_framing.pack(payload, number, writer.seed, seq, sysid, compid))
+            seq = (seq + 1) % 256
+        return b"".join(frames)
+
+    def _compute(self, i: int) -> None:
+        """Compute all quantities of vehicle i."""
+        for k in range(VALUES - _INPUTS):
+            self.values[_INPUTS + k] = self.inputs[i, k]
+        self._compute_estimates(i)
+        self._compute_sensors(i)
+        self._compute_heights(i)
+        self._compute_global(i)
+        self._compute_setpoints(i)
+
+    def _compute_estimates(self, i: int) -> None:
+        out, r = self.values, self.r_nb
+        out[_RPY] = math.atan2(r[i, 2, 1], r[i, 2, 2])
+        out[_RPY + 1] = math.asin(limits.within(-r[i, 2, 0], -1.0, 1.0))
+        out[_RPY + 2] = math.atan2(r[i, 1, 0], r[i, 0, 0])
+        for k in range(4):
+            out[_Q + k] = self.q_nb[i, k]
+        for k in range(3):
+            out[_OMEGA + k], out[_P + k], out[_V + k] = self.omega_b[i, k], self.p_n[i, k], self.v_n[i, k]
+        at = 0  # position of a diagonal element in the row-major upper triangle
+        for k in range(6):
+            out[_POSE_COVARIANCE + at] = self.cov[i, k if k < 3 else k + 3, k if k < 3 else k + 3]
+            if k < 3:
+                out[_VELOCITY_COVARIANCE + at] = self.cov[i, k + 3, k + 3]
+            at += 6 - k
+        out[_RESETS] = self.resets[i] % 256
+
+    def _compute_sensors(self, i: int) -> None:
+        out = self.values
+        for k in range(3):
+            out[_ACCEL + k], out[_GYRO + k], out[_MAG + k] = (
+                self.accel_b[i, k],
+                self.gyro_b[i, k],
+                self.mag_b[i, k],
+            )
+        out[_PRESSURE], out[_BARO_ALT] = self.pressure_hpa[i], self.baro_alt[i]
+        out[_VOLTAGE] = limits.within(self.battery_v[i] * 1e3, 0.0, 65534.0)
+        out[_CURRENT], out[_REMAINING] = self.battery_a[i] * 100.0, rounded(100.0 * self.battery[i])
+        for k in range(8):
+            out[_SERVOS + k] = 900.0
+            if k < self.rotors and out[_ARMED] != 0.0:
+                out[_SERVOS + k] = 1000.0 + 1000.0 * self.motors[i, k]
+
+    def _compute_heights(self, i: int) -> None:
+        out = self.values
+        up = -out[_P + 2]
+        out[_HEIGHTS], out[_HEIGHTS + 1] = self.baro_alt[i], up + out[_ALT0]
+        out[_HEIGHTS + 2], out[_HEIGHTS + 3] = up, up + out[_HOME_D]
+        out[_ALT] = up if math.isnan(out[_ALT0]) else up + out[_ALT0]
+        out[_SPEED], out[_CLIMB] = limits.length(out[_V], out[_V + 1]), -out[_V + 2]
+        out[_HEADING_DEG] = (_DEG * (out[_RPY + 2] + out[_HEADING])) % 360.0
+        out[_THROTTLE] = 100.0 * self.thrust[i]
+
+    def _compute_global(self, i: int) -> None:
+        """Compute the global position and velocity. NaN without an origin."""
+        out, heading = self.values, self.values[_HEADING]
+        out[_LAT], out[_LON] = global_position(
+            out[_P], out[_P + 1], heading, out[_LAT0], out[_LON0], self.earth_m
+        )
+        home_d = 0.0 if math.isnan(out[_HOME_D]) else out[_HOME_D]
+        out[_ALT_MM] = (out[_ALT0] - out[_P + 2]) * 1e3
+        out[_RELATIVE_MM] = (home_d - out[_P + 2]) * 1e3
+        cos, sin = math.cos(heading), math.sin(heading)
+        out[_VELOCITY_CM_S] = (cos * out[_V] - sin * out[_V + 1]) * 100.0
+        out[_VELOCITY_CM_S + 1] = (sin * out[_V] + cos * out[_V + 1]) * 100.0
+        out[_VELOCITY_CM_S + 2] = out[_V + 2] * 100.0
+        out[_HEADING_CDEG] = out[_HEADING_DEG] * 100.0
+
+    def _compute_setpoints(self, i: int) -> None:
+        """Compute the setpoints that the controllers follow. NaN if not controlled."""
+        out, by_position = self.values, self.level[i] == _POSITION
+        for k in range(4):
+            out[_Q_SP + k] = self.q_sp[i, k]
+        out[_THRUST] = self.thrust[i]
+        for k in range(3):
+            out[_OMEGA_SP + k], out[_SETPOINT + k] = self.omega_sp[i, k], self.sp_p_n[i, k]
+            out[_SETPOINT + 3 + k] = self.v_sp_n[i, k] if by_position else _NAN
+            out[_SETPOINT + 6 + k] = self.a_sp_n[i, k] if by_position else _NAN
+        out[_SETPOINT + 9] = self.sp_yaw[i]
+        if by_position and math.isnan(self.sp_yaw[i]):  # report the heading that is held
+            out[_SETPOINT + 9] = rotations.yaw(
+                (self.q_sp[i, 0], self.q_sp[i, 1], self.q_sp[i, 2], self.q_sp[i, 3])
+            )
+        out[_SETPOINT + 10] = self.sp_yaw_rate[i]
+        ignored, bit = 0.0, 1.0  # POSITION_TARGET_TYPEMASK of p, v, a, yaw, yaw rate
+        for k in range(11):
+            if k == 9:
+                bit *= 2.0  # FORCE_SET, unused
+            if not math.isfinite(out[_SETPOINT + k]):
+                ignored += bit
+            bit *= 2.0
+        out[_IGNORED] = ignored

@@ -1,0 +1,265 @@
+"""Packed telemetry: its values after decoding by pymavlink, and equal bytes of the compiled and the interpreted kernel."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.atmosphere import pressure_hpa
+from arena.autopilot.commander import Mode
+from arena.autopilot.mavlink import telemetry_packer
+from arena.autopilot.mavlink.telemetry_packer import FREQUENT, READERS, TelemetryPacker
+from arena.autopilot.navigation.mission_items import Origin
+from arena.geometry import (
+    euler_from_matrix,
+    globe_from_local,
+    matrix_from_quat,
+    turn_horizontal,
+    yaw_from_quat,
+)
+from arena.wire.mavlink_codec import Codec
+from tests.kernels.kernel_versions import interpreted_modules, needs_compiled
+
+VEHICLES, ROTORS = 3, 4
+HEADING = 0.4
+
+
+class Rig:
+    """Random states of three vehicles: the first has neither origin nor home, the last is controlled by rates."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        v = VEHICLES
+        q_nb, q_sp = rng.normal(size=(v, 4)), rng.normal(size=(v, 4))
+        q_nb /= np.linalg.norm(q_nb, axis=1, keepdims=True)
+        p_n = rng.normal(0, 5, (v, 3))
+        self.est = SimpleNamespace(
+            p_n=p_n,
+            v_n=rng.normal(0, 3, (v, 3)),
+            q_nb=q_nb,
+            r_nb=matrix_from_quat(q_nb),
+            omega_b=rng.normal(size=(v, 3)),
+            cov=np.stack([np.diag(rng.random(15)) for _ in range(v)]),
+            reset_counter=rng.integers(0, 1000, v),
+        )
+        self.sp = SimpleNamespace(
+            level=np.array([3, 3, 1]),
+            p_n=np.where(rng.random((v, 3)) < 0.5, np.nan, 1.5),
+            yaw=np.array([0.7, np.nan, np.nan]),
+            yaw_rate=np.array([np.nan, 0.1, np.nan]),
+        )
+        position = SimpleNamespace(v_sp_n=rng.normal(size=(v, 3)), a_sp_n=rng.normal(size=(v, 3)))
+        self.cascade = SimpleNamespace(position=position, q_sp=q_sp, omega_sp=rng.normal(size=(v, 3)))
+        now = float(rng.uniform(0, 5000))
+        self.state = SimpleNamespace(
+            now_s=now,
+            ms=int(now * 1e3),
+            us=int(now * 1e6),
+            accel_b=rng.normal(0, 9, (v, 3)),
+            gyro_b=rng.normal(size=(v, 3)),
+            mag_b=rng.normal(size=(v, 3)),
+            baro_alt_m=rng.uniform(0, 500, v),
+            battery_v=rng.uniform(10, 70, v),
+            battery_a=rng.normal(0, 300, v),
+            battery=rng.random(v),
+            thrust=rng.random(v),
+            motors=rng.random((v, ROTORS)),
+            xy_valid=[True, True, False],
+        )
+        origin = Origin(38.7, -9.1, 100.0, HEADING)
+        self.vehicles = [self.vehicle(0, None, None)]
+        self.vehicles += [self.vehicle(i, origin, [0.5, 0.5, -2.0]) for i in (1, 2)]
+        self.packer = TelemetryPacker(self.est, self.sp, self.cascade, ROTORS)  # type: ignore[arg-type]
+        self.packer.begin(self.state)  # type: ignore[arg-type]
+
+    def vehicle(self, row: int, origin: Origin | None, home_n: list[float] | None) -> Any:
+        commander = SimpleNamespace(mode=Mode.OFFBOARD, armed=row > 0, failsafe=row == 2)
+        return SimpleNamespace(
+            row=row,
+            system_id=row + 1,
+            mav_type=2 + row,
+            commander=commander,
+            inputs=SimpleNamespace(manual_control=row == 1),
+            landed_state=2,
+            ready_to_arm=True,
+            origin=origin,
+            home_n=home_n,
+            heading=HEADING,
+        )
+
+    def decoded(self, row: int, msgid: int) -> Any:
+        if msgid in READERS:
+            READERS[msgid](self.packer, self.vehicles[row], self.state)  # type: ignore[arg-type]
+        (message,) = Codec(9, 9).parse(self.packer.pack(self.vehicles[row], [msgid], 7))
+        assert (message.get_srcSystem(), message.get_srcComponent(), message.get_seq()) == (row + 1, 1, 7)
+        return message
+
+
+def close(*values: float) -> Any:
+    return pytest.approx(values, rel=1e-6, abs=1e-6, nan_ok=True)
+
+
+@pytest.fixture(params=range(3), ids=lambda seed: f"seed{seed}")
+def rig(request: pytest.FixtureRequest) -> Rig:
+    return Rig(request.param)
+
+
+def test_attitude_messages_have_the_estimated_attitude_and_rates(rig):
+    for i in range(VEHICLES):
+        m, q = rig.decoded(i, mavlink.MAVLINK_MSG_ID_ATTITUDE), rig.decoded(i, 31)
+        assert m.time_boot_ms == q.time_boot_ms == rig.state.ms
+        assert (m.roll, m.pitch, m.yaw) == close(*euler_from_matrix(rig.est.r_nb[i]))
+        assert (q.q1, q.q2, q.q3, q.q4) == close(*rig.est.q_nb[i])
+        for each in (m, q):
+            assert (each.rollspeed, each.pitchspeed, each.yawspeed) == close(*rig.est.omega_b[i])
+
+
+def test_odometry_has_the_variances_of_position_attitude_and_velocity(rig):
+    for i in range(VEHICLES):
+        m, cov = rig.decoded(i, mavlink.MAVLINK_MSG_ID_ODOMETRY), np.diagonal(rig.est.cov[i])
+        assert (m.x, m.y, m.z) == close(*rig.est.p_n[i]) and (m.vx, m.vy, m.vz) == close(*rig.est.v_n[i])
+        assert tuple(m.q) == close(*rig.est.q_nb[i])
+        diagonal = (0, 6, 11, 15, 18, 20)
+        assert tuple(m.pose_covariance[k] for k in diagonal) == close(*cov[0:3], *cov[6:9])
+        assert tuple(m.velocity_covariance[k] for k in diagonal[:3]) == close(*cov[3:6])
+        assert sum(map(math.isfinite, m.pose_covariance)) == 6
+        assert sum(map(math.isfinite, m.velocity_covariance)) == 3
+        assert (m.frame_id, m.child_frame_id, m.reset_counter) == (1, 1, rig.est.reset_counter[i] % 256)
+        assert m.time_usec == rig.state.us
+
+
+def test_global_position_is_that_of_the_turned_local_frame(rig):
+    for i in (1, 2):
+        m, p, v = rig.decoded(i, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), rig.est.p_n[i], rig.est.v_n[i]
+        lat, lon = globe_from_local(38.7, -9.1, p[0], p[1], HEADING)
+        assert (m.lat, m.lon) == pytest.approx((lat * 1e7, lon * 1e7), abs=0.6)
+        assert (m.alt, m.relative_alt) == pytest.approx(((100.0 - p[2]) * 1e3, (-2.0 - p[2]) * 1e3), abs=1)
+        north, east = turn_horizontal(v[0], v[1], HEADING)
+        assert (m.vx, m.vy, m.vz) == pytest.approx((north * 100, east * 100, v[2] * 100), abs=1)
+        yaw = euler_from_matrix(rig.est.r_nb[i])[2]
+        assert m.hdg == pytest.approx(math.degrees(yaw + HEADING) % 360 * 100, abs=1)
+
+
+def test_altitude_is_nan_without_origin_and_home(rig):
+    without, m = rig.decoded(0, mavlink.MAVLINK_MSG_ID_ALTITUDE), rig.decoded(1, 141)
+    assert math.isnan(without.altitude_amsl) and math.isnan(without.altitude_relative)
+    up = -rig.est.p_n[1, 2]
+    assert (m.altitude_monotonic, m.altitude_amsl) == close(rig.state.baro_alt_m[1], up + 100.0)
+    assert (m.altitude_local, m.altitude_relative) == close(up, up - 2.0)
+    assert math.isnan(m.altitude_terrain) and math.isnan(m.bottom_clearance)
+
+
+def test_sensor_messages_have_the_measured_values(rig):
+    m, s = rig.decoded(1, mavlink.MAVLINK_MSG_ID_HIGHRES_IMU), rig.state
+    assert (m.xacc, m.yacc, m.zacc) == close(*s.accel_b[1]) and (m.xgyro, m.ygyro, m.zgyro) == close(
+        *s.gyro_b[1]
+    )
+    assert (m.xmag, m.ymag, m.zmag) == close(*s.mag_b[1])
+    assert (m.abs_pressure, m.pressure_alt) == close(pressure_hpa(s.baro_alt_m[1]), s.baro_alt_m[1])
+    assert (m.temperature, m.fields_updated, m.time_usec) == (25.0, 0x1BFF, s.us)
+
+
+def test_servo_outputs_are_those_of_the_motors_while_armed(rig):
+    for i in range(VEHICLES):
+        m, armed = rig.decoded(i, mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW), i > 0
+        found = [getattr(m, f"servo{k}_raw") for k in range(1, 9)]
+        motors = [int(1000 + 1000 * u) for u in rig.state.motors[i]] if armed else [900] * ROTORS
+        assert found == motors + [900] * 4
+        assert m.time_usec == rig.state.us % 2**32
+
+
+def test_position_target_marks_values_that_are_not_controlled(rig):
+    for i in range(VEHICLES):
+        m, by_position = rig.decoded(i, mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED), i < 2
+        nan, position = [math.nan] * 3, rig.cascade.position
+        yaw = [0.7, float(yaw_from_quat(rig.cascade.q_sp[1])), math.nan][i]
+        expected = [*rig.sp.p_n[i], *(position.v_sp_n[i] if by_position else nan)]
+        expected += [*(position.a_sp_n[i] if by_position else nan), yaw, rig.sp.yaw_rate[i]]
+        found = (m.x, m.y, m.z, m.vx, m.vy, m.vz, m.afx, m.afy, m.afz, m.yaw, m.yaw_rate)
+        assert found == close(*expected)
+        bits = (*range(9), 10, 11)
+        mask = sum(1 << bit for bit, x in zip(bits, expected, strict=True) if not math.isfinite(x))
+        assert (m.type_mask, m.coordinate_frame) == (mask, mavlink.MAV_FRAME_LOCAL_NED)
+
+
+def test_attitude_target_and_hud_have_setpoint_and_speed(rig):
+    m, hud = rig.decoded(1, mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET), rig.decoded(1, 74)
+    assert (*m.q, m.thrust) == close(*rig.cascade.q_sp[1], rig.state.thrust[1])
+    assert (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate) == close(*rig.cascade.omega_sp[1])
+    v = rig.est.v_n[1]
+    assert (hud.groundspeed, hud.airspeed, hud.climb) == close(
+        math.hypot(v[0], v[1]), math.hypot(v[0], v[1]), -v[2]
+    )
+    assert (hud.alt, hud.throttle) == close(100.0 - rig.est.p_n[1, 2], int(100 * rig.state.thrust[1]))
+
+
+def test_status_messages_have_mode_arming_and_battery(rig):
+    s = rig.state
+    for i in range(VEHICLES):
+        heart, status = rig.decoded(i, mavlink.MAVLINK_MSG_ID_HEARTBEAT), rig.decoded(i, 1)
+        assert (heart.type, heart.autopilot, heart.mavlink_version) == (2 + i, mavlink.MAV_AUTOPILOT_PX4, 3)
+        assert heart.custom_mode == Mode.OFFBOARD.custom_mode
+        assert bool(heart.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED) == (i > 0)
+        assert heart.system_status == (3, 4, 5)[i]
+        assert status.voltage_battery == min(int(s.battery_v[i] * 1e3), 65534)
+        assert status.current_battery == int(min(max(s.battery_a[i] * 100, -32768), 32767))
+        assert status.battery_remaining == round(100 * s.battery[i])
+        gps = bool(status.onboard_control_sensors_present & mavlink.MAV_SYS_STATUS_SENSOR_GPS)
+        assert gps == (i == 1)
+        assert rig.decoded(i, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE).landed_state == 2
+    assert rig.decoded(0, mavlink.MAVLINK_MSG_ID_TIMESYNC).ts1 == int(s.now_s * 1e9)
+    assert rig.decoded(0, mavlink.MAVLINK_MSG_ID_SYSTEM_TIME).time_boot_ms == s.ms
+
+
+def test_several_messages_have_increasing_sequence_numbers(rig):
+    found = Codec(9, 9).parse(rig.packer.pack(rig.vehicles[1], [30, 31, 32, 105], 254))
+    assert [(m.get_msgId(), m.get_seq()) for m in found] == [(30, 254), (31, 255), (32, 0), (105, 1)]
+
+
+def test_quantity_of_another_size_than_its_fields_is_refused(monkeypatch):
+    monkeypatch.setitem(FREQUENT, 30, {"roll pitch": "rpy"})
+    with pytest.raises(ValueError, match=r"message 30: \['roll', 'pitch'\] contain 2 numbers, expected 3"):
+        telemetry_packer._tables()
+
+
+@needs_compiled
+def test_compiled_and_interpreted_kernel_pack_the_same_bytes(rig):
+    """Also with values beyond the range of their fields. The sign of NaN has no meaning, so no estimate is NaN."""
+    source = interpreted_modules("telemetry_packing")["telemetry_packing"]
+    compiled = rig.packer._packing
+    for scale in (1.0, 1e6, 1e300, math.inf, math.nan):
+        rig.state.battery_a[1] = rig.state.accel_b[0] = scale
+        if not math.isnan(scale):
+            rig.est.p_n[1] = rig.est.v_n[2] = scale
+        rig.packer.begin(rig.state)
+        for v in rig.vehicles:
+            rig.packer.set_status(v, rig.state)
+            rig.packer.set_place(v, rig.state)
+        same = _interpreted_copy(source, compiled)
+        for i in range(VEHICLES):
+            assert compiled.pack(i, list(FREQUENT), 3, i + 1, 1) == same.pack(i, list(FREQUENT), 3, i + 1, 1)
+
+
+def _interpreted_copy(source: Any, packing: Any) -> Any:
+    """Return a packing of the interpreted module with the same inputs."""
+    writers = [
+        source.PayloadWriter(w.number, len(w.payload), w.seed, memoryview(w.fields), memoryview(w.ranges))
+        for w in packing.writers.values()
+    ]
+    constants = list(packing.values[source.VALUES :])
+    found = source.TelemetryPacking(VEHICLES, ROTORS, constants, writers, packing.earth_m)
+    names = ("inputs", "accel_b", "gyro_b", "mag_b", "baro_alt", "pressure_hpa", "battery_v", "battery_a")
+    for name in (*names, "battery", "thrust", "motors"):
+        np.asarray(getattr(found, name))[...] = np.asarray(getattr(packing, name))
+    estimates = ("p_n", "v_n", "q_nb", "r_nb", "omega_b", "cov", "resets")
+    found.read_estimates_from(*(memoryview(getattr(packing, name)) for name in estimates))
+    setpoints = ("level", "sp_p_n", "sp_yaw", "sp_yaw_rate", "v_sp_n", "a_sp_n", "q_sp", "omega_sp")
+    found.read_setpoints_from(*(memoryview(getattr(packing, name)) for name in setpoints))
+    times = [packing.values[source.COLUMNS[name]] for name in ("time_ms", "time_us", "time_ns")]
+    found.set_time(*times)
+    return found
