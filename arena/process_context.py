@@ -109,7 +109,7 @@ class ProcessContext:
         return self._orphaned
 
     def requests(self) -> list[dict[str, Any]]:
-        """Return the supervisor's requests since the last call. Each call makes a system call, as `orphaned` does."""
+        """Return the supervisor's requests since the last call. Each call makes a system call."""
         self._receive()
         found, self._requests = self._requests, []
         return found
@@ -120,10 +120,11 @@ class ProcessContext:
             self.send({"confirmed": request["id"]})
 
     def may_end(self, armed: Collection[str]) -> bool:
-        """Return whether a stop signal has arrived and no vehicle in `armed` prevents the end. Report once which vehicles prevent it.
+        """Return whether the process may end now: a stop signal has arrived, and no vehicle in `armed` needs the process.
 
-        armed: real vehicles that the process serves and that are armed. While there is one, a stop signal does not end the
-            process, because the vehicle would lose its poses or its connection in the air.
+        The process reports once which vehicles need it. They would lose their poses or their connection in the air.
+        armed: real vehicles that the process serves and that are armed. Vehicles that the operator has given up
+            (`arena forget`) do not count.
         """
         if not self.stopping:
             return False
@@ -157,7 +158,10 @@ class ProcessContext:
         self.send({"event": text})
 
     def audit(self, entries: list[dict[str, Any]]) -> None:
-        """Report to the supervisor which requests were made to vehicles, so that `arena audit` can show them. Skip an empty list."""
+        """Report to the supervisor which requests were made to vehicles, so that `arena audit` can show them.
+
+        entries: one entry for each request; nothing is sent if the list is empty
+        """
         if entries:
             self.send({"audit": entries})
 
@@ -218,7 +222,8 @@ def run_process(
             serve = make(context)
         except KeyError as error:
             raise InputError(
-                f"configuration file of {context.name}: the key {error} is missing (docs/reference/slices.md)"
+                f"configuration file of {context.name}: the key {error} is missing. "
+                "`arena up` writes this file; its keys are in docs/reference/slices.md"
             ) from error
         return serve() or 0
     except ArenaError as error:
@@ -227,7 +232,10 @@ def run_process(
 
 
 def read_slice(path: Path) -> dict[str, Any]:
-    """Return the configuration of a process. path: JSON file (slice). Raises InputError if the file cannot be read."""
+    """Read the configuration of a process. Raises InputError if the file cannot be read.
+
+    path: JSON file that `arena up` has written for the process (called slice)
+    """
     try:
         settings: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError) as error:

@@ -75,9 +75,9 @@ class Stop:
         return self.took_s[:, (0, 0, 1)]
 
     def path(self, times: Array, later_s: float = 0.0) -> Array:
-        """Return the predicted positions during the stops at the given times [m] [NED] (N, K, 3).
+        """Return the predicted positions [m] [NED] (N, K, 3) of N stopping vehicles at K times.
 
-        times: [s] (K,). later_s: delay of the command [s].
+        times: time since now [s] (K,). later_s: time from now to the hold command [s].
         """
         on = np.minimum(times[None, :], self.react_s[:, None] + later_s)[:, :, None]
         left = np.maximum(times[None, :] - self.react_s[:, None] - later_s, 0.0)[:, :, None]

@@ -91,8 +91,9 @@ class Copilot:
         self.states.on_datagram(row, data, now)
 
     def heartbeat(self) -> bytes:
-        """Return the heartbeat to send to every tools port once a second, because the router drops clients
-        that are silent.
+        """Return the heartbeat to send once a second to the tools port of each vehicle.
+
+        A tools port is the UDP port of the MAVLink router for clients. The router drops clients that are silent.
         """
         return self._codec.onboard_heartbeat()
 
@@ -175,7 +176,9 @@ class Copilot:
             stop=predict_stops(p_n, v_n, np.where(placed[:, None], lean, 0.0), late, self._limits),
             target=np.where(aimed[:, None], states.target, np.nan),
             settled=aimed & (now - states.target_since >= _SETTLED_S),
-            off=np.where(now - states.estimate_at <= _ESTIMATE_S, tracks.off(states.estimate), np.nan),
+            off=np.where(
+                now - states.estimate_at <= _ESTIMATE_S, tracks.distance_to_track(states.estimate), np.nan
+            ),
             battery=np.where(now - states.battery_at <= _BATTERY_S, states.battery, np.nan),
             offboard=offboard,
             silent_s=np.where(
@@ -269,10 +272,10 @@ class Copilot:
 
 
 def _lasted(since: dict[int, float], row: int, so: bool, now: float) -> bool:
-    """Return True once when a condition has been true for more than `_SILENT_S` seconds without interruption; otherwise False.
+    """Return whether to report a condition of a vehicle now: it has been true for more than `_SILENT_S` [s] without interruption.
 
-    Later calls return False until the condition has been false, so that the caller reports the condition once.
-    since: row -> start time of the condition, updated here. so: whether the condition is true now.
+    Return True only once. Later calls return False until the condition has been false.
+    since: row of the vehicle -> start time of the condition [s], updated here. so: whether the condition is true now.
     """
     if not so:
         since.pop(row, None)

@@ -74,10 +74,10 @@ class Decision:
 
 
 def may_end(mode: str, order: Order | None) -> bool:
-    """Return whether the copilot may end the vehicle's current mode with a command. This is allowed in the
-    modes that user programs fly, and in a landing that the copilot has commanded.
+    """Return whether the copilot may command a vehicle that is in this flight mode.
 
-    It may end its own landing, because only termination is more severe.
+    It may do so in the modes that user programs use (`OPEN`), and in a landing that the copilot itself has commanded. Only
+    a termination, which is more severe, ends such a landing.
     """
     return mode in OPEN or (order is not None and order.step != "hold" and mode == "AUTO.LAND")
 
@@ -216,7 +216,8 @@ class Escalation:
                 return
 
     def _due(self, status: VehicleStatus, now: float) -> Step | None:
-        """Return the command to send now; None if no order is in force, or the order is obeyed or was just sent.
+        """Return the command to send now. Return None if the copilot has given no order, if the vehicle has
+        obeyed the order, or if the command was sent less than REPEAT_S ago.
 
         Without telemetry HOLD is repeated for a short time only, because the vehicle may already be landing.
         """

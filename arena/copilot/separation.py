@@ -74,7 +74,7 @@ def _broken(
     still = np.where(m.flying[:, None, None], 1.0, 0.0)
     here = m.p_n[:, None, :]
     stopping = here + still * (m.stop.path(times) - here)
-    going = np.where(m.held[:, None, None], stopping, _going(m, times, ahead_s, stopping))
+    going = np.where(m.held[:, None, None], stopping, _predicted_paths(m, times, ahead_s, stopping))
     late = here + still * (m.stop.path(times, _WAIT_S) - here)
     nearest, when = approach(going[a], going[b], times)
     closing = ((m.p_n[b] - m.p_n[a]) * (m.v_n[b] - m.v_n[a])).sum(1) < _PARTING_M_S * gap
@@ -112,11 +112,15 @@ def _distance_text(gap: float, nearest: float, when: float, at_m: float) -> str:
     return f"{gap:.1f} m apart, they would be {nearest:.2f} m apart in {when:.1f} s (at least {at_m:g} m)"
 
 
-def _going(m: FleetState, times: Array, ahead_s: float, stopping: Array) -> Array:
-    """Return the predicted positions (N, K, 3). Each vehicle keeps its velocity; a vehicle that flies to a
-    constant target position stops there.
+def _predicted_paths(m: FleetState, times: Array, ahead_s: float, stopping: Array) -> Array:
+    """Return the predicted positions [m] [NED] (N, K, 3) of N vehicles at K times.
 
-    A vehicle flies at least as far as it needs to stop. stopping: positions of the predicted stops (N, K, 3).
+    Each vehicle keeps its velocity. A vehicle that flies to a constant target position stops there.
+
+    A vehicle flies at least as far as it needs to stop.
+    times: time since now [s] (K,)
+    ahead_s: prediction time [s]
+    stopping: positions at the same times if the vehicles are commanded to hold now [m] [NED] (N, K, 3)
     """
     v = np.where((m.flying & m.moving)[:, None], m.v_n, 0.0)
     speed2 = (v * v).sum(1)

@@ -115,8 +115,9 @@ class Tracks:
             [north * scale, east * scale, np.zeros_like(north)]
         )
 
-    def off(self, p_n: Array) -> Array:
-        """Return the distance [m] (N,) from each vehicle's estimated position to its captured track; NaN if unknown.
+    def distance_to_track(self, p_n: Array) -> Array:
+        """Return the distance [m] (N,) from the position that each autopilot estimates to the track of its captured body;
+        NaN if unknown.
 
         The track is made of the captured positions of the last 0.5 s. The nearest of them counts.
 

@@ -107,7 +107,10 @@ def _accepts_connections(run: ActiveRun) -> bool:
 
 
 def _is_of_this_boot(run: ActiveRun) -> bool:
-    """Return whether the runtime folder was made since the computer was started."""
+    """Return whether the runtime folder of a run was made after the computer was started.
+
+    Otherwise the run is over: no process survives a restart of the computer. Returns True if the times cannot be read.
+    """
     try:
         lines = _UPTIME.read_text().splitlines()
         booted_s = next(float(line.split()[1]) for line in lines if line.startswith("btime "))

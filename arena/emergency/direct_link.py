@@ -29,6 +29,8 @@ _CHECK_S, _RETRY_S = 0.1, 0.5
 class DirectLink:
     """Direct connection to one real vehicle, used if the link process of the vehicle does not work.
 
+    The link process `link.<v>` is the process that normally owns the connection to the vehicle.
+
     Call `step` and `send` in every cycle of the loop, and `read` when one of `files` is readable.
     address: address of the vehicle
     system: MAVLink id of the vehicle
@@ -213,7 +215,10 @@ class DirectLink:
         self._on_opened()
 
     def _release(self) -> None:
-        """Close the port or device of the link process, because the supervisor has restarted the link process."""
+        """Close the UDP port or serial device that was opened instead of the link process.
+
+        The supervisor has restarted the link process, which needs the port or device again.
+        """
         if self._replacement is not None:
             self._replacement.close()
         self._replacement = None
@@ -251,10 +256,10 @@ class DirectLink:
                 yield data
 
     def _is_vehicle(self, data: bytes, sender: Address) -> bool:
-        """Return whether a datagram from an address that is not recorded was sent by the vehicle.
+        """Return whether the vehicle has sent a datagram whose sender is not the vehicle's known address.
 
-        The datagram must contain a frame of the vehicle's autopilot. If the vehicle's address is known, its sender must
-        be on the same host.
+        The datagram must contain a frame of the vehicle's autopilot. If an address of the vehicle is known, the sender must
+        have the same IP address. Used only if no hardware uid is recorded.
         """
         if self._vehicle is not None and sender[0] != self._vehicle[0]:
             return False

@@ -89,9 +89,10 @@ class TargetConnections:
         return self.landing.may_bypass
 
     def _send_relayed(self, frames: list[bytes], now: float) -> None:
-        """Send frames and requests for the uid on the panic link and through the router.
+        """Send frames to the vehicle, on its panic link and through its MAVLink router.
 
-        The frames are left out if the link process is connected to another vehicle.
+        A real vehicle is also requested to send its hardware uid. If the uid shows that the link process is connected to
+        another vehicle, only these requests are sent.
         """
         if self._relayed is not None:
             requests = [request for _, request in self._relayed.requests(now)]
@@ -260,6 +261,8 @@ def _say_changes(landing: LandingSequence, say_once: _OnceEach, say: Say) -> Non
 
 def _open_panic_link(target: Target) -> socket.socket | None:
     """Open the UDP socket for the panic link to a vehicle. Return None if another `land-all` uses the port.
+
+    The panic link is a separate MAVLink connection of each autopilot, for emergencies only.
 
     The autopilot obeys every sender on its panic link, but replies only to this address. While the address is
     taken, commands are sent from another port and telemetry comes through the router.

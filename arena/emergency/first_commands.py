@@ -25,8 +25,10 @@ def component_for(target: Target) -> int:
 
 
 def send_first_commands(targets: Sequence[Target], action: Action) -> None:
-    """Send one command to each vehicle, on its panic link and through its router. Errors are ignored, because the
-    commands are repeated.
+    """Send one command to each vehicle, on its panic link and through its MAVLink router.
+
+    The panic link is a separate MAVLink connection of each autopilot, for emergencies only. Errors are ignored, because
+    `dispatch` repeats the commands.
     """
     sockets: dict[str, socket.socket] = {}
     now = time.monotonic()
@@ -45,7 +47,10 @@ def send_first_commands(targets: Sequence[Target], action: Action) -> None:
 
 
 def _open(sockets: dict[str, socket.socket], host: str) -> socket.socket:
-    """Open a UDP socket that sends from this address of the computer, because the hardware link drops datagrams from other addresses."""
+    """Open a UDP socket that sends from the address `host` of this computer.
+
+    The link process of a real vehicle drops datagrams from other addresses.
+    """
     sender = sockets[host] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sender.setblocking(False)
     sender.bind((host, 0))

@@ -42,8 +42,9 @@ class _SourceState:
 
 
 class IdentityCheck:
-    """Checks which sources of data (addresses, devices or link processes) are the vehicle with a given hardware uid.
+    """Checks by the hardware uid which sources of MAVLink data are connected to the right vehicle.
 
+    A source is a UDP address, a serial device or a link process.
     Only telemetry of a source that has sent this uid counts. Commands may be sent only to such a source, and to the
     recorded source if the vehicle does not reply. A source that was silent for SILENT_S or has rebooted must
     send its uid again.
@@ -85,10 +86,11 @@ class IdentityCheck:
         return state.is_vehicle is True
 
     def _may_command(self, source: Source, now: float) -> bool:
-        """Return whether commands may be sent to a source: only to the vehicle of the run. While no source has sent the
-        vehicle's uid, this is the recorded source.
+        """Return whether commands may be sent to a source now.
 
-        If no source has replied with the vehicle's uid in time, the source that the run has recorded is commanded.
+        A source that has sent the vehicle's uid may be commanded. A source that has sent another uid may not.
+        A source that has sent no uid may be commanded only if it is the recorded source, no other source has sent the
+        vehicle's uid, and the time for an answer has passed.
         """
         state = self._sources.get(source)
         if state is not None and state.is_vehicle is not None:
@@ -100,15 +102,17 @@ class IdentityCheck:
         return not state.changed and now - state.since >= ANSWER_S
 
     def receivers(self, now: float) -> list[Source]:
-        """Return the addresses of vehicles to which commands may be sent. The first call starts the wait for telemetry, so call
-        this method when the connection is opened.
+        """Return the sources to which commands may be sent now.
+
+        Call this method as soon as the connection is opened. If the recorded source sends no telemetry, it may be
+        commanded TELEMETRY_S after the first call.
         """
         self._opened_at = now if self._opened_at is None else self._opened_at
         known = dict.fromkeys([*([] if self._recorded is None else [self._recorded]), *self._sources])
         return [source for source in known if self._may_command(source, now)]
 
     def requests(self, now: float) -> list[tuple[Source, bytes]]:
-        """Return the uid requests to send now, as (address of the vehicle, frame)."""
+        """Return the uid requests to send now, as (source, frame)."""
         found = []
         for source, state in self._sources.items():
             active = source == self._recorded or now - state.received_at < SILENT_S

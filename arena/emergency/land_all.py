@@ -137,7 +137,7 @@ def _command_found(action: Action, selection: Selection, found: Found, targets: 
     what = "landing" if action == "land" else "STOPPING THE MOTORS of"
     _say(f"{what} {', '.join(t.name for t in targets)} (addresses from {found.source})")
     _record(f"{action}-all", targets)
-    return _worst(found, bring_down(targets, action=action, timeout_s=selection.timeout_s, say=_say))
+    return _report_unread(found, bring_down(targets, action=action, timeout_s=selection.timeout_s, say=_say))
 
 
 def _record(command: str, targets: Sequence[Target]) -> None:
@@ -146,10 +146,11 @@ def _record(command: str, targets: Sequence[Target]) -> None:
         _OUTPUT.submit(partial(record_command, folder, command, names_in_run))
 
 
-def _worst(found: Found, code: int) -> int:
-    """Print a line for each active run whose files cannot be read. Return the exit code of the command.
+def _report_unread(found: Found, code: int) -> int:
+    """Print a line for each active run whose files cannot be read. Return the exit code of land-all or kill-all.
 
-    The exit code is `code`. If `code` is 0 and the files of a run cannot be read, it is EXIT_FAILED.
+    code: exit code for the vehicles that were commanded. It is returned, except that EXIT_FAILED replaces 0 if the files of
+        a run cannot be read.
     """
     for why in found.unread:
         _say(f"NOT COMMANDED: the vehicles of an active run whose files cannot be read: {why}")

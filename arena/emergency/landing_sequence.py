@@ -117,7 +117,10 @@ class LandingSequence:
         return self._pilot.may_bypass
 
     def on_refusal(self, data: bytes | memoryview) -> None:
-        """Process a datagram of the router or the link process: it may refuse a command because the pilot has control."""
+        """Process a datagram of the router or the link process, which may contain the refusal of a command.
+
+        Commands are refused while a pilot has control.
+        """
         for at in parse_frames(data).frames:
             if at.sysid == self.system and at.msgid == mav.STATUSTEXT:
                 _, text = mav.parse_statustext(data, at)

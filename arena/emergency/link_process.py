@@ -1,7 +1,7 @@
-"""Functions to check whether a process `link.<v>` still reads its sockets, and to kill this process.
+"""Functions to check whether the link process of a vehicle still reads its sockets, and to kill this process.
 
-The process owns the connection to a real vehicle. The functions read /proc. A signal is sent only to a process with the
-recorded identity; a process is never selected by name.
+The link process of the vehicle `uav1` is `link.uav1`. It owns the connection to a real vehicle.
+The functions read /proc. A signal is sent only to a process with the recorded identity; a process is never selected by name.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ def unread_bytes(address: Address) -> int | None:
 
 
 def kill(process: ProcessIdentity) -> bool:
-    """Kill the recorded process and wait for its end. Return False if the process cannot be killed.
+    """Kill a link process and wait for its end. Return False if the process cannot be killed.
 
-    A process of another user than the owner of the record is not killed.
+    process: identity of the process in state.json. Only a process of the user who owns this file is killed.
     """
     try:
         handle = os.pidfd_open(process.pid)

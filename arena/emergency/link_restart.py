@@ -51,13 +51,14 @@ class LinkRestart:
         return not self._given_up
 
     def on_replaced(self) -> None:
-        """Record that land-all now sends the commands instead of the link process. From now on, a new link process counts as
-        the restarted one.
+        """Record that land-all has opened the port or device of the link process.
+
+        `has_restarted` then returns True as soon as the supervisor has started a new link process.
         """
         self._known = self._running()
 
     def has_restarted(self) -> bool:
-        """Return whether the supervisor has started another link process."""
+        """Return whether the supervisor has started a new link process."""
         process = self._running()
         return process is not None and process != self._known
 

@@ -1,4 +1,4 @@
-"""Commands the vehicles of other users for root: one process for each user, with the rights of this user.
+"""Landing (or stopping) of other users' vehicles by root: one process for each user, with the rights of this user.
 
 A run folder is written by its owner. A process with the owner's rights can do nothing with its content that the owner
 could not do without root.
@@ -75,10 +75,9 @@ def start_for_others(work: Work) -> list[UserProcess]:
 
 
 def _import_late_modules() -> None:
-    """Import now the modules that are usually imported when they are used for the first time.
+    """Import the modules that other users may not be able to read, while this process still has the rights of root.
 
-    Root does this before the processes of other users start, because these users may not be able to read the files of
-    the modules.
+    Usually these modules are imported at their first use.
     """
     for name in ("yaml", "serial", "arena.emergency.dispatch"):
         with contextlib.suppress(ImportError):
@@ -99,7 +98,10 @@ def _start(uid: int, work: Work) -> UserProcess:
         code = work(uid, lambda found: _report(writer, found))
     except BaseException as error:
         with contextlib.suppress(Exception):
-            print(f"user {user_name(uid)}: NOT CONFIRMED: {type(error).__name__}: {error}", flush=True)
+            print(
+                f"NOT CONFIRMED: the vehicles of user {user_name(uid)}: {type(error).__name__}: {error}",
+                flush=True,
+            )
     finally:
         os._exit(code)
 

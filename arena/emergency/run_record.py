@@ -1,4 +1,6 @@
-"""Records in a run folder: reads a vehicle's crash, last address and link process; writes the commands of land-all and kill-all.
+"""Reader of a run folder for land-all and kill-all: crashes of vehicles, their last addresses, and their link processes.
+
+The module also writes the commands of land-all and kill-all to the run folder.
 
 <run>/events.jsonl    crashes of simulated vehicles, and states of processes
 <run>/wire/<v>.json   written by link.<v>: {"kind": "udpin", "local": [host, port], "vehicle": [host, port]}
@@ -74,8 +76,9 @@ class DirectAddress:
 
 
 def with_run_record(direct: DirectAddress, vehicle: str, run: Path) -> DirectAddress:
-    """Return the address with the records of the run folder added: the vehicle's last address and the link
-    process.
+    """Return a copy of `direct` with the data that the run folder has recorded for the vehicle.
+
+    These are the vehicle's last address, its hardware uid, and the identity of its link process.
     """
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         seen = json.loads((run / "wire" / f"{vehicle}.json").read_text())
@@ -144,7 +147,12 @@ def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
 
 
 def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:
-    """Add the vehicle to `found` if its PX4 process has ended; remove the vehicle if its PX4 is ready again."""
+    """Update `found` after a change of the state of a vehicle's PX4 process.
+
+    The vehicle is added if its PX4 has ended, and removed if its PX4 is ready again.
+    found: vehicle -> reason why the vehicle is on the floor
+    state: new state of the process, such as READY or EXITED
+    """
     if state in _ENDED:
         found.setdefault(vehicle, f"its PX4 has ended: {reason}")
     elif state == "READY":

@@ -119,8 +119,9 @@ def _yaml_path(arena: Path) -> Path:
 
 
 def _of_all(runs: Iterable[ActiveRun]) -> Found | None:
-    """Return the vehicles of all runs whose files can be read. `Found.unread` lists the other runs. Returns
-    None if no run can be read.
+    """Return the vehicles of all runs whose files can be read. Return None if no run can be read.
+
+    `Found.unread` has one error text for each run whose files cannot be read.
     """
     plans: list[tuple[ActiveRun, Found]] = []
     unread = []
@@ -197,7 +198,7 @@ def from_yaml(path: Path) -> Found:
     try:
         text = path.read_text(errors="replace")
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
+        raise InputError(f"cannot read {path}: {error.strerror}") from error
     host, vehicles = vehicles_of(read_yaml(text))
     if not vehicles:
         raise InputError(f"{path}: the file names no vehicle. Expected `vehicles:` with one name per line")
@@ -249,8 +250,10 @@ def _of_run(run: ActiveRun) -> Found:
 
 
 def _distinct(plans: Iterable[tuple[ActiveRun, Found]]) -> tuple[Target, ...]:
-    """Return the vehicles of all plans, one per autopilot address. If several plans have the same address, the
-    vehicle of this user's newest run is returned.
+    """Return the vehicles of all plans, one vehicle for each autopilot address.
+
+    If several plans have the same address, the newest run of this user counts; without such a run, the first plan counts.
+    plans: runs with their vehicles. The runs of this user come first, oldest first.
     """
     found: dict[Address, Target] = {}
     for run, plan in plans:

@@ -47,8 +47,10 @@ def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
 
 
 def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
-    """Return the arena's address and its vehicles. A vehicle without an id gets the lowest free id, in the
-    order of the file.
+    """Return the vehicles of a YAML, and the IP address of their autopilots (key `address`, default 127.0.0.1).
+
+    The result is (address, vehicles). A vehicle without an id gets the lowest free id, in the order of the file.
+    document: content of the YAML, from `read_yaml`
     """
     root = document if isinstance(document, dict) else {}
     vehicles = root.get("vehicles")

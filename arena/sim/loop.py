@@ -362,7 +362,8 @@ def run(
         loop = Loop(context, settings, make_autopilots, make_links)
     except KeyError as error:
         raise InputError(
-            f"configuration file of {context.name}: the key {error} is missing (docs/reference/slices.md)"
+            f"configuration file of {context.name}: the key {error} is missing. "
+            "`arena up` writes this file; its keys are in docs/reference/slices.md"
         ) from error
     try:
         loop.run()

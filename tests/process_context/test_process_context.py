@@ -97,7 +97,8 @@ def test_missing_slice_is_an_input_error(tmp_path):
         (
             lambda room: room.settings["hz"],
             2,
-            "x: configuration file of x.uav1: the key 'hz' is missing (docs/reference/slices.md)\n",
+            "x: configuration file of x.uav1: the key 'hz' is missing. "
+            "`arena up` writes this file; its keys are in docs/reference/slices.md\n",
         ),
         (lambda room: partial(fail, RunError("the port is taken")), 1, "x: the port is taken\n"),
     ],

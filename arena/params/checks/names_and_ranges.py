@@ -28,8 +28,9 @@ def unknown_names(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def _change_before(name: str, ctx: CheckContext) -> Change | None:
-    """Return the newest change with which PX4 removed, renamed or redefined a parameter, up to the vehicle's version; None if
-    there is none.
+    """Return the PX4 change since which a parameter has no effect in the vehicle's version; None if there is none.
+
+    PX4 has removed, renamed or redefined the parameter. If PX4 did so several times, the newest change is returned.
     """
     done = [c for c in CHANGES if c.old == name and c.since <= ctx.minor and name not in c.new]
     return done[-1] if done and (done[-1].still_defined or name not in ctx.table) else None

@@ -139,13 +139,13 @@ _RC_PRIORITY_MODES: tuple[tuple[int, int], ...] = ((9, 0), (16, 3), (17, 5), (17
 
 
 def failsafe_actions(event: Event, version: Version | str) -> FailsafeActions:
-    """Return the actions that a PX4 version can take after an event."""
+    """Return the row of failsafe_actions.csv for an event and a PX4 version: the possible actions and their parameter values."""
     minor = Version.of(version).minor
     return next(row for row in all_actions() if row.event == event and row.since <= minor <= row.until)
 
 
 def supported_actions(event: Event, version: Version | str) -> tuple[Action, ...]:
-    """Return the actions that a version can take after an event, mildest first."""
+    """Return the actions that a PX4 version can take after an event, mildest first."""
     settings = failsafe_actions(event, version).settings
     return tuple(action for action in ACTIONS if action in settings)
 
@@ -195,7 +195,7 @@ def rc_input_mode(source: str, version: Version | str) -> int:
     }
     if source not in known:
         raise InputError(
-            f"PX4 1.{minor} has no manual control from {source!r}; expected one of {', '.join(known)}"
+            f"COM_RC_IN_MODE of PX4 1.{minor} has no value for manual control by {source!r}; expected one of {', '.join(known)}"
         )
     return known[source]
 

@@ -74,7 +74,10 @@ def changes(since: Version | str, to: Version | str) -> tuple[Change, ...]:
 
 
 def successors(name: str, since: Version | str, to: Version | str) -> tuple[str, ...]:
-    """Return the names in version `to` of a parameter of version `since`; () if no parameter replaces it."""
+    """Return the parameters of version `to` that replace the parameter `name` of version `since`; () if there are none.
+
+    If the parameter has not changed, the result is its own name.
+    """
     names: tuple[str, ...] = (name,)
     for change in changes(since, to):
         if change.old in names:

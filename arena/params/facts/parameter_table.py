@@ -195,7 +195,7 @@ def _parameter(row: list[str]) -> Parameter:
 
 @cache
 def _spans() -> tuple[tuple[list[str], int, int], ...]:
-    """Return for each row of the CSV file: (columns, index of its first version, index of its last version)."""
+    """Return the rows of the CSV file, each as (columns, first version, last version). A version is its index in `provenance()`."""
     return _spans_of(_parts()[1][1:])
 
 

@@ -65,12 +65,14 @@ class Table(NamedTuple):
 
 
 def read_xml(data: bytes) -> dict[str, Fact]:
-    """Return parameter name -> its row of px4_parameters.csv, read from the content of a parameters.xml."""
+    """Parse the content of a parameters.xml. Return parameter name -> properties of the parameter."""
     found = {}
     for node in ElementTree.fromstring(data).iter("parameter"):
         text = {child.tag: (child.text or "").strip() for child in node}
         reboot = text.get("reboot_required", "").lower() == "true"
-        found[node.attrib["name"]] = _fact(
+        name = node.attrib["name"]
+        found[name] = _fact(
+            name,
             node.attrib["type"],
             text.get("unit"),
             node.attrib["default"],
@@ -82,7 +84,7 @@ def read_xml(data: bytes) -> dict[str, Fact]:
 
 
 def read_json(data: bytes) -> dict[str, Fact]:
-    """Return parameter name -> its row of px4_parameters.csv, read from the content of a parameters.json.
+    """Parse the content of a parameters.json. Return parameter name -> properties of the parameter.
 
     Prefer parameters.xml. Up to 1.18 the JSON file sets rebootRequired for parameters that do not need a reboot (14 in 1.16).
     """
@@ -92,11 +94,13 @@ def read_json(data: bytes) -> dict[str, Fact]:
 
 def _row(row: Mapping[str, Any]) -> Fact:
     reboot = str(row.get("rebootRequired", "")).lower() == "true"
-    return _fact(row["type"], row.get("units"), row["default"], row.get("min"), row.get("max"), reboot)
+    return _fact(
+        row["name"], row["type"], row.get("units"), row["default"], row.get("min"), row.get("max"), reboot
+    )
 
 
 def read(path: Path) -> dict[str, Fact]:
-    """Return parameter name -> its row of px4_parameters.csv, read from a file with the ending .xml, .json, .xml.xz or .json.xz."""
+    """Read a parameter file of PX4 (.xml, .json, .xml.xz or .json.xz). Return parameter name -> properties of the parameter."""
     data = path.read_bytes()
     name = path.name
     if name.endswith(".xz"):
@@ -108,10 +112,12 @@ def read(path: Path) -> dict[str, Fact]:
     raise InputError(f"{path}: expected a file name that ends in .xml, .json, .xml.xz or .json.xz")
 
 
-def _fact(kind: str, unit: str | None, default: object, least: object, most: object, reboot: bool) -> Fact:
+def _fact(
+    name: str, kind: str, unit: str | None, default: object, least: object, most: object, reboot: bool
+) -> Fact:
     kind = kind.upper()
     if kind not in ("INT32", "FLOAT"):
-        raise InputError(f"got a parameter of type {kind}, expected INT32 or FLOAT")
+        raise InputError(f"parameter {name}: got type {kind}, expected INT32 or FLOAT")
     return Fact(
         kind,
         unit or "",
@@ -180,7 +186,7 @@ def load(text: str) -> Table:
 
 
 def dump(table: Table) -> str:
-    """Return the text of px4_parameters.csv. Consecutive versions in which a parameter has the same columns share a row."""
+    """Return the text of px4_parameters.csv. Consecutive versions share a row if the parameter has the same properties in them."""
     out = io.StringIO()
     order = sorted(table.facts, key=_key)
     out.writelines(f"# {version} {table.of[version]}\n" for version in order)
@@ -267,8 +273,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _inputs(given: argparse.Namespace) -> Iterator[tuple[str, list[Path], str, Path | None]]:
-    """Yield (version, parameter files, tag or commit, PX4 source tree) for each PX4 version at the path that the command line
-    names.
+    """Yield (version, parameter files, tag or commit, PX4 source tree) for each PX4 version to read.
+
+    given: command-line arguments. `given.place` is one parameter file, or a folder with one subfolder for each version.
     """
     if given.place.is_file():
         yield _minor(given.version or given.place.parent.name), [given.place], given.of, given.tree

@@ -135,7 +135,7 @@ class PushRecord:
 
 def _parse(raw: Any) -> VehicleRecord:
     wanted, before, written = (
-        {str(n): _number(v) for n, v in raw[what].items()} for what in ("wanted", "before", "written")
+        {str(n): _number(n, v) for n, v in raw[what].items()} for what in ("wanted", "before", "written")
     )
     return VehicleRecord(
         wanted=wanted,
@@ -147,7 +147,7 @@ def _parse(raw: Any) -> VehicleRecord:
     )
 
 
-def _number(value: Any) -> float:
+def _number(name: Any, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{value!r} is not a number")
+        raise ValueError(f"{name}: got {value!r}, expected a number")
     return value

@@ -65,7 +65,7 @@ class ParamReader(Transfer):
                 self._finish(self._window)
             return [request_read(self.system, key) for key in keys]
         assert self._list is not None
-        if not self._list.is_paused(now):
+        if not self._list.has_stopped(now):
             return []
         missing = self._list.missing
         if self._list.count and not missing:
@@ -122,9 +122,9 @@ class _ParamList:
         """Return the indices of those parameters in the vehicle's list that have not been received."""
         return [index for index in range(self.count) if index not in self.received]
 
-    def is_paused(self, now: float) -> bool:
-        """Return whether the vehicle no longer sends the list, because the list is complete or nothing new
-        has arrived for some time.
+    def has_stopped(self, now: float) -> bool:
+        """Return whether the vehicle has stopped sending the list: the list is complete, or nothing new has
+        arrived for some time.
         """
         return now - self._new_at >= _LIST_PAUSE_S * max(self.requests, 1) or (
             self.count > 0 and len(self.received) == self.count

@@ -131,19 +131,23 @@ class RequestWindow(Generic[Key]):
         """Record an answer to an open request or to the probe (a request that the vehicle always answers).
         All other answers are ignored.
         """
-        request = self._sent(key)
+        request = self._count_answer(key)
         if request is not None:
             self._link.add_answer(request.tries, now - request.sent_at)
             self._close(key, request, "answered")
 
     def refuse(self, key: Key, state: RequestState) -> None:
         """Close a request to which the vehicle replied with an error. state: new state of the request."""
-        request = self._sent(key)
+        request = self._count_answer(key)
         if request is not None:
             self._close(key, request, state)
 
-    def _sent(self, key: Key) -> _Request | None:
-        """Return the open request to which an answer belongs, and count the answer. Return None if no such request was sent."""
+    def _count_answer(self, key: Key) -> _Request | None:
+        """Count an answer, and return the open request with this key.
+
+        The answer is ignored and None is returned if the request has not been sent, or is closed. An answer to the probe is
+        counted, but None is returned.
+        """
         request = self._open.get(key)
         sent = request is not None and request.tries > 0
         self._answers += sent or key == self._probe

@@ -196,7 +196,10 @@ def _push_report(connection: _Connection[ParamWriter], reboot_names: frozenset[s
 
 
 def _expected_uid(name: str, target: ParamTarget, record: PushRecord | None) -> str:
-    """Return the uid that the vehicle must have: if a push is resumed, the uid in its record, otherwise the uid of `target`."""
+    """Return the hardware uid that the vehicle must have.
+
+    If a push is resumed and its record contains a uid, this uid is returned; otherwise the uid of `target`.
+    """
     resumed = record.vehicles[name].uid if record is not None else ""
     return resumed or target.uid
 

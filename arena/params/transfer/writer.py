@@ -184,7 +184,7 @@ class ParamWriter(Transfer):
         self._window.refuse(name, "ignored" if error == DOES_NOT_EXIST or writing else "lost")
 
     def _compare(self, param: _ParamWrite, value: Value) -> None:
-        """Compare a value that was read with the wanted value, and close the parameter if they are the same."""
+        """Compare a value that was read with the wanted value. If they are the same, the parameter needs no writing (outcome `same`)."""
         param.old = param.new = value.value
         param.kind = value.kind
         try:
