@@ -50,7 +50,7 @@ wheels: .venv/ready
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check ziglang auditwheel
 	$(BIN)/python tools/build_wheels.py
 
-.venv/compiled: .venv/ready setup.py $(wildcard arena/kernels/*.py arena/kernels/*.pxd)
+.venv/compiled: .venv/ready setup.py $(wildcard arena/kernels/*.py arena/kernels/*.pxd arena/kernels/*.pyx)
 	$(BIN)/python setup.py --quiet build_ext --inplace
 	touch $@
 

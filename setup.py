@@ -61,7 +61,7 @@ class BuildKernels(build_ext):
 
         digest = TOOLS["source_digest"](HERE / KERNELS)
         C_FILES.mkdir(parents=True, exist_ok=True)
-        for name in TOOLS["kernel_names"](HERE / KERNELS):
+        for name in TOOLS["compiled_names"](HERE / KERNELS):
             _digest_file(name).write_text(TOOLS["digest_as_c"](name, digest))
         in_c = cythonize(
             self.extensions,
@@ -88,7 +88,7 @@ class BuildKernels(build_ext):
 
 
 def kernels() -> list[Extension]:
-    """Return the kernels to compile: every module of `arena/kernels` that has a .pxd file."""
+    """Return the kernels to compile: every module of `arena/kernels` that has a .pxd file or is a .pyx file."""
     if os.environ.get("ARENA_NO_COMPILE", "0") not in ("", "0"):
         return []
     if find_spec("Cython") is None:
@@ -97,8 +97,10 @@ def kernels() -> list[Extension]:
     # This module contains what all compiled kernels need to read arrays. One copy halves the build time.
     shared = _extension("_arrays", [str(C_FILES / "_arrays.c")])
     return [shared] + [
-        _extension(name, [str(KERNELS / f"{name}.py"), str(_digest_file(name))])
-        for name in TOOLS["kernel_names"](HERE / KERNELS)
+        _extension(
+            name, [str(KERNELS / TOOLS["sources"](HERE / KERNELS, name)[0].name), str(_digest_file(name))]
+        )
+        for name in TOOLS["compiled_names"](HERE / KERNELS)
     ]
 
 

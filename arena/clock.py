@@ -77,23 +77,24 @@ class SimTime:
     """Simulation time, for programs that only read the time and never sleep.
 
     path: the page is the file `<path>.page`.
+    page: memory of the page; its first number is the simulation time [s]
     Raises RunError if there is no world. After the world has ended the time does not change.
     """
 
     def __init__(self, path: str | Path) -> None:
         try:
             with Path(f"{path}.page").open("rb") as file:
-                self._page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES, prot=mmap.PROT_READ)).cast("d")
+                self.page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES, prot=mmap.PROT_READ)).cast("d")
         except OSError as error:
             raise RunError(f"no simulation clock at {path} ({error.strerror}): is the arena up?") from error
 
     def now(self) -> float:
-        return self._page[0]
+        return self.page[0]
 
     @property
     def lockstep(self) -> bool:
         """True if simulation time stands still while a client of the clock is awake."""
-        return self._page[1] == 1.0
+        return self.page[1] == 1.0
 
 
 class LockstepClock(ABC):

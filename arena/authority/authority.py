@@ -102,15 +102,21 @@ class Authority:
         can change who commands the vehicle.
         role: the sender. now: monotonic [s]. sent: false if the request is not sent for another reason; it is not remembered.
         """
-        if (
-            request.kind is Kind.SETPOINT and role is Role.PROGRAM and self._latch is None
-        ):  # by far the most frequent
-            self._program_setpoint_at = now
+        if request.kind is Kind.SETPOINT and role is Role.PROGRAM and self.passes_program_setpoint(now):
             return ""
         why = self._refusal(role, request, now)
         if sent and not why:
             self._record(role, request, now)
         return why
+
+    def passes_program_setpoint(self, now: float) -> bool:
+        """Return True and remember the time if a program's setpoint is allowed because no landing is latched. Setpoints are by
+        far the most frequent requests. False: only `refusal` decides. now: monotonic [s].
+        """
+        if self._latch is not None:
+            return False
+        self._program_setpoint_at = now
+        return True
 
     def _refusal(self, role: Role, request: Request, now: float) -> str:
         kind = request.kind

@@ -18,7 +18,7 @@ from importlib.util import spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
-from arena.kernels.source_digest import kernel_names, source_digest, stored_digest
+from arena.kernels.source_digest import compiled_names, kernel_names, source_digest, stored_digest
 
 _FOLDER = Path(__file__).parent
 
@@ -31,7 +31,7 @@ def why_interpreted(folder: Path = _FOLDER) -> str | None:
     if os.environ.get("ARENA_INTERPRETED", "0") not in ("", "0"):
         return "simulated flights are slow: ARENA_INTERPRETED selects the Python source of the kernels"
     suffix = EXTENSION_SUFFIXES[0]
-    compiled = [folder / f"{name}{suffix}" for name in kernel_names(folder)]
+    compiled = [folder / f"{name}{suffix}" for name in compiled_names(folder)]
     if not all(path.exists() for path in compiled):
         return (
             "simulated flights are slow: the kernels are not compiled. Install a C compiler and Python's headers "

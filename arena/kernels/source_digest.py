@@ -17,11 +17,22 @@ def kernel_names(folder: Path) -> list[str]:
     return sorted(path.stem for path in folder.glob("*.pxd"))
 
 
+def compiled_names(folder: Path) -> list[str]:
+    """Return the names of all compiled modules in a folder: the kernels, and the .pyx modules, which have no Python source."""
+    return sorted([*kernel_names(folder), *(path.stem for path in folder.glob("*.pyx"))])
+
+
+def sources(folder: Path, name: str) -> list[Path]:
+    """Return the source files of a compiled module. The first file is the one to compile."""
+    found = [folder / f"{name}{suffix}" for suffix in (".pyx", ".py", ".pxd")]
+    return [path for path in found if path.exists()]
+
+
 def source_digest(folder: Path) -> str:
     """Return the SHA-256 of all kernel sources in a folder, as hexadecimal text."""
     digest = hashlib.sha256()
-    for name in kernel_names(folder):
-        for path in (folder / f"{name}.py", folder / f"{name}.pxd"):
+    for name in compiled_names(folder):
+        for path in sources(folder, name):
             digest.update(f"{path.name}\n".encode() + path.read_bytes())
     return digest.hexdigest()
 

@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import socket
 import time
+from array import array
 from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, cast
 
-from arena.clock import SimTime
+from arena.kernels.socket_waits import SocketWaits
 from arena.transport import Address, StampAges, enable_stamps, receive_stamped
 from arena.wire.age_limits import SHORTEST_LIMIT_S, without_old_frames
 from arena.wire.mavlink_frame import Buffer
 
-_Moment = tuple[float, float]
-"""Monotonic time and simulation time, both [s]."""
+if TYPE_CHECKING:
+    from arena.kernels.arrays import Floats
 
 
 class Backlog:
@@ -25,30 +27,25 @@ class Backlog:
 
     links: indices in `sockets` of the links to autopilots; what these send is never dropped, because telemetry
     has values that are sent only once
-    world_time: simulation time, if all vehicles are simulated. A datagram is then no older than the simulation
+    world_s: simulation time [s] (1,), if all vehicles are simulated. A datagram is then no older than the simulation
     time that has passed, so nothing is dropped while the simulation is paused or slow.
+    waits: when each socket was last empty
     dropped: number of frames that were dropped
     """
 
     def __init__(
-        self, sockets: Sequence[socket.socket], links: Collection[int], world_time: SimTime | None
+        self, sockets: Sequence[socket.socket], links: Collection[int], world_s: Floats | None
     ) -> None:
-        self._sockets = {s.fileno(): s for s in sockets}
-        self._to_vehicles = {s.fileno() for key, s in enumerate(sockets) if key not in links}
-        for fd in self._to_vehicles:
-            enable_stamps(self._sockets[fd])
-        self._world_time = world_time
+        self._sockets = sockets
+        to_vehicles = [key for key in range(len(sockets)) if key not in links]
+        for key in to_vehicles:
+            enable_stamps(sockets[key])
         now = time.monotonic()
+        self._simulated = world_s is not None
+        no_world: Floats = cast("Floats", memoryview(array("d", [0.0])))
+        self.waits = SocketWaits(len(sockets), to_vehicles, SHORTEST_LIMIT_S, world_s or no_world, now)
         self._ages = StampAges(time.time(), now)
-        self._turn = 0
-        self._this_poll = self._last_poll = self._moment(now)
-        self._readable: dict[int, tuple[int, _Moment]] = dict.fromkeys(self._sockets, (-1, self._this_poll))
         self.dropped = 0
-
-    def before_poll(self, now: float) -> None:
-        """Record that the next poll of the sockets begins. `may_be_old` needs this time. now: monotonic [s]."""
-        self._turn += 1
-        self._last_poll, self._this_poll = self._this_poll, self._moment(now)
 
     def tick(self, now: float) -> None:
         """Compare the wall clock with the monotonic clock, because the kernel stamps datagrams by the wall clock.
@@ -57,34 +54,23 @@ class Backlog:
         """
         self._ages.update(time.time(), now)
 
-    def may_be_old(self, fd: int, now: float) -> bool:
-        """Return whether the next datagram of a socket may be too old. Call this method once for each socket that `poll` reports."""
-        turn, empty = self._readable[fd]
-        if turn != self._turn - 1:  # the last poll did not report the socket, so it was empty
-            empty = self._last_poll
-        self._readable[fd] = self._turn, empty
-        return now - empty[0] > SHORTEST_LIMIT_S and fd in self._to_vehicles
+    def receive(self, key: int) -> tuple[Buffer, Address]:
+        """Receive a datagram from a socket for which `waits.may_be_old` returned True. Frames that are too old are dropped.
 
-    def receive(self, fd: int) -> tuple[Buffer, Address]:
-        """Receive a datagram from a socket for which `may_be_old` returned True. Frames that are too old are dropped.
-
-        Returns (the other frames, sender). Raises OSError.
+        key: index of the socket. Returns (the other frames, sender). Raises OSError.
         """
-        data, sender, stamp_s = receive_stamped(self._sockets[fd])
-        age_s = self._age_s(fd, stamp_s, time.monotonic())
+        data, sender, stamp_s = receive_stamped(self._sockets[key])
+        age_s = self._age_s(key, stamp_s, time.monotonic())
         if age_s <= SHORTEST_LIMIT_S:
             return data, sender
         young, dropped = without_old_frames(data, age_s)
         self.dropped += dropped
         return young, sender
 
-    def _age_s(self, fd: int, stamp_s: float | None, now: float) -> float:
-        empty_at, world_s = self._readable[fd][1]
-        longest_s = now - empty_at
+    def _age_s(self, key: int, stamp_s: float | None, now: float) -> float:
+        longest_s = now - self.waits.empty_at[key]
         age_s = longest_s
         if stamp_s is not None:
             age_s = self._ages.age_s(stamp_s, time.time(), now, longest_s)
-        return age_s if self._world_time is None else min(age_s, self._world_time.now() - world_s)
-
-    def _moment(self, now: float) -> _Moment:
-        return now, 0.0 if self._world_time is None else self._world_time.now()
+        world_age_s = self.waits.world_s[0] - self.waits.empty_world_s[key]
+        return min(age_s, world_age_s) if self._simulated else age_s

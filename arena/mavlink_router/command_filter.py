@@ -43,6 +43,11 @@ class CommandFilter:
             self._replies.append((reply, ((endpoint.socket, endpoint.address),)))
         return False
 
+    def passes_setpoint(self, vehicle: int, now: float) -> bool:
+        """Return whether a program's setpoint may be sent to a vehicle without further tests. vehicle: system id. now: monotonic [s]."""
+        gate = self._gates[vehicle]
+        return gate.authority.passes_program_setpoint(self._time(gate, now))
+
     def take_replies(self) -> list[Out]:
         """Return the replies to refused commands since the last call."""
         if not self._replies:

@@ -49,12 +49,14 @@ class Endpoint:
 class VehicleRoutes:
     """Data that the router keeps about one vehicle: its sockets, status, clients and cached routes.
 
+    number: index in the routing table
     serve_socket, tool_socket: indices in `Router.sockets`
     up: the autopilot's end of the router link
     tools: clients that have sent to the tool socket
     routes: target -> receivers; cleared whenever an endpoint changes
     """
 
+    number: int
     vehicle: Vehicle
     status: VehicleStatus
     telemetry: VehicleTelemetry = field(default_factory=VehicleTelemetry)

@@ -45,11 +45,8 @@ class FaultInjectionShell(RouterShell):
         self._faults.close()
         self._leave_clock()
 
-    def _read(self, fd: int) -> None:
-        if fd in self._receive:
-            super()._read(fd)
-        else:
-            self._update(time.monotonic())
+    def _on_other_event(self, fd: int) -> None:
+        self._update(time.monotonic())
 
     def _tick(self, now: float) -> None:
         super()._tick(now)
@@ -75,6 +72,7 @@ class FaultInjectionShell(RouterShell):
             self._leave_clock()
             self._clock_path, at = None, math.inf
         self._send(self.impaired.release(now, at))
+        self._in_loop = not self.impaired.active
         self._route = self._route_impaired if self.impaired.active else self._router.on_datagram
         if not self.impaired.delaying:
             self._leave_clock()

@@ -18,9 +18,13 @@ from functools import partial
 from typing import Any
 
 from arena.authority import MESSAGES, Role
+from arena.kernels import INTERPRETED
+from arena.kernels.ordinary_datagrams import MAX_SENDERS, OrdinaryDatagrams
 from arena.mavlink_router.command_filter import CommandFilter
+from arena.mavlink_router.datagrams import NO_TARGET, join_frames
 from arena.mavlink_router.endpoints import Counts, Destinations, Endpoint, Out, VehicleRoutes
 from arena.mavlink_router.routing_table import Table, Vehicle
+from arena.mavlink_router.shortcut import Shortcut
 from arena.mavlink_router.vehicle_status import Fact, VehicleStatus
 from arena.mavlink_router.vehicle_telemetry import LOCAL_POSITION_NED, STATUSTEXT, SYS_STATUS
 from arena.transport import Address
@@ -29,10 +33,8 @@ from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT
 
 TOOL_TIMEOUT_S = 10.0  # a tool's address is removed this long after its last frame
 MAX_TOOLS = 16  # per vehicle: one more removes the tool that has been silent for longest
-MAX_SENDERS = 32  # (system, component) pairs that are remembered per endpoint
 MAX_ROUTES = 256  # cached routes per vehicle
 GCS_TIMEOUT_S = 3.0
-MAX_DATAGRAM_BYTES = 1472  # adjoining frames leave as one datagram that fits an Ethernet frame
 
 _TIMESYNC = 111
 _ANY_ADDRESS = ("0.0.0.0", 0)
@@ -40,7 +42,6 @@ _STATUS = (HEARTBEAT, EXTENDED_SYS_STATE)
 _TELEMETRY = (LOCAL_POSITION_NED, SYS_STATUS, STATUSTEXT)
 _REFUSED = "refused: another has control of the vehicle"
 _TO_ALL = 0
-_TO_NONE = -1
 
 
 Handler = Callable[[Address, Buffer, float], list[Out]]
@@ -54,20 +55,38 @@ class Router:
     sockets: the addresses to bind, in the order of their indices
     commands: decides which commands of clients reach the vehicles
     sim_now: returns the simulation time [s]; None without a simulated world
+    shortcut: finds the receivers of ordinary datagrams. They are the same without it
+    use_shortcut: false if the kernels are not compiled, because their Python source is slower than the other methods
+    kernel: class of the shortcut's kernel
     """
 
-    def __init__(self, table: Table, sim_now: Callable[[], float] | None = None) -> None:
-        self.table, self.counts = table, Counts()
+    def __init__(
+        self,
+        table: Table,
+        sim_now: Callable[[], float] | None = None,
+        *,
+        use_shortcut: bool = INTERPRETED is None,
+        kernel: type[OrdinaryDatagrams] = OrdinaryDatagrams,
+    ) -> None:
+        self.table, self._counts = table, Counts()
+        self.use_shortcut = use_shortcut
         self.commands = CommandFilter(table.vehicles, sim_now)
         self.sockets: list[Address] = []
         self._handlers: list[Handler] = []
         self._gcs = self._serve(table.gcs_local, self._from_gcs, table.gcs, Role.GROUND_STATION)
         self._gcs_received_at = float("-inf")
         self._changed_facts: dict[str, Fact] = {}
-        self._vehicles = [self._open(vehicle) for vehicle in table.vehicles]
+        self._vehicles = [self._open(i, vehicle) for i, vehicle in enumerate(table.vehicles)]
         self._ids = frozenset(v.vehicle.id for v in self._vehicles)
         self._up_routes = {v.vehicle.id: v.up for v in self._vehicles}
         self._up_routes[_TO_ALL] = tuple(address for v in self._vehicles for address in v.up)
+        self.shortcut = Shortcut(kernel, self._vehicles, self.commands.passes_setpoint)
+
+    @property
+    def counts(self) -> Counts:
+        """Return the numbers of frames and bytes since the start. It is always the same object."""
+        self.shortcut.collect(self._counts)
+        return self._counts
 
     @property
     def links(self) -> dict[str, int]:
@@ -81,7 +100,13 @@ class Router:
         data: the returned datagrams are slices of this buffer
         now: monotonic [s]
         """
-        self.counts.bytes_in += len(data)
+        if self.use_shortcut and (out := self.shortcut.route(socket, sender, data, now)) is not None:
+            return out
+        return self.on_other_datagram(socket, sender, data, now)
+
+    def on_other_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
+        """Route a datagram that is not ordinary, as `on_datagram` does."""
+        self._counts.bytes_in += len(data)
         return self._handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
@@ -93,7 +118,7 @@ class Router:
             silent = [address for address, tool in v.tools.items() if now - tool.last > TOOL_TIMEOUT_S]
             for address in silent:
                 del v.tools[address]
-                v.routes.clear()
+                self._forget_routes(v)
 
     def heartbeat(self, frame: bytes, *, operator: bool = True) -> list[Out]:
         """Return the datagrams that send the heartbeat `frame` of a ground station to the vehicles.
@@ -128,6 +153,8 @@ class Router:
         """Return {vehicle: {"height_m": ..., "battery": ...}}: height above the floor [m] and remaining charge [%].
         None: the value is unknown.
         """
+        for v in self._vehicles:
+            self.shortcut.collect_height(v)
         return {
             v.vehicle.name: {
                 "height_m": None if v.telemetry.height_m is None else round(v.telemetry.height_m, 2),
@@ -138,7 +165,7 @@ class Router:
 
     def stats(self) -> dict[str, Any]:
         """Return the number of routed and dropped frames, and the telemetry of the vehicles, for the statistics of the process."""
-        dropped = {why: n for why, n in self.counts.dropped.items() if n}
+        dropped = {why: n for why, n in self._counts.dropped.items() if n}
         return {**vars(self.counts), "dropped": dropped, "telemetry": self.telemetry()}
 
     def armed(self, *, simulated: bool) -> list[str]:
@@ -159,9 +186,11 @@ class Router:
         """Return whether a ground station has sent a frame within `GCS_TIMEOUT_S`."""
         return now - self._gcs_received_at <= GCS_TIMEOUT_S
 
-    def _open(self, vehicle: Vehicle) -> VehicleRoutes:
+    def _open(self, number: int, vehicle: Vehicle) -> VehicleRoutes:
         v = VehicleRoutes(
-            vehicle=vehicle, status=VehicleStatus(name=vehicle.name, changed=self._changed_facts)
+            number=number,
+            vehicle=vehicle,
+            status=VehicleStatus(name=vehicle.name, changed=self._changed_facts),
         )
         v.up = ((self._add(vehicle.local, partial(self._from_vehicle, v)), vehicle.remote),)
         v.tool_socket = self._add(vehicle.tools, partial(self._from_tool, v))
@@ -193,15 +222,17 @@ class Router:
         if sender != v.vehicle.remote:
             return self._drop("unknown sender on a vehicle's link")
         frames = self._parse(data)
-        self.counts.frames_from_vehicles += len(frames)
+        self._counts.frames_from_vehicles += len(frames)
         out: list[Out] = []
-        for target, start, end, count in _runs(frames, [self._target_of(v, data, f, now) for f in frames]):
+        for target, start, end, count in join_frames(
+            frames, [self._target_of(v, data, f, now) for f in frames]
+        ):
             destinations = v.routes.get(target) or self._find_route(v, target)
             if destinations:
-                self.counts.frames_to_clients += count * len(destinations)
+                self._counts.frames_to_clients += count * len(destinations)
                 out.append((data[start:end], destinations))
             else:
-                self.counts.dropped["no receiver"] += count
+                self._counts.dropped["no receiver"] += count
         return out
 
     def _target_of(self, v: VehicleRoutes, data: Buffer, frame: Frame, now: float) -> int:
@@ -210,13 +241,14 @@ class Router:
         """
         _, _, _, _, sysid, compid, msgid, target_sys, target_comp = frame
         if sysid != v.vehicle.id:
-            self.counts.dropped["foreign system on a vehicle's link"] += 1
-            return _TO_NONE
+            self._counts.dropped["foreign system on a vehicle's link"] += 1
+            return NO_TARGET
         if msgid in _STATUS and compid == AUTOPILOT:
             v.status.on_frame(data, frame, now)
             if msgid == HEARTBEAT:
                 self.commands.on_heartbeat(sysid, v.status.armed, v.status.mode, now)
         elif msgid in _TELEMETRY and compid == AUTOPILOT:
+            self.shortcut.collect_height(v)  # it is older
             v.telemetry.on_frame(data, frame, now)
         return target_sys << 8 | target_comp if target_sys else _TO_ALL
 
@@ -224,6 +256,8 @@ class Router:
         if len(v.routes) >= MAX_ROUTES:
             v.routes.clear()
         found = v.routes[target] = tuple(self._receivers(v, target))
+        if target == _TO_ALL:
+            self.shortcut.set_receivers(v, found)
         return found
 
     def _receivers(self, v: VehicleRoutes, target: int) -> Iterable[tuple[int, Address]]:
@@ -251,7 +285,7 @@ class Router:
         endpoint = v.tools.pop(sender, None)
         if endpoint is None:
             endpoint = Endpoint(socket=v.tool_socket, address=sender, role=None)
-            v.routes.clear()
+            self._forget_routes(v)
             if len(v.tools) >= MAX_TOOLS:
                 del v.tools[next(iter(v.tools))]
         v.tools[sender] = endpoint
@@ -274,13 +308,13 @@ class Router:
 
         v: the only vehicle that the client may command; None for ground stations.
         """
-        self.counts.frames_from_clients += len(frames)
+        self._counts.frames_from_clients += len(frames)
         out: list[Out] = []
-        for target, start, end, count in _runs(
+        for target, start, end, count in join_frames(
             frames, [self._vehicle_of(v, endpoint, data, f, now) for f in frames]
         ):
             destinations = self._up_routes[target]
-            self.counts.frames_to_vehicles += count * len(destinations)
+            self._counts.frames_to_vehicles += count * len(destinations)
             out.append((data[start:end], destinations))
         if replies := self.commands.take_replies():
             out += replies
@@ -296,18 +330,18 @@ class Router:
         """
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
-            self.counts.dropped["a vehicle's message, returned by a client"] += 1
-            return _TO_NONE
+            self._counts.dropped["a vehicle's message, returned by a client"] += 1
+            return NO_TARGET
         if (sender := sysid << 8 | compid) not in endpoint.senders:
             self._add_sender(v, endpoint, sender)
         if msgid == _TIMESYNC and any(data[payload : payload + min(8, size)]):
-            self.counts.dropped["TIMESYNC reply"] += 1
-            return _TO_NONE
+            self._counts.dropped["TIMESYNC reply"] += 1
+            return NO_TARGET
         if v is not None and (target in (0, v.vehicle.id)):
             target = v.vehicle.id
         elif v is not None or (target and target not in self._ids):
-            self.counts.dropped["target is not a vehicle of this client"] += 1
-            return _TO_NONE
+            self._counts.dropped["target is not a vehicle of this client"] += 1
+            return NO_TARGET
         return self._allowed(target, endpoint, data, frame, now) if msgid in MESSAGES else target
 
     def _allowed(self, target: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> int:
@@ -322,8 +356,8 @@ class Router:
         found = [vehicle for vehicle in everyone if allows(vehicle, endpoint, data, frame, now)]
         if found and found == everyone:
             return target
-        self.counts.dropped[_REFUSED] += max(1, len(everyone) - len(found))
-        key = _TO_NONE - sum(1 << vehicle for vehicle in found)  # below _TO_NONE: a set of vehicles
+        self._counts.dropped[_REFUSED] += max(1, len(everyone) - len(found))
+        key = NO_TARGET - sum(1 << vehicle for vehicle in found)  # below NO_TARGET: a set of vehicles
         if found:
             self._up_routes[key] = tuple(place for vehicle in found for place in self._up_routes[vehicle])
         return key
@@ -333,42 +367,28 @@ class Router:
             del endpoint.senders[next(iter(endpoint.senders))]
         endpoint.senders[sender] = None
         for changed in self._vehicles if v is None else (v,):
-            changed.routes.clear()
+            self._forget_routes(changed)
+        self.shortcut.set_senders(endpoint)
+
+    def _forget_routes(self, v: VehicleRoutes) -> None:
+        """Find the receivers of the vehicle's messages again, because an endpoint has changed."""
+        v.routes.clear()
+        self.shortcut.set_receivers(v, ())
 
     # both directions
 
     def _parse(self, data: Buffer) -> list[Frame]:
         frames, garbage, bad_crc, unknown = parse_frames(data)
         if garbage or unknown:
-            self.counts.unknown += unknown
-            self.counts.dropped["garbage bytes"] += garbage
-            self.counts.dropped["wrong CRC"] += bad_crc
+            self._counts.unknown += unknown
+            self._counts.dropped["garbage bytes"] += garbage
+            self._counts.dropped["wrong CRC"] += bad_crc
         return frames
 
     def _drop(self, why: str) -> list[Out]:
-        self.counts.dropped[why] += 1
+        self._counts.dropped[why] += 1
         return []
 
 
 def _is_loopback(address: Address) -> bool:
     return address[0].startswith("127.")
-
-
-def _runs(frames: list[Frame], targets: list[int]) -> list[tuple[int, int, int, int]]:
-    """Join adjacent frames with the same target, so that they are sent as one datagram. Return a list of
-    (target, first byte, end byte, number of frames). Frames with target `_TO_NONE` are omitted.
-    """
-    if len(frames) == 1:
-        return [(targets[0], frames[0][0], frames[0][1], 1)] if targets[0] != _TO_NONE else []
-    runs: list[tuple[int, int, int, int]] = []
-    target, start, end, count = _TO_NONE, 0, 0, 0
-    for frame, own in zip(frames, targets, strict=True):
-        if own == target and frame.start == end and frame.end - start <= MAX_DATAGRAM_BYTES:
-            end, count = frame.end, count + 1
-            continue
-        if target != _TO_NONE:
-            runs.append((target, start, end, count))
-        target, start, end, count = own, frame.start, frame.end, 1
-    if target != _TO_NONE:
-        runs.append((target, start, end, count))
-    return runs

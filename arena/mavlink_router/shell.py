@@ -3,30 +3,36 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import select
 import time
-from typing import Any
+from array import array
+from typing import TYPE_CHECKING, Any
 
 from arena.clock import SimTime
 from arena.errors import RunError
+from arena.kernels import INTERPRETED
 from arena.mavlink_router.backlog import Backlog
 from arena.mavlink_router.endpoints import Out
 from arena.mavlink_router.ground_station import GroundStation
 from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
 from arena.process_context import OPERATOR_TIMEOUT_S, SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
-from arena.transport import MAX_DATAGRAM_BYTES, listen_udp
-from arena.wire.mavlink_frame import Buffer
+from arena.transport import MAX_DATAGRAM_BYTES, Address, listen_udp
+
+if TYPE_CHECKING:
+    from arena.kernels.datagram_loop import DatagramLoop
 
 READY_TIMEOUT_S = 10.0  # after this time without a vehicle's heartbeat the other vehicles start
+_MAX_OLD_DATAGRAMS = 16  # read from one socket per cycle
 _TICK_S, _SECOND_S = 0.25, 1.0
 
 
 class RouterShell:
     """Runs a `Router`: opens its sockets, and receives and sends datagrams in a loop.
 
-    Each cycle reads one datagram from each socket that has some, so that a flood on one socket does not delay
-    the others.
+    Each cycle reads one datagram from each socket that has some, or a few if the kernels are compiled, so that a flood on
+    one socket does not delay the others.
     """
 
     def __init__(self, process: ProcessContext, table: Table) -> None:
@@ -48,12 +54,15 @@ class RouterShell:
         self._shutdown = [(True, ShutdownPolicy(limit_s=limit_s)), (False, ShutdownPolicy(limit_s=None))]
         self._began = self._next_tick = self._next_second = time.monotonic()
         all_simulated = all(v.simulated for v in table.vehicles)
+        self._world_s = self._world_time.page if self._world_time is not None else None
         self._backlog = Backlog(
-            self._sockets, self._router.links.values(), self._world_time if all_simulated else None
+            self._sockets, self._router.links.values(), self._world_s if all_simulated else None
         )
+        self._loop = None if INTERPRETED else self._make_loop()
         self._ready = False
         self._operator = True
         self._over = False
+        self._in_loop = True  # a derived class may route datagrams in another way for some time
 
     def run(self) -> None:
         """Route datagrams until a stop is requested and no real vehicle is armed. If the supervisor dies, route
@@ -71,9 +80,17 @@ class RouterShell:
         """Run one cycle: wait at most `timeout_s` for datagrams, route them, and do the periodic work that is
         due.
         """
-        self._backlog.before_poll(time.monotonic())
-        for fd, _ in self._poll.poll(timeout_s):
-            self._read(fd)
+        if self._loop is not None and self._in_loop:
+            self._run_loop(self._loop, timeout_s)
+        else:
+            if self._loop is not None:
+                self._loop.stop_timer()
+            self._backlog.waits.before_poll(time.monotonic())
+            for fd, _ in self._poll.poll(timeout_s):
+                if fd in self._receive:
+                    self._read(fd)
+                else:
+                    self._on_other_event(fd)
         for (
             warning
         ) in self._router.warnings():  # first, so that a failsafe is shown before the mode that it enters
@@ -94,19 +111,64 @@ class RouterShell:
         for s in self._sockets:
             s.close()
 
+    def _make_loop(self) -> DatagramLoop:
+        """Create the compiled loop, which receives and sends many datagrams per call and calls this object for the others."""
+        from arena.kernels.datagram_loop import DatagramLoop
+
+        fds = [s.fileno() for s in self._sockets]
+        index_of_fd = array("l", [-1]) * (max(fds) + 1)
+        for key, fd in enumerate(fds):
+            index_of_fd[fd] = key
+        return DatagramLoop(
+            self._router.shortcut.ordinary,
+            self._backlog.waits,
+            self._poll.fileno(),
+            memoryview(array("l", fds)),
+            memoryview(index_of_fd),
+            self._on_other_datagram,
+            self._on_event,
+        )
+
+    def _run_loop(self, loop: DatagramLoop, timeout_s: float) -> None:
+        until, counts = time.monotonic() + timeout_s, self._router.counts
+        world_until = math.inf if self._world_s is None else self._next_heartbeat
+        loop.run(until, self._backlog.waits.world_s if self._world_s is None else self._world_s, world_until)
+        counts.bytes_out += loop.bytes_out
+        if loop.unsent:
+            counts.dropped["not sent"] += loop.unsent
+        loop.bytes_out = loop.unsent = 0
+
+    def _on_other_datagram(self, key: int, sender: Address, data: memoryview, now: float) -> None:
+        """Route a datagram that the loop has received and that is not ordinary."""
+        self._send(self._router.on_other_datagram(key, sender, data, now))
+
+    def _on_event(self, fd: int) -> None:
+        """Read a file descriptor that the loop leaves to Python: datagrams that may be old, or no socket of the router."""
+        if fd in self._receive:
+            self._read_old(fd, time.monotonic())
+        else:
+            self._on_other_event(fd)
+
+    def _on_other_event(self, fd: int) -> None:
+        """Read a file descriptor of a derived class."""
+
     def _read(self, fd: int) -> None:
-        receive, key = self._receive[fd]
         now = time.monotonic()
-        data: Buffer
-        try:
-            if self._backlog.may_be_old(fd, now):
-                data, sender = self._backlog.receive(fd)
-            else:
-                size, sender = receive(self._buffer)
-                data = self._buffer[:size]
-        except OSError:  # no datagram after all
+        receive, key = self._receive[fd]
+        if self._backlog.waits.may_be_old(key, now):
+            self._read_old(fd, now)
             return
-        self._send(self._route(key, sender, data, now))
+        with contextlib.suppress(OSError):  # no datagram after all
+            size, sender = receive(self._buffer)
+            self._send(self._route(key, sender, self._buffer[:size], now))
+
+    def _read_old(self, fd: int, now: float) -> None:
+        """Read datagrams that may be old, several at a time, because the socket is full after a stall."""
+        _, key = self._receive[fd]
+        with contextlib.suppress(OSError):  # no more datagrams
+            for _ in range(_MAX_OLD_DATAGRAMS):
+                data, sender = self._backlog.receive(key)
+                self._send(self._route(key, sender, data, now))
 
     def _send(self, out: list[Out]) -> None:
         counts = self._router.counts

@@ -38,13 +38,16 @@ class VehicleTelemetry:
     def on_frame(self, data: Buffer, frame: Frame, now: float) -> None:
         """Update height, battery or warnings from one frame of the vehicle's autopilot. now: monotonic [s]."""
         if frame.msgid == LOCAL_POSITION_NED:
-            (z,) = _FLOAT.unpack(_bytes_at(data, frame, _Z, 4))
-            self.height_m = -z if abs(z) < 1e6 else None
+            self.on_z_n(*_FLOAT.unpack(_bytes_at(data, frame, _Z, 4)))
         elif frame.msgid == SYS_STATUS:
             battery = byte_at(data, frame, _BATTERY)
             self.battery = battery if battery <= 100 else None  # -1: the autopilot does not measure it
         elif frame.msgid == STATUSTEXT and byte_at(data, frame, 0) <= WARNING:
             self._on_text(data, frame, now)
+
+    def on_z_n(self, z: float) -> None:
+        """Update the height from the z of LOCAL_POSITION_NED [m] [NED]."""
+        self.height_m = -z if abs(z) < 1e6 else None
 
     def _on_text(self, data: Buffer, frame: Frame, now: float) -> None:
         """Join the chunks of a long STATUSTEXT. The chunk that contains a zero byte is the last one."""

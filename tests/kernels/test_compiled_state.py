@@ -10,38 +10,48 @@ from pathlib import Path
 import pytest
 
 from arena.kernels import why_interpreted
-from arena.kernels.source_digest import digest_as_c, kernel_names, source_digest, stored_digest
+from arena.kernels.source_digest import (
+    compiled_names,
+    digest_as_c,
+    kernel_names,
+    source_digest,
+    stored_digest,
+)
 
 
 @pytest.fixture
 def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with one kernel and a file that contains the digest of its sources, as a compiled module does."""
+    """A folder with a kernel and a module without Python source. Files contain the digest of the sources, as compiled modules do."""
     monkeypatch.delenv("ARENA_INTERPRETED", raising=False)
     (tmp_path / "lift.py").write_text("def lift() -> float:\n    return 1.0\n")
     (tmp_path / "lift.pxd").write_text("cdef double lift()\n")
+    (tmp_path / "tail.pyx").write_text("cdef double tail\n")
     (tmp_path / "arrays.py").write_text("# a module without a .pxd file is not compiled\n")
-    compiled = tmp_path / f"lift{EXTENSION_SUFFIXES[0]}"
-    compiled.write_bytes(b"\x7fELF\0" + digest_as_c("lift", source_digest(tmp_path)).encode() + b"\0")
+    for name in ("lift", "tail"):
+        stored = digest_as_c(name, source_digest(tmp_path)).encode()
+        (tmp_path / f"{name}{EXTENSION_SUFFIXES[0]}").write_bytes(b"\x7fELF\0" + stored + b"\0")
     return tmp_path
 
 
 def test_kernels_are_the_modules_with_a_pxd_file(kernels: Path) -> None:
     assert kernel_names(kernels) == ["lift"]
+    assert compiled_names(kernels) == ["lift", "tail"]
 
 
 def test_kernels_compiled_from_the_present_sources_are_used(kernels: Path) -> None:
     assert why_interpreted(kernels) is None
 
 
-@pytest.mark.parametrize("name", ["lift.py", "lift.pxd"])
+@pytest.mark.parametrize("name", ["lift.py", "lift.pxd", "tail.pyx"])
 def test_kernels_of_other_sources_are_not_used(kernels: Path, name: str) -> None:
     with (kernels / name).open("a") as file:
         file.write("# changed\n")
     assert "have changed since they were compiled" in (why_interpreted(kernels) or "")
 
 
-def test_missing_compiled_kernels_name_what_to_install(kernels: Path) -> None:
-    (kernels / f"lift{EXTENSION_SUFFIXES[0]}").unlink()
+@pytest.mark.parametrize("name", ["lift", "tail"])
+def test_missing_compiled_kernels_name_what_to_install(kernels: Path, name: str) -> None:
+    (kernels / f"{name}{EXTENSION_SUFFIXES[0]}").unlink()
     assert "apt install gcc python3-dev" in (why_interpreted(kernels) or "")
 
 

@@ -6,6 +6,7 @@ import contextlib
 import select
 import socket
 import time
+from array import array
 from collections.abc import Iterator
 
 import pytest
@@ -18,15 +19,6 @@ from arena.process_context import ProcessContext
 from arena.wire.mavlink_codec import Codec
 
 HOST = "127.54.9.1"
-
-
-class World:
-    """Simulation time that a test sets."""
-
-    time_s = 10.0
-
-    def now(self) -> float:
-        return self.time_s
 
 
 class Stalled:
@@ -108,13 +100,14 @@ def test_a_router_that_reads_at_once_drops_nothing():
 @pytest.mark.parametrize(("passed_s", "forwarded"), [(0.0, 5), (0.05, 5), (3.0, 0)])
 def test_age_of_simulated_vehicles_is_limited_by_simulation_time(passed_s, forwarded):
     with stalled(real=False) as router:
-        world = World()
-        router.shell._backlog._world_time = world  # type: ignore[assignment]
+        world_s = array("d", [10.0])
+        router.shell._backlog.waits.world_s = world_s
+        router.shell._backlog._simulated = True
         router.wake()
         for i in range(5):
             router.setpoint(i)
         wait(0.4)
-        world.time_s += passed_s
+        world_s[0] += passed_s
         assert len(router.wake()) == forwarded
 
 

@@ -1,0 +1,244 @@
+"""Routes of ordinary datagrams: those that go as they are to a fixed set of receivers. Pure.
+
+Most datagrams of a router are ordinary: telemetry from a vehicle to all its clients, and poses and setpoints from a program
+that the router already knows. All other datagrams (commands, replies to one client, status of the autopilot, new senders,
+broken frames) are not: `arena.mavlink_router.router` routes them. `arena.wire.mavlink_frame` describes the frames.
+"""
+
+from __future__ import annotations
+
+from array import array
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+    from arena.kernels.arrays import Integers
+
+    Buffer = bytes | bytearray | memoryview
+
+SETPOINT, POSITION, NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT, KNOWN = 1, 2, 4, 8, 16
+"""Properties of a message. SETPOINT: the authority over the vehicle is asked. POSITION: it is LOCAL_POSITION_NED.
+NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT: a datagram that contains it is not ordinary. KNOWN: it is in the table of messages."""
+MAX_SENDERS, MAX_RECEIVERS = 32, 256
+"""Size of the tables: senders behind one address, and receivers of one set."""
+NOT_ORDINARY = -1
+_V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
+_V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13
+_AUTOPILOT = 1
+_NO_VEHICLE = -1
+_Z = 12  # payload offset of z in LOCAL_POSITION_NED
+
+
+def _integers(count: int, value: int = 0) -> Integers:
+    """Return a new array without numpy, which would double the memory of the router's process."""
+    return memoryview(array("l", [value]) * count)
+
+
+def address_number(host: str, port: int) -> int:
+    """Return an IPv4 address and a UDP port as one number."""
+    a, b, c, d = (int(part) for part in host.split("."))
+    return a << 40 | b << 32 | c << 24 | d << 16 | port
+
+
+class OrdinaryDatagrams:
+    """Finds the receivers of ordinary datagrams between V vehicles and their clients.
+
+    A set of receivers has a number: v for all receivers of vehicle v's telemetry, V + v for its autopilot.
+    receivers: the sets of receivers that the router has found; () for a set that it must still find (2 V)
+    versions: number of changes of each set (2 V,)
+    from_vehicles, to_clients: number of ordinary frames that were received, and that were sent (frames times receivers)
+    from_clients, to_vehicles: the same in the other direction
+    bytes_in: number of received bytes
+    """
+
+    def __init__(
+        self,
+        messages: Mapping[int, tuple[int, int, int]],
+        ids: Sequence[int],
+        links: Collection[tuple[int, int]],
+        clients: Sequence[tuple[int, int, int]],
+        passes_setpoint: Callable[[int, float], bool],
+        max_bytes: int,
+    ) -> None:
+        """Create the tables.
+
+        messages: message id -> (properties, CRC_EXTRA, payload offset of target_system or -1)
+        ids: MAVLink system id of each vehicle
+        links: (socket, number of the autopilot's address) of each vehicle
+        clients: (first socket, vehicle, number of the address) of each client
+        passes_setpoint: (vehicle, monotonic time [s]) -> whether a program's setpoint may be sent to the vehicle now
+        max_bytes: a longer datagram is not ordinary
+        """
+        count, vehicles = max(messages) + 1, len(ids)
+        sockets = 1 + max([socket for socket, _ in links] + [socket for socket, _, _ in clients], default=0)
+        self.max_bytes, self._passes_setpoint = max_bytes, passes_setpoint
+        self._kinds, self._seeds = _integers(count), _integers(count)
+        self._targets = _integers(count, -1)
+        for number, (kind, seed, target) in messages.items():
+            self._kinds[number], self._seeds[number], self._targets[number] = kind | KNOWN, seed, target
+        self._ids, self._is_vehicle = memoryview(array("l", ids)), _integers(256)
+        for system in ids:
+            self._is_vehicle[system] = 1
+        self._link_of, self._remote = (
+            _integers(sockets, _NO_VEHICLE),
+            _integers(vehicles),
+        )
+        for v, (socket, address) in enumerate(links):
+            self._link_of[socket], self._remote[v] = v, address
+        self._client_of, self._next_client = (
+            _integers(sockets, -1),
+            _integers(len(clients), -1),
+        )
+        self._owner, self._address = (
+            _integers(len(clients)),
+            _integers(len(clients)),
+        )
+        for k, (socket, v, address) in enumerate(clients):
+            self._owner[k], self._address[k] = v, address
+            self._next_client[k], self._client_of[socket] = self._client_of[socket], k
+        self._senders = _integers(len(clients) * MAX_SENDERS, -1)
+        self.receivers: list[tuple[Any, ...]] = [() for _ in range(2 * vehicles)]
+        self._receiver_counts = _integers(2 * vehicles)
+        self.versions = _integers(2 * vehicles)
+        self.from_vehicles = self.to_clients = self.from_clients = self.to_vehicles = self.bytes_in = 0
+        self._z_bits = _integers(vehicles, -1)
+        self._sysid = self._compid = self._msgid = self._target = self._payload = self._length = 0
+
+    def set_receivers(self, number: int, receivers: tuple[Any, ...]) -> None:
+        """Set the receivers of a set. Datagrams to no receiver, or to more than `MAX_RECEIVERS`, are not ordinary."""
+        receivers = receivers if len(receivers) <= MAX_RECEIVERS else ()
+        self.receivers[number] = receivers
+        self._receiver_counts[number] = len(receivers)
+        self.versions[number] += 1
+
+    def set_senders(self, client: int, senders: Collection[int]) -> None:
+        """Set the known senders (system << 8 | component) behind a client's address. At most `MAX_SENDERS`."""
+        known = [*senders, *[-1] * MAX_SENDERS]
+        for i in range(MAX_SENDERS):
+            self._senders[client * MAX_SENDERS + i] = known[i]
+
+    def take_z_bits(self, v: int) -> int:
+        """Return the z of the vehicle's last LOCAL_POSITION_NED as the bits of a float32. -1: there was none since the last call."""
+        bits, self._z_bits[v] = self._z_bits[v], -1
+        return bits
+
+    def find(self, socket: int, sender: int, data: Buffer, start: int, end: int, now: float) -> int:
+        """Return the number of the set of receivers of a datagram, `NOT_ORDINARY` if the datagram is not ordinary.
+
+        An ordinary datagram is counted as sent to all its receivers; of others nothing is remembered.
+        socket: index of the socket that received it. sender: number of the sender's address
+        data, start, end: the datagram is data[start:end]. now: monotonic [s]
+        """
+        if socket >= len(self._link_of) or end - start > self.max_bytes or start == end:
+            return NOT_ORDINARY
+        v = self._link_of[socket]
+        if v != _NO_VEHICLE:
+            if sender != self._remote[v]:
+                return NOT_ORDINARY
+            return self._from_vehicle(v, data, start, end)
+        client = self._client_of[socket]
+        while client >= 0 and self._address[client] != sender:
+            client = self._next_client[client]
+        return self._from_client(client, data, start, end, now) if client >= 0 else NOT_ORDINARY
+
+    def _from_vehicle(self, v: int, data: Buffer, start: int, end: int) -> int:
+        receivers, frames, at, z = self._receiver_counts[v], 0, start, -1
+        if receivers == 0:
+            return NOT_ORDINARY
+        while at < end:
+            at = self._read_frame(data, at, end)
+            if at < 0 or self._sysid != self._ids[v] or self._target != 0:
+                return NOT_ORDINARY
+            kind = self._kinds[self._msgid]
+            if self._compid == _AUTOPILOT and kind & NOT_FROM_AUTOPILOT:
+                return NOT_ORDINARY
+            if self._compid == _AUTOPILOT and kind & POSITION:
+                z = self._number_at(data, _Z)
+            frames += 1
+        if z >= 0:
+            self._z_bits[v] = z
+        self.from_vehicles += frames
+        self.to_clients += frames * receivers
+        self.bytes_in += end - start
+        return v
+
+    def _from_client(self, client: int, data: Buffer, start: int, end: int, now: float) -> int:
+        v, frames, at, setpoint = self._owner[client], 0, start, False
+        while at < end:
+            at = self._read_frame(data, at, end)
+            if at < 0 or (self._target != 0 and self._target != self._ids[v]):
+                return NOT_ORDINARY
+            if self._compid == _AUTOPILOT and self._is_vehicle[self._sysid] == 1:
+                return NOT_ORDINARY
+            kind = self._kinds[self._msgid]
+            if kind & NOT_FROM_CLIENT or not self._knows_sender(client):
+                return NOT_ORDINARY
+            setpoint = setpoint or kind & SETPOINT != 0
+            frames += 1
+        if setpoint and not self._passes_setpoint(v, now):
+            return NOT_ORDINARY
+        self.from_clients += frames
+        self.to_vehicles += frames
+        self.bytes_in += end - start
+        return len(self._ids) + v
+
+    def _knows_sender(self, client: int) -> bool:
+        sender, first = self._sysid * 256 + self._compid, client * MAX_SENDERS
+        for i in range(first, first + MAX_SENDERS):
+            known = self._senders[i]
+            if known == sender:
+                return True
+            if known < 0:
+                return False
+        return False
+
+    def _read_frame(self, data: Buffer, at: int, end: int) -> int:
+        """Read the frame that begins at `at`. Return its end; -1 if there is no whole frame of a known message with a right CRC."""
+        magic, signature = data[at], 0
+        if magic == _V2 and at + _V2_HEAD + _CRC <= end:
+            if data[at + 2] > _SIGNED:  # a frame with an unknown flag must not be read
+                return -1
+            signature = _SIGNATURE if data[at + 2] == _SIGNED else 0
+            self._payload = at + _V2_HEAD
+            self._sysid, self._compid = data[at + 5], data[at + 6]
+            self._msgid = data[at + 7] + 256 * data[at + 8] + 65536 * data[at + 9]
+        elif magic == _V1 and at + _V1_HEAD + _CRC <= end:
+            self._payload = at + _V1_HEAD
+            self._sysid, self._compid, self._msgid = data[at + 3], data[at + 4], data[at + 5]
+        else:
+            return -1
+        self._length = data[at + 1]
+        crc_at = self._payload + self._length
+        if (
+            crc_at + _CRC + signature > end
+            or self._msgid >= len(self._kinds)
+            or self._kinds[self._msgid] == 0
+        ):
+            return -1
+        crc = self._crc(data, at + 1, crc_at, self._seeds[self._msgid])
+        if data[crc_at] != crc & 0xFF or data[crc_at + 1] != crc >> 8:
+            return -1
+        target = self._targets[self._msgid]
+        self._target = data[self._payload + target] if 0 <= target < self._length else 0
+        return crc_at + _CRC + signature
+
+    def _crc(self, data: Buffer, start: int, end: int, seed: int) -> int:
+        """Return the CRC-16/MCRF4XX of data[start:end] and the seed byte. Without a table, which would have to be loaded again
+        for nearly every message.
+        """
+        crc = 0xFFFF
+        for i in range(start, end + 1):
+            byte = (data[i] if i < end else seed) ^ crc & 0xFF
+            byte = (byte ^ byte << 4) & 0xFF
+            crc = crc >> 8 ^ byte << 8 ^ byte << 3 ^ byte >> 4
+        return crc
+
+    def _number_at(self, data: Buffer, offset: int) -> int:
+        """Return four bytes of the payload as a number. Bytes beyond the end of the payload are 0."""
+        number = 0
+        for i in range(4):
+            if offset + i < self._length:
+                byte = data[self._payload + offset + i]
+                number += byte << 8 * i
+        return number

@@ -1,0 +1,57 @@
+"""Limit for how long datagrams have waited in sockets, from the polls of these sockets. Pure.
+
+A datagram cannot have waited longer than the time since its socket was last empty. A poll that does not report a socket
+shows that the socket is empty.
+"""
+
+from __future__ import annotations
+
+from array import array
+from typing import TYPE_CHECKING, cast
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from arena.kernels.arrays import Floats
+
+
+def _times(count: int, value: float) -> Floats:
+    return cast("Floats", memoryview(array("d", [value]) * count))
+
+
+class SocketWaits:
+    """Time at which each of N sockets was last empty.
+
+    world_s: simulation time [s] (1,); its present value is read at each poll
+    limit_s: datagrams that may have waited longer are old [s]
+    limited: 1 for sockets whose datagrams can be old (N,)
+    empty_at, empty_world_s: monotonic time and simulation time at which the socket was last empty [s] (N,)
+    """
+
+    def __init__(
+        self, sockets: int, limited: Collection[int], limit_s: float, world_s: Floats, now: float
+    ) -> None:
+        self.world_s, self.limit_s = world_s, limit_s
+        self.limited = memoryview(array("l", [i in limited for i in range(sockets)]))
+        self.empty_at, self.empty_world_s = _times(sockets, now), _times(sockets, world_s[0])
+        self._reported = memoryview(
+            array("l", [-1]) * sockets
+        )  # number of the last poll that reported the socket
+        self._poll = 0
+        self._now = self._last = now
+        self._world_now = self._last_world = world_s[0]
+
+    def before_poll(self, now: float) -> None:
+        """Record that the next poll of the sockets begins. now: monotonic [s]."""
+        self._poll += 1
+        self._last, self._last_world = self._now, self._world_now
+        self._now, self._world_now = now, self.world_s[0]
+
+    def may_be_old(self, i: int, now: float) -> bool:
+        """Return whether the datagrams of socket i may have waited longer than `limit_s`. Call this once for each socket that
+        the poll has reported. now: monotonic [s].
+        """
+        if self._reported[i] != self._poll - 1:  # the last poll did not report the socket, so it was empty
+            self.empty_at[i], self.empty_world_s[i] = self._last, self._last_world
+        self._reported[i] = self._poll
+        return now - self.empty_at[i] > self.limit_s and self.limited[i] != 0

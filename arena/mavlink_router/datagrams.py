@@ -1,0 +1,28 @@
+"""Frames that are sent together as one datagram."""
+
+from __future__ import annotations
+
+from arena.wire.mavlink_frame import Frame
+
+MAX_DATAGRAM_BYTES = 1472  # adjoining frames leave as one datagram that fits an Ethernet frame
+NO_TARGET = -1
+
+
+def join_frames(frames: list[Frame], targets: list[int]) -> list[tuple[int, int, int, int]]:
+    """Join adjacent frames with the same target, so that they are sent as one datagram. Return a list of
+    (target, first byte, end byte, number of frames). Frames with target `NO_TARGET` are omitted.
+    """
+    if len(frames) == 1:
+        return [(targets[0], frames[0][0], frames[0][1], 1)] if targets[0] != NO_TARGET else []
+    runs: list[tuple[int, int, int, int]] = []
+    target, start, end, count = NO_TARGET, 0, 0, 0
+    for frame, own in zip(frames, targets, strict=True):
+        if own == target and frame.start == end and frame.end - start <= MAX_DATAGRAM_BYTES:
+            end, count = frame.end, count + 1
+            continue
+        if target != NO_TARGET:
+            runs.append((target, start, end, count))
+        target, start, end, count = own, frame.start, frame.end, 1
+    if target != NO_TARGET:
+        runs.append((target, start, end, count))
+    return runs

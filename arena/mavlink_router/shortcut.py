@@ -1,0 +1,108 @@
+"""Shortcut of the router for ordinary datagrams, which are nearly all: the kernel `ordinary_datagrams` with the router's tables."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+
+from arena.authority import MESSAGES
+from arena.kernels.ordinary_datagrams import (
+    NOT_FROM_AUTOPILOT,
+    NOT_FROM_CLIENT,
+    POSITION,
+    SETPOINT,
+    OrdinaryDatagrams,
+    address_number,
+)
+from arena.mavlink_router.datagrams import MAX_DATAGRAM_BYTES
+from arena.mavlink_router.endpoints import Counts, Destinations, Endpoint, Out, VehicleRoutes
+from arena.mavlink_router.vehicle_telemetry import LOCAL_POSITION_NED, STATUSTEXT, SYS_STATUS
+from arena.transport import Address
+from arena.wire.age_limits import SETPOINTS
+from arena.wire.mavlink_frame import Buffer
+from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT
+from arena.wire.mavlink_targets import CRC_EXTRA, TARGETS
+
+_TIMESYNC = 111
+_STATUS = (HEARTBEAT, EXTENDED_SYS_STATE, SYS_STATUS, STATUSTEXT)
+_UNKNOWN = -1
+_FLOAT, _BITS = struct.Struct("<f"), struct.Struct("<I")
+
+
+class Shortcut:
+    """Receivers of ordinary datagrams. The router keeps the receivers and senders up to date.
+
+    kernel: finds the receivers.  vehicles: all vehicles of the router, with their clients
+    passes_setpoint: (MAVLink system id, monotonic time [s]) -> whether a program's setpoint may be sent to the vehicle now
+    """
+
+    def __init__(
+        self,
+        kernel: type[OrdinaryDatagrams],
+        vehicles: Sequence[VehicleRoutes],
+        passes_setpoint: Callable[[int, float], bool],
+    ) -> None:
+        clients = [(i, endpoint) for i, v in enumerate(vehicles) for endpoint in v.clients.values()]
+        addresses = [v.vehicle.remote for v in vehicles] + [endpoint.address for _, endpoint in clients]
+        self._number_of_address = {address: address_number(*address) for address in addresses}
+        self._client_of = {id(endpoint): k for k, (_, endpoint) in enumerate(clients)}
+        ids = [v.vehicle.id for v in vehicles]
+        number = self._number_of_address
+        self.ordinary = kernel(
+            {
+                msgid: (_kind(msgid), seed, TARGETS.get(msgid, (-1, -1))[0])
+                for msgid, seed in CRC_EXTRA.items()
+            },
+            ids,
+            [(v.up[0][0], number[v.vehicle.remote]) for v in vehicles],
+            [(endpoint.socket, i, number[endpoint.address]) for i, endpoint in clients],
+            lambda v, now: passes_setpoint(ids[v], now),
+            MAX_DATAGRAM_BYTES,
+        )
+        for v in vehicles:
+            self.ordinary.set_receivers(len(vehicles) + v.number, v.up)
+
+    def route(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out] | None:
+        """Return the datagrams to send, None if the datagram is not ordinary. Arguments: as of `Router.on_datagram`."""
+        number = self._number_of_address.get(sender, _UNKNOWN)
+        found = self.ordinary.find(socket, number, data, 0, len(data), now)
+        return [(data, self.ordinary.receivers[found])] if found >= 0 else None
+
+    def set_receivers(self, v: VehicleRoutes, receivers: Destinations) -> None:
+        """Set the receivers of a vehicle's messages to all; () until they are found."""
+        self.ordinary.set_receivers(v.number, receivers)
+
+    def set_senders(self, endpoint: Endpoint) -> None:
+        """Process a change of the known senders of an endpoint. Only clients of one vehicle use the shortcut."""
+        client = self._client_of.get(id(endpoint))
+        if client is not None:
+            self.ordinary.set_senders(client, endpoint.senders)
+
+    def collect(self, counts: Counts) -> None:
+        """Add the counts since the last call to `counts`."""
+        ordinary = self.ordinary
+        counts.frames_from_vehicles += ordinary.from_vehicles
+        counts.frames_to_clients += ordinary.to_clients
+        counts.frames_from_clients += ordinary.from_clients
+        counts.frames_to_vehicles += ordinary.to_vehicles
+        counts.bytes_in += ordinary.bytes_in
+        ordinary.from_vehicles = ordinary.to_clients = 0
+        ordinary.from_clients = ordinary.to_vehicles = ordinary.bytes_in = 0
+
+    def collect_height(self, v: VehicleRoutes) -> None:
+        """Set the height of a vehicle from its last LOCAL_POSITION_NED, if one has arrived since the last call."""
+        bits = self.ordinary.take_z_bits(v.number)
+        if bits >= 0:
+            v.telemetry.on_z_n(*_FLOAT.unpack(_BITS.pack(bits)))
+
+
+def _kind(msgid: int) -> int:
+    """Return the properties of a message, as bits of the kernel."""
+    kind = NOT_FROM_AUTOPILOT if msgid in _STATUS else 0
+    if msgid == LOCAL_POSITION_NED:
+        kind |= POSITION
+    if msgid in SETPOINTS:
+        kind |= SETPOINT
+    elif msgid in MESSAGES or msgid == _TIMESYNC:
+        kind |= NOT_FROM_CLIENT
+    return kind

@@ -1,0 +1,140 @@
+"""The compiled loop of the router and the loop in Python forward the same datagrams, on real sockets."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import time
+
+import pytest
+from fleet import ack, attitude, command, heartbeat, slice_of
+from test_shortcut import odometry
+
+from arena.mavlink_router.routing_table import Table
+from arena.mavlink_router.shell import RouterShell
+from arena.process_context import ProcessContext
+from tests.kernels.kernel_versions import needs_compiled
+
+HOST = "127.54.11.1"
+BURST = 40  # more than the loop reads at a time
+
+
+def udp(address):
+    s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    s.bind(tuple(address))
+    s.setblocking(False)
+    return s
+
+
+class Running:
+    """A router in this process with one vehicle, its clients and its logger."""
+
+    def __init__(self, compiled):
+        settings = slice_of((1,), host=HOST, gcs=(HOST, 14550), heartbeat=False)
+        vehicle = settings["vehicles"][0]
+        self.shell = RouterShell(ProcessContext("router", settings, None), Table.from_slice(settings))
+        if not compiled:
+            self.shell._loop = None
+        self.link, self.serve = tuple(vehicle["link"]["local"]), tuple(vehicle["serve"])
+        self.autopilot = udp(vehicle["link"]["remote"])
+        self.program, self.sdk = (udp(c["address"]) for c in vehicle["clients"])
+        self.logger, self.gcs = udp(vehicle["logger"]), udp((HOST, 14550))
+        self.receivers = (self.autopilot, self.program, self.sdk, self.logger, self.gcs)
+
+    def close(self):
+        self.shell.close()
+        for s in self.receivers:
+            s.close()
+
+    def turn(self, count=BURST + 10):
+        for _ in range(count):
+            self.shell.turn(0.0)
+
+    def received(self):
+        """Return all datagrams of each receiver."""
+        found = []
+        for s in self.receivers:
+            found.append([])
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    found[-1].append(s.recv(65536))
+        return found
+
+
+@pytest.fixture(params=[pytest.param(True, marks=needs_compiled), False], ids=["compiled", "interpreted"])
+def running(request):
+    router = Running(request.param)
+    yield router
+    router.close()
+
+
+def test_a_burst_reaches_all_receivers_in_order(running):
+    frames = [attitude(1, 1 + i) for i in range(BURST)]
+    running.autopilot.sendto(attitude(1), running.link)
+    running.turn()
+    running.received()
+    for frame in frames:
+        running.autopilot.sendto(frame, running.link)
+    running.program.sendto(odometry((1, 191)), running.serve)
+    running.turn()
+    assert running.received() == [[odometry((1, 191))], frames, frames, frames, frames]
+    counts = running.shell._router.counts
+    assert counts.bytes_out == 4 * sum(map(len, frames)) + 4 * len(attitude(1)) + len(odometry((1, 191)))
+    assert counts.frames_from_vehicles == BURST + 1 and counts.frames_to_vehicles == 1
+
+
+def test_datagrams_for_python_keep_their_place_in_the_order(running):
+    """Status, replies to one client and broken datagrams are routed by Python, between ordinary datagrams."""
+    frames = [
+        heartbeat(1),
+        attitude(1),
+        ack((1, 191)),
+        attitude(1, 2),
+        b"broken",
+        attitude(1, 3),
+        attitude(1) * 30,
+        attitude(1, 4),
+    ]
+    running.program.sendto(command(1, (1, 191)), running.serve)
+    running.turn()
+    assert running.received()[0] == [command(1, (1, 191))]
+    for frame in frames:
+        running.autopilot.sendto(frame, running.link)
+    running.turn()
+    _, program, sdk, logger, _ = running.received()
+    for_all = [heartbeat(1), attitude(1), attitude(1, 2), attitude(1, 3), attitude(1) * 30, attitude(1, 4)]
+    assert sdk == for_all
+    assert program == logger == [*for_all[:2], ack((1, 191)), *for_all[2:]]
+    assert running.shell._router.counts.dropped == {"garbage bytes": 6, "wrong CRC": 0}
+    assert running.shell._router.changed_facts() == {}, "they were reported after the cycle"
+
+
+def test_a_long_datagram_is_split_into_ethernet_frames(running):
+    data = attitude(1) * 1500
+    running.autopilot.sendto(data, running.link)
+    running.turn()
+    for datagrams in running.received()[1:]:
+        assert b"".join(datagrams) == data
+        assert max(map(len, datagrams)) <= 1472 + len(attitude(1))
+
+
+def test_a_turn_ends_at_its_time_although_nothing_arrives(running):
+    began = time.monotonic()
+    running.shell.turn(0.05)
+    assert time.monotonic() - began >= 0.05
+    running.shell.turn(0.0)
+    assert not select.select([running.program], [], [], 0)[0]
+
+
+@needs_compiled
+def test_the_timer_of_the_loop_does_not_wake_the_poll_of_python():
+    router = Running(compiled=True)
+    try:
+        router.program.sendto(heartbeat(1, 191), router.serve)
+        router.shell.turn(0.2)  # ends early, so that the timer is still set
+        router.shell._in_loop = False
+        router.shell.turn(0.0)
+        assert router.shell._poll.poll(0.3) == []
+    finally:
+        router.close()
