@@ -1,4 +1,4 @@
-"""Common start of every supervised process: its JSON configuration (slice), its title, and its socket to the supervisor.
+"""Common start of every supervised process: its JSON configuration file (slice), its title, and its socket to the supervisor.
 
 The supervisor gives each child one end of a local packet socket; the environment variable ARENA_FD contains its number.
 The child sends packets on this socket, each one JSON object:

@@ -41,8 +41,8 @@ _GRACE_S = 2.0  # for the handshake with motion capture after a start
 class Output:
     """Commands to send and events to log, as the result of one copilot step. events: lines for the event log.
 
-    frames: (row of the vehicle, MAVLink frames), to be sent to the router and the panic link.
-    renewals: the same, to be sent to the router only.
+    frames: (row of the vehicle, MAVLink frames), to be sent through the router and on the panic link.
+    renewals: (row of the vehicle, MAVLink frames), to be sent through the router only.
     """
 
     frames: tuple[tuple[int, tuple[bytes, ...]], ...] = ()

@@ -44,7 +44,7 @@ class SeparationResult:
 def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> SeparationResult:
     """Check the present and predicted distances of all pairs of vehicles. Return which vehicles must hold.
 
-    at_m: minimum distance of the origins [m]. ahead_s: prediction time [s].
+    at_m: minimum distance of the origins [m]. ahead_s: shortest prediction time [s].
     """
     rows = np.flatnonzero(m.placed)
     a, b = (rows[side] for side in np.triu_indices(len(rows), 1))
@@ -119,7 +119,7 @@ def _predicted_paths(m: FleetState, times: Array, ahead_s: float, stopping: Arra
 
     A vehicle flies at least as far as it needs to stop.
     times: time since now [s] (K,)
-    ahead_s: prediction time [s]
+    ahead_s: longest time for which a vehicle keeps its velocity [s]
     stopping: positions at the same times if the vehicles are commanded to hold now [m] [NED] (N, K, 3)
     """
     v = np.where((m.flying & m.moving)[:, None], m.v_n, 0.0)

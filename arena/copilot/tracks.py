@@ -82,7 +82,7 @@ class Tracks:
     def positions(self, now: float) -> Array:
         """Return the newest positions [m] [NED] (N, 3), NaN before the first pose.
 
-        Call it once per step, because `off` uses the stored positions.
+        Call it once per step, because `distance_to_track` uses the stored positions.
         """
         found = np.array(
             [(np.nan,) * 3 if pose is None else pose[1] for pose in self._last], dtype=np.float64

@@ -68,8 +68,9 @@ def _active(given: Iterable[tuple[Path, str]]) -> list[ActiveRun]:
 def _is_active(run: ActiveRun) -> bool:
     """Return whether at least one process of the run still exists.
 
-    If the run folder has been deleted, the supervisor must accept connections. If this user may not read the run folder,
-    the runtime folder must have been made since the computer was started: landing a run that has ended does no harm.
+    If the run folder has been deleted, the run is active if its supervisor accepts connections. If this user may not read
+    the run folder, it is enough that the runtime folder was made after the computer was started. The run may then have
+    ended already, but landing such a run does no harm.
     """
     state = run.folder / "state.json"
     try:

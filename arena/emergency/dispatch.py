@@ -79,7 +79,9 @@ class TargetConnections:
             self.panic = _open_panic_link(self.target)
 
     def _may_bypass(self, now: float) -> bool:
-        """Return whether the vehicle may be commanded directly. Wait a moment for its first heartbeat, which may report that a
+        """Return whether the vehicle may be commanded directly, without its link process.
+
+        Return False in the first second until the first heartbeat has arrived, because the heartbeat may report that a
         pilot has control.
         """
         if self.landing.reported.armed is None and now - self._began < _FIRST_HEARTBEAT_S:
@@ -113,10 +115,10 @@ class TargetConnections:
         return found
 
     def is_over(self, began: float, now: float) -> bool:
-        """Return whether no more commands to this vehicle are needed.
+        """Return whether to stop commanding this vehicle.
 
-        None are needed if the vehicle is confirmed as landed or stopped. The same applies if the run records the
-        vehicle as crashed or ended, and commands were sent for long enough.
+        This is the case if the vehicle is confirmed as landed or stopped. It is also the case if the run folder records
+        that the vehicle crashed or that its PX4 has ended, and commands were sent for long enough.
         """
         if self.landing.confirmed:
             return self.landing.settled(now)
@@ -264,8 +266,8 @@ def _open_panic_link(target: Target) -> socket.socket | None:
 
     The panic link is a separate MAVLink connection of each autopilot, for emergencies only.
 
-    The autopilot obeys every sender on its panic link, but replies only to this address. While the address is
-    taken, commands are sent from another port and telemetry comes through the router.
+    The autopilot obeys every sender on its panic link, but replies only to the address `target.partner`. While another
+    program uses this address, commands are sent from another port and telemetry comes through the router.
     """
     try:
         return open_udp(target.partner)

@@ -45,13 +45,13 @@ class IdentityCheck:
     """Checks by the hardware uid which sources of MAVLink data are connected to the right vehicle.
 
     A source is a UDP address, a serial device or a link process.
-    Only telemetry of a source that has sent this uid counts. Commands may be sent only to such a source, and to the
+    Only telemetry of a source that has sent the right uid counts. Commands may be sent only to such a source, and to the
     recorded source if the vehicle does not reply. A source that was silent for SILENT_S or has rebooted must
     send its uid again.
 
     system: MAVLink id of the vehicle
     component: MAVLink component id of this process
-    uid: recorded hardware uid, in hexadecimal digits
+    uid: hardware uid of the right vehicle, in hexadecimal digits
     recorded: source that the run has recorded for the vehicle; None if unknown
     say: function that prints a text for the user
     """
@@ -71,8 +71,9 @@ class IdentityCheck:
         self._opened_at: float | None = None
 
     def receive(self, data: bytes, source: Source, now: float) -> bool:
-        """Process data that have arrived from a source. Return whether the source is the vehicle. Telemetry of other
-        sources must not be used.
+        """Process data that have arrived from a source. Return whether the source has sent the vehicle's uid.
+
+        If it returns False, the telemetry in the data must not be used.
         """
         frames = [f for f in parse_frames(data).frames if f.sysid == self._system and f.compid == AUTOPILOT]
         if not frames:

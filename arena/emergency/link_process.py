@@ -23,7 +23,7 @@ _START_TOLERANCE_S = 0.005
 
 
 def unread_bytes(address: Address) -> int | None:
-    """Return the number of received bytes that the owner of a UDP socket has not read yet.
+    """Return the number of received bytes that a UDP socket still holds, because its process has not read them yet.
 
     address: address to which the socket is bound. Returns None if no socket of this computer is bound to it.
     """

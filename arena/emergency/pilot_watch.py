@@ -17,8 +17,8 @@ class PilotWatch:
     The pilot has control when the armed vehicle reports a manual mode after it reported another mode, or after it
     reported that it was disarmed. A vehicle that reports a manual mode from the start is not under the pilot's control:
     somebody started land-all because of it.
-    A link process or a router decides itself whether such a vehicle is commanded. A direct connection passes neither, so it
-    must not be used while `may_bypass` is false.
+    The link process and the router check themselves whether such a vehicle may be commanded. A direct connection bypasses both, so
+    it must not be used while `may_bypass` is false.
     radio: false if no pilot has a radio (`radio: none`): a manual mode then counts only with stick positions
     events: texts for the user; the caller takes them and empties the list
     mode: manual mode in which the pilot has control; "" if the pilot does not have control

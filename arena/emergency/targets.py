@@ -207,7 +207,7 @@ def from_yaml(path: Path) -> Found:
 
 
 def _by_port_rule(vehicle: VehicleEntry, host: str, folder: Path) -> Target:
-    """Return the target for a vehicle of a YAML, with the ports that follow from the vehicle's id.
+    """Return the target for a vehicle of a YAML. Its ports are computed from the vehicle's id (docs/reference/ports.md).
 
     folder: folder of the YAML.
     """

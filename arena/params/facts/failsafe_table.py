@@ -184,7 +184,7 @@ def rc_input_mode(source: str, version: Version | str) -> int:
 
     source: radio, joystick, both, first or none.
 
-    Raises InputError if the version has no such source.
+    Raises InputError if COM_RC_IN_MODE of this version has no value for the source.
     """
     minor = Version.of(version).minor
     known = {

@@ -54,7 +54,7 @@ class Fact(NamedTuple):
 class Table(NamedTuple):
     """Content of px4_parameters.csv: the parameters of each PX4 version, and the source file that defines each parameter.
 
-    facts: version -> parameter name -> columns.
+    facts: version -> parameter name -> properties.
     sources: version -> parameter name -> file in PX4's source tree.
     of: version -> `=` or `~`, followed by the tag or commit.
     """

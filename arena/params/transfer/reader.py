@@ -137,7 +137,7 @@ class _ParamList:
     def add(self, value: Value, now: float) -> bool:
         """Add a received parameter. Return whether the vehicle's total number of parameters has changed.
 
-        After such a change all earlier indices are invalid, so the parameters received before are forgotten.
+        After such a change all earlier indices are invalid, so the parameters received before are discarded.
         """
         changed = self.count not in (0, value.total)
         if changed:

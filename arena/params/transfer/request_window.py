@@ -128,8 +128,9 @@ class RequestWindow(Generic[Key]):
         return [key for key, _ in chosen] + ([self._probe] if needs_probe else [])
 
     def answer(self, key: Key, now: float) -> None:
-        """Record an answer to an open request or to the probe (a request that the vehicle always answers).
-        All other answers are ignored.
+        """Record an answer to a request. Answers to requests that were not sent, or are closed, are ignored.
+
+        key: key of the request, or of the probe (a request that the vehicle always answers)
         """
         request = self._count_answer(key)
         if request is not None:

@@ -59,7 +59,7 @@ class _ParamWrite:
     why: str = ""
 
     def close(self, outcome: Outcome, why: str = "") -> None:
-        """Set the final outcome of this parameter. why: the reason; "" keeps the earlier reason."""
+        """Set the final outcome of this parameter. why: reason for the outcome; "" keeps the earlier reason."""
         self.outcome, self.why = outcome, why or self.why
 
     @property
@@ -221,10 +221,10 @@ class ParamWriter(Transfer):
             self.ending = "done"
 
     def _read_unknown_again(self) -> bool:
-        """Start to read again the parameters that the vehicle did not have, because PX4 can create them when other parameters are written.
+        """Start to read again the parameters that the vehicle did not have, because PX4 may have them now.
 
-        The reason: in PX4, some parameters exist only after another parameter has a certain value. Returns whether there
-        are parameters to read.
+        In PX4, some parameters exist only after another parameter has a certain value. Return whether there are parameters
+        to read.
         """
         acknowledged = sum(param.step == "acknowledged" for param in self._params.values())
         if acknowledged <= self._acknowledged:
@@ -243,8 +243,8 @@ class ParamWriter(Transfer):
         """Compare the parameters that were read back with their wanted values. Mark each one as written, as
         refused, or to be written again.
 
-        With the wanted value, a parameter is closed as written. With another value, it is written again, or after too many
-        attempts closed as refused.
+        A parameter with the wanted value counts as written. A parameter with another value is written again; after too many
+        attempts it counts as refused.
         """
         for name in names:
             param = self._params[name]
