@@ -99,7 +99,8 @@ def _start(uid: int, work: Work) -> UserProcess:
     except BaseException as error:
         with contextlib.suppress(Exception):
             print(
-                f"NOT CONFIRMED: the vehicles of user {user_name(uid)}: {type(error).__name__}: {error}",
+                f"NOT CONFIRMED: the vehicles of user {user_name(uid)}: {type(error).__name__}: {error}. "
+                "Watch these vehicles, and run the command again as this user",
                 flush=True,
             )
     finally:
