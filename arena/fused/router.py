@@ -12,9 +12,9 @@ from arena.fused.memory_links import Inbox
 from arena.mavlink_router.endpoints import Out
 from arena.mavlink_router.ground_station import GroundStation
 from arena.mavlink_router.link_impairment import ImpairedRouter
+from arena.mavlink_router.reports import report_changes, report_ready
 from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
-from arena.mavlink_router.shell import READY_TIMEOUT_S
 from arena.process_context import ProcessContext
 from arena.transport import MAX_DATAGRAM_BYTES, Address, listen_udp
 from arena.wire.mavlink_frame import Buffer
@@ -79,13 +79,7 @@ class FusedRouter:
             self._process.event(text)
         if self._impaired.active:
             self._send(self._impaired.release(now, now))
-        for warning in self._router.warnings():
-            self._process.event(warning)
-        events, control = self._router.commands.changes()
-        if changed := {**self._router.changed_facts(), **control}:
-            self._process.facts(changed)
-        for event in events:
-            self._process.event(event)
+        report_changes(self._process, self._router)
         if now >= self._next_tick:
             self._next_tick = now + _TICK_S
             self._tick(now)
@@ -136,21 +130,11 @@ class FusedRouter:
         except OSError:  # full queue or no network: the next message is newer
             self._router.counts.dropped["not sent"] += 1
 
-    def _report_ready(self) -> None:
-        """Report that the router is ready if all vehicles are connected, or after 10 s of wall time, because a PX4 may never start."""
-        if self._router.all_connected or time.monotonic() - self._began > READY_TIMEOUT_S:
-            self._ready = True
-            if missing := self._router.missing:
-                self._process.event(
-                    f"{', '.join(missing)}: no heartbeat for {READY_TIMEOUT_S:g} s; starting the other vehicles"
-                )
-            self._process.ready()
-
     def _tick(self, now: float) -> None:
         self._router.tick(now)
         self._process.audit(self._router.commands.take_audit())
-        if not self._ready:
-            self._report_ready()
+        if not self._ready:  # after 10 s of wall time, too, because a PX4 may never start
+            self._ready = report_ready(self._process, self._router, time.monotonic() - self._began)
         if now >= self._next_second:
             self._next_second = now + _SECOND_S
             if self._router.table.heartbeat and not self._impaired.muted:

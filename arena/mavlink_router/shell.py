@@ -15,6 +15,7 @@ from arena.kernels import INTERPRETED
 from arena.mavlink_router.backlog import Backlog
 from arena.mavlink_router.endpoints import Out
 from arena.mavlink_router.ground_station import GroundStation
+from arena.mavlink_router.reports import report_changes, report_ready
 from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
 from arena.process_context import OPERATOR_TIMEOUT_S, SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
@@ -23,7 +24,6 @@ from arena.transport import MAX_DATAGRAM_BYTES, Address, listen_udp
 if TYPE_CHECKING:
     from arena.kernels.datagram_loop import DatagramLoop
 
-READY_TIMEOUT_S = 10.0  # after this time without a vehicle's heartbeat the other vehicles start
 _MAX_OLD_DATAGRAMS = 16  # read from one socket per cycle
 _TICK_S, _SECOND_S = 0.25, 1.0
 
@@ -91,15 +91,7 @@ class RouterShell:
                     self._read(fd)
                 else:
                     self._on_other_event(fd)
-        for (
-            warning
-        ) in self._router.warnings():  # first, so that a failsafe is shown before the mode that it enters
-            self._process.event(warning)
-        events, control = self._router.commands.changes()
-        if changed := {**self._router.changed_facts(), **control}:
-            self._process.facts(changed)
-        for event in events:
-            self._process.event(event)
+        report_changes(self._process, self._router)
         now = time.monotonic()
         if self._world_time is not None and self._world_time.now() >= self._next_heartbeat:
             self._heartbeat(now)
@@ -194,13 +186,7 @@ class RouterShell:
         if orphaned:
             self._router.commands.on_request(SUPERVISOR_LOST, now)
         self._over = self._is_over(orphaned, now)
-        if not self._ready and (self._router.all_connected or now - self._began > READY_TIMEOUT_S):
-            self._ready = True
-            if missing := self._router.missing:
-                self._process.event(
-                    f"{', '.join(missing)}: no heartbeat for {READY_TIMEOUT_S:g} s; starting the other vehicles"
-                )
-            self._process.ready()
+        self._ready = self._ready or report_ready(self._process, self._router, now - self._began)
         if now >= self._next_second:
             self._next_second = max(self._next_second + _SECOND_S, now)
             self._heartbeat(now)

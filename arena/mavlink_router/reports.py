@@ -1,0 +1,34 @@
+"""Reports of the router to the supervisor, in a process of its own and in the fused arena."""
+
+from __future__ import annotations
+
+from arena.mavlink_router.router import Router
+from arena.process_context import ProcessContext
+
+READY_TIMEOUT_S = 10.0  # after this time without a vehicle's heartbeat the other vehicles start
+
+
+def report_changes(process: ProcessContext, router: Router) -> None:
+    """Report what has changed since the last call: warnings of the autopilots, facts and events."""
+    for warning in router.warnings():  # first, so that a failsafe is shown before the mode that it enters
+        process.event(warning)
+    events, control = router.commands.changes()
+    if changed := {**router.changed_facts(), **control}:
+        process.facts(changed)
+    for event in events:
+        process.event(event)
+
+
+def report_ready(process: ProcessContext, router: Router, waited_s: float) -> bool:
+    """Report that the router is ready if all vehicles are connected, or after `READY_TIMEOUT_S`. Return whether it is ready.
+
+    waited_s: time since the start [s]
+    """
+    if not router.all_connected and waited_s <= READY_TIMEOUT_S:
+        return False
+    if missing := router.missing:
+        process.event(
+            f"{', '.join(missing)}: no heartbeat for {READY_TIMEOUT_S:g} s; starting the other vehicles"
+        )
+    process.ready()
+    return True
