@@ -1,6 +1,7 @@
-"""The process of the fused arena: `python -m arena.fused FILE.json`.
+"""The process of the fused arena, which is a whole simulated arena in one process: `python -m arena.fused FILE.json`.
 
-The configuration names the configuration files (slices) of the members in the same folder.
+FILE.json names the members (router, motion capture, pose forwarders, loggers). Their configuration files (slices) are in the
+same folder.
 """
 
 from __future__ import annotations

@@ -10,13 +10,21 @@ from arena.mocap.emulator.interface import MeasuredFrame
 
 
 class FrameConverter:
-    """Converts measured frames to NED. bodies: the bodies of the emulator's configuration."""
+    """Converts mocap frames of the emulator to mocap frames of a client, with poses in NED.
+
+    bodies: rigid bodies of the emulator's configuration, each with `number` and `name`.
+    """
 
     def __init__(self, bodies: Sequence[Mapping[str, Any]]) -> None:
         self._names = {int(b["number"]): str(b["name"]) for b in bodies}
 
     def convert(self, frame: MeasuredFrame, now: float) -> CapturedFrame:
-        """Return the frame as a client on the same clock receives it. now: simulation time of sending [s]."""
+        """Return the frame that a motion-capture client would return.
+
+        Server and client have the same clock and no network between them, so every time in `echo` is `now`.
+
+        now: simulation time of sending [s].
+        """
         poses, untracked = [], []
         for body in frame.bodies:
             name = self._names[body.number]

@@ -1,4 +1,8 @@
-"""Context of a member of the fused arena: a part that runs in a process of its own in an arena of many processes."""
+"""Context of a member of the fused arena.
+
+A member is a part of the arena, such as the router or a logger. Normally, each of these parts is a process of its own. In the
+fused arena (`arena.fused`), all members run in one process.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,9 @@ from arena.process_context import ProcessContext
 
 
 class MemberContext(ProcessContext):
-    """Configuration of one member, and its reports to the supervisor, which carry the member's name.
+    """Process context of one member: its configuration, and its reports to the supervisor.
+
+    Each report carries the member's name, because the members share one connection to the supervisor.
 
     process: context of the process that runs all members.
     is_ready: True once the member has reported that it is ready.
@@ -21,11 +27,14 @@ class MemberContext(ProcessContext):
 
     @property
     def orphaned(self) -> bool:
-        """Always False: the process that runs the members decides when it ends."""
+        """Always False, even if the supervisor has died. The process that runs the members checks this itself and ends them all."""
         return False
 
     def ready(self, **facts: Any) -> None:
-        """Report to the supervisor that the member is ready. Only the first call sends a packet. facts: first facts."""
+        """Report to the supervisor that the member is ready. Only the first call sends a packet.
+
+        facts: values that are sent in the same packet, such as {"uav1.armed": True}.
+        """
         if not self.is_ready:
             self.is_ready = True
             super().ready(**facts)

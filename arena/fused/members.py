@@ -28,14 +28,17 @@ _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in bin
 
 
 class Members:
-    """The parts of the fused arena except the world: router, motion capture, pose forwarders, loggers. In place of the world's
-    `Links`, they exchange the messages of built-in autopilots in memory.
+    """Router, motion capture, pose forwarders and loggers of the fused arena: its members, all parts except the world.
 
-    The links of vehicles that PX4 flies are sockets. With such a vehicle the process is ready at once, because PX4 starts
-    after the world. In real time it is ready at once, too, because the members of a slow computer become ready late.
+    The world uses this object as its MAVLink links (`LinkInterface`). Messages of built-in autopilots are exchanged in memory.
+    Vehicles that PX4 flies, and the panic links (reserved for emergencies), use sockets.
+
+    Normally, the process reports that it is ready when every member is ready. In two cases it reports this in the first step:
+    with a vehicle that PX4 flies, because PX4 starts after the world; and in real time, because the members become ready late
+    on a slow computer.
 
     process: context of the process.  slices: name of each member -> its configuration.
-    budget_s: wall time for reading the panic links in one step [s].
+    budget_s: longest wall time for reading the panic links in one step [s].
     """
 
     def __init__(
@@ -72,7 +75,7 @@ class Members:
 
     @property
     def ready(self) -> bool:
-        """True if every member has reported that it is ready."""
+        """True if the router, the motion capture, and every pose forwarder and logger have reported that they are ready."""
         return all(context.is_ready for context in self._contexts.values())
 
     def drain(self, receive: Receive) -> None:
@@ -85,8 +88,9 @@ class Members:
             receive(vehicle, link, data)
 
     def drain_panic(self, receive: Receive) -> bool:
-        """Pass the datagrams that have arrived on the panic links to the autopilots, and those of no other link. Return whether
-        there was one.
+        """Pass datagrams to the autopilots as `drain` does, but only those of the panic links, which are reserved for emergencies.
+
+        Return whether a datagram had arrived.
         """
         return self._panic.drain_panic(receive)
 
@@ -121,7 +125,7 @@ class Members:
         self._router.on_request(request, self._time.now())
 
     def stats(self) -> dict[str, int]:
-        """Return statistics of the links that have sockets."""
+        """Return the numbers of datagrams on the panic links. The router reports its numbers to the supervisor itself."""
         return self._panic.stats()
 
     def close(self) -> None:
@@ -160,12 +164,12 @@ class _Forwarder:
         self._next_tick, self._began = 0.0, wall_time.monotonic()
 
     def receive(self, data: bytes) -> None:
-        """Store a datagram of the built-in autopilot until `step` reads it."""
+        """Store a datagram from the built-in autopilot until `step` reads it."""
         if self._link is not None:
             self._link.waiting.append(data)
 
     def step(self, now: float) -> None:
-        """Send a pose if one is due, and read the vision link. now: simulation time [s]."""
+        """Send a pose if one is due, and read the autopilot's messages. now: simulation time [s]."""
         due = now >= self._next_tick
         if self.capture.waiting or (due if self._link is None else self._link.waiting):
             self._shell.turn(now)
@@ -176,7 +180,7 @@ class _Forwarder:
                 self._limit_wait()
 
     def close(self) -> None:
-        """Close the vision link."""
+        """Close the link on which the autopilot receives poses."""
         self._shell.link.close()
 
     def _limit_wait(self) -> None:
@@ -186,7 +190,7 @@ class _Forwarder:
         if wall_time.monotonic() - self._began > READY_TIMEOUT_S:
             vehicle = self._context.settings["vehicle"]
             self._context.event(
-                f"{vehicle}: PX4 cannot be armed {READY_TIMEOUT_S:g} s after the start; its program starts now"
+                f"{vehicle}: PX4 cannot be armed {READY_TIMEOUT_S:g} s after the start; the user program starts now"
             )
             self._context.ready()
 
@@ -211,7 +215,9 @@ class _Logger:
 
 
 class StepTime:
-    """Clock of the members: the time of the present step. Members are called in each step and therefore never sleep.
+    """Clock of the router, pose forwarders and loggers in the fused arena. It returns the time of the present step.
+
+    The world calls these members in each step. A member that slept would stop the world, so this clock cannot sleep.
 
     value: simulation time [s].
     """
@@ -225,12 +231,12 @@ class StepTime:
 
     def sleep_until(self, t: float) -> float:
         raise NotImplementedError(
-            "the clock of a fused arena cannot sleep: the world calls its parts in every step"
+            "StepTime cannot sleep: the world calls every member in each step, and a member that sleeps would stop the world"
         )
 
     def rate(self, hz: float) -> Rate:
         raise NotImplementedError(
-            "the clock of a fused arena cannot sleep: the world calls its parts in every step"
+            "StepTime cannot sleep: the world calls every member in each step, and a member that sleeps would stop the world"
         )
 
 

@@ -1,4 +1,4 @@
-"""Replacements of sockets for members that run in one process: they store data until the receiver reads them."""
+"""Replacements of sockets between parts of the arena that run in one process. Data are stored until the receiver reads them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ Inbox = list[tuple[int, str, bytes]]
 
 
 class VisionLink:
-    """Vision link of one vehicle, in place of the forwarder's socket.
+    """Vision link of one vehicle: the connection on which its pose forwarder sends poses to the built-in autopilot.
+
+    It replaces the pose forwarder's UDP socket, and has the same methods.
 
     vehicle: index of the vehicle in the world.  inbox: list that receives the datagrams for its autopilot.
     autopilot: address that the forwarder expects as the sender.
@@ -53,7 +55,10 @@ class LoggerLink:
         self._socket = listen_udp(at, "the logger")
 
     def recv(self, size: int) -> bytes:
-        """Return the oldest datagram, those from memory first. Raises BlockingIOError if there is none."""
+        """Return the next datagram: first those of the router, then those of the user program, each oldest first.
+
+        Raises BlockingIOError if there is none.
+        """
         return self.waiting.popleft() if self.waiting else self._socket.recv(size)
 
     def close(self) -> None:
@@ -78,11 +83,14 @@ class MemoryCapture:
         return found
 
     def definition(self, body: str) -> str:
-        """Return the name of the body as its definition, because the definitions of emulated bodies never change."""
+        """Return the body's name.
+
+        The interface requires a text that changes when the rigid body is defined again. In the emulator this never happens.
+        """
         return body
 
     def refresh_definitions(self) -> None:
-        """Do nothing, because the definitions of emulated bodies never change."""
+        """Do nothing, because the emulator never changes the definition (markers, pivot) of a rigid body."""
 
     def diagnosis(self) -> str:
         """Return "" (no problem), because frames cannot be lost inside one process."""

@@ -74,7 +74,10 @@ class FusedRouter:
                 self._read(key, now)
 
     def step(self, now: float) -> None:
-        """Report changes to the supervisor, and send what is due. Call it once per step of the world."""
+        """Do the work of one step of the world that no datagram starts. Call it once per step.
+
+        Apply injected faults, send delayed datagrams and heartbeats, and report warnings and events to the supervisor.
+        """
         for text in self._faults.apply(self._impaired.apply):
             self._process.event(text)
         if self._impaired.active:

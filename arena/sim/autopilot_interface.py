@@ -138,8 +138,9 @@ class CompositeAutopilots:
         return self.finish()
 
     def begin(self, now: float, sensors: dict[str, Array]) -> None:
-        """Send the sensor samples to the external autopilots, such as PX4. The built-in autopilots compute in
-        `finish`.
+        """Send the sensor samples to the external autopilots, such as PX4, and store them for the built-in ones.
+
+        `finish` runs the control step of the built-in autopilots.
         """
         self._now = now
         self._sensors = [{key: value[rows] for key, value in sensors.items()} for rows, _ in self._parts]

@@ -11,8 +11,8 @@ The voltage is that of an ideal source with an inner resistance. This is the fir
 Chen and Rincon-Mora ("Accurate electrical battery model", IEEE Transactions on Energy Conversion 21(2), 2006)
 without its slow parts.
 
-An empty battery drives no motor: below the charge RESERVE the motors follow a smaller part of their commands,
-and none at zero charge. The real end of a discharge depends on cells and motor controllers; this one is linear.
+An empty battery drives no motor: below the charge RESERVE the motor commands are multiplied by a factor,
+which falls to 0 at zero charge. The real end of a discharge depends on cells and motor controllers; this one is linear.
 
 If a profile has `thrust_at_v`, thrust depends on the voltage (see
 arena/vehicle_models/multirotor_dynamics.py).
@@ -109,6 +109,6 @@ class Battery:
         self._override[vehicle] = -1.0 if empty_in_s is None else self._step_s / empty_in_s
 
     @property
-    def strength(self) -> Array:
-        """Share of the motor commands that the motors follow, 0..1 [-] (V, 1). Below 1 when the battery is almost empty."""
+    def command_factor(self) -> Array:
+        """Factor 0..1 on the motor commands [-] (V, 1). It falls from 1 at the charge RESERVE to 0 for an empty battery."""
         return np.minimum(self.remaining / RESERVE, 1.0)[:, None]

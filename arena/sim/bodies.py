@@ -1,8 +1,8 @@
 """Rigid bodies of a fleet, with the project's conventions: vectors are NED and FRD, quaternions wxyz.
 
-A vehicle away from floor, walls, ceiling and other vehicles moves by the kernel `free_flight`, without pybullet. The
-others move in pybullet (`PybulletRoom`). Before each sensor period the kernel `clearance` decides which is which, and a
-vehicle that changes sides takes its motion along.
+The kernel `free_flight` moves a vehicle that is away from floor, walls, ceiling and other vehicles. Pybullet (`PybulletRoom`)
+moves the vehicles near an obstacle. Before each sensor period the kernel `clearance` decides this for each vehicle. A vehicle
+that changes from one to the other keeps its position, attitude and velocities.
 """
 
 from __future__ import annotations
@@ -89,17 +89,19 @@ class Bodies:
         self.in_pybullet: list[int] = []
         for i in range(fleet.size):
             self._set_motion(i, fleet.start_p_n[i], fleet.start_q_nb[i])
-        self._hand_over(list(range(fleet.size)))
+        self._set_in_pybullet(list(range(fleet.size)))
 
     def begin(self, wind_n: Array) -> None:
-        """Begin a sensor period: decide which vehicles pybullet moves (those near an obstacle), and clear `accel_b`.
+        """Begin a sensor period. Decide which vehicles pybullet moves (those near an obstacle).
+
+        The sum of specific forces, `accel_b`, begins again at zero.
 
         wind_n: motion of the air at each vehicle in this period [m/s] [NED] (V, 3)
         """
         if not self._only_pybullet and self._clearance.check():
             near = (~self._free).nonzero()[0].tolist()
             if near != self.in_pybullet:
-                self._hand_over(near)
+                self._set_in_pybullet(near)
         self._wind_n[...] = wind_n
         self._law.begin()
 
@@ -143,8 +145,11 @@ class Bodies:
         """End pybullet's physics simulation."""
         self._room.close()
 
-    def _hand_over(self, near: list[int]) -> None:
-        """Move the vehicles `near` in pybullet from now on, and all other vehicles by the formulas of free flight."""
+    def _set_in_pybullet(self, near: list[int]) -> None:
+        """Set which vehicles pybullet moves from now on. All other vehicles move by the kernel `free_flight`.
+
+        near: rows of the vehicles that pybullet moves
+        """
         before = set(self.in_pybullet)
         for i in sorted(before.difference(near)):
             self._room.remove(i)

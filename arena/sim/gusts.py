@@ -41,7 +41,9 @@ _OUT = (math.sqrt(1.5), math.sqrt(0.75) * (1.0 / math.sqrt(3.0) - 1.0))  # from 
 
 
 class Gusts:
-    """Gusts at V vehicles. Each vehicle has a random generator of its own, so that another vehicle does not change its gusts.
+    """Gusts at V vehicles.
+
+    Each vehicle has a random generator of its own. Adding a vehicle therefore does not change the gusts at the other vehicles.
 
     ids: system ids, which are part of the seeds
     wind_20ft: wind speed at 20 ft (6.1 m) above the ground, W20 [m/s]
@@ -107,7 +109,13 @@ class Gusts:
 
 
 def _ned(wind_n: Array, along: Array, across: Array, down: Array) -> Array:
-    """Return gusts in NED (V, 3) from their parts along the steady wind (north without wind), across, and down (V,)."""
+    """Rotate gusts from the direction of the steady wind to NED (V, 3).
+
+    wind_n: steady wind [m/s] [NED] (V, 3)
+    along: part along the horizontal wind, or along north if there is no wind (V,)
+    across: part to the right of `along` (V,)
+    down: vertical part (V,)
+    """
     speed = np.hypot(wind_n[:, 0], wind_n[:, 1])
     still = speed == 0.0
     north = np.where(still, 1.0, wind_n[:, 0] / np.where(still, 1.0, speed))

@@ -34,7 +34,7 @@ from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolic
 from arena.sim.autopilot_interface import ExternalAutopilots, MakeAutopilots
 from arena.sim.fault_injection import inject_fault
 from arena.sim.pacing import Pacer, own_core, speed_of
-from arena.sim.vehicle_links import Links, VehicleLinks
+from arena.sim.vehicle_links import LinkInterface, VehicleLinks
 from arena.sim.world import World
 from arena.wire.truth_page import TruthWriter
 
@@ -47,7 +47,7 @@ _RTF_TOLERANCE = 0.02
 _JOIN_TIMEOUT_S = 30.0
 _AFTER_DONE_S = 2.0
 _LAST_STEPS_S = 3.0
-MakeLinks = Callable[[ProcessContext, Mapping[str, Any], float], Links]
+MakeLinks = Callable[[ProcessContext, Mapping[str, Any], float], LinkInterface]
 """Function that opens the links of all vehicles: (context, configuration of the world, wall time for reading in one step [s])."""
 
 
@@ -197,8 +197,10 @@ class Loop:
             self._context.event(text)
 
     def _until_clients_sleep(self) -> None:
-        """Wait until all clients of the simulation clock have finished their work for the current time and
-        sleep again. At speed 1 (real time), do not wait. The panic links are served during the wait.
+        """Wait until all clients of the simulation clock have finished their work for the current time and sleep again.
+
+        At speed 1 (real time), return at once. During the wait, faults are injected and the datagrams of the panic links, which
+        are reserved for emergencies, reach the autopilots.
         """
         if self._speed == 1.0:
             return
@@ -228,9 +230,9 @@ class Loop:
             self._clock.poll(_MAX_WAIT_S)
 
     def _serve_panic_links(self) -> bool:
-        """Pass the datagrams of the panic links to the autopilots and send the replies, although simulation time stands still.
+        """Pass the datagrams of the panic links, which are reserved for emergencies, to the autopilots, and send the replies.
 
-        Return whether a datagram had arrived.
+        Called while simulation time stands still. Return whether a datagram had arrived.
         """
         arrived = self._links.drain_panic(self._autopilots.receive)
         if arrived:
@@ -256,15 +258,15 @@ class Loop:
         """
         if not (self._until_done and self._expected):
             return False
-        if self._done_at == math.inf and all(map(self._has_left, self._expected)):
+        if self._done_at == math.inf and all(map(self._is_finished, self._expected)):
             self._done_at = math.inf if np.any(self._autopilots.armed) else self._world.now
         if self._world.now < self._done_at + _AFTER_DONE_S:
             return False
         self._clock.poll(_MILLI_S)
         return True
 
-    def _has_left(self, program: str) -> bool:
-        """Return whether a program has ended or has disconnected from the simulation clock."""
+    def _is_finished(self, program: str) -> bool:
+        """Return whether this program has disconnected from the simulation clock, or has ended without ever using the clock."""
         clock = self._clock
         return clock.has_left(program) or (program in self._ended and program not in clock.joined)
 
@@ -300,7 +302,7 @@ class Loop:
             self._context.event(text)
             print(text, flush=True)  # the log exists when the supervisor does not
         for request in self._context.requests():
-            self._take(request)
+            self._on_request(request)
             self._autopilots.on_request(request)
             self._links.on_request(request)
             self._context.confirm(request)
@@ -310,9 +312,11 @@ class Loop:
             self._links.on_request(SUPERVISOR_LOST)
         return self._shutdown.over(orphaned=orphaned, any_armed=bool(np.any(self._autopilots.armed)), now=now)
 
-    def _take(self, request: Mapping[str, Any]) -> None:
-        """Process a request of the supervisor: stop simulation time after the end of all programs, or stop waiting for a
-        program that has ended.
+    def _on_request(self, request: Mapping[str, Any]) -> None:
+        """Process a request of the supervisor.
+
+        until_done: simulation time stops after all programs have ended.
+        program_ended: the world no longer waits for this program.
         """
         match request.get("do"):
             case "until_done":

@@ -233,7 +233,10 @@ def _ceiling(size_m: Sequence[float]) -> Array:
 
 
 def _in_world(centre_n: Array, half_n: Array) -> Array:
-    """Return centre and half size of a box in pybullet's world [m] (6,). half_n: half of its size along north, east, down [m]."""
+    """Convert a box from NED to the axes of pybullet's world. Return its centre and half size [m] (6,).
+
+    centre_n, half_n: centre and half size of the box [m] [NED] (3,)
+    """
     return np.concatenate([world_from_ned(centre_n), np.abs(world_from_ned(half_n))])
 
 

@@ -28,8 +28,8 @@ _MAX_BYTES = 65_536
 Receive = Callable[[int, str, bytes], None]
 
 
-class Links(Protocol):
-    """Interface to the MAVLink links of all vehicles, as the loop of the world uses them.
+class LinkInterface(Protocol):
+    """Interface between the world's step loop (`arena.sim.loop`) and the MAVLink links of all vehicles.
 
     ready: True if the vehicles can be flown over these links.
     """
@@ -41,10 +41,10 @@ class Links(Protocol):
         """Pass each datagram that has arrived to the autopilots: `receive(vehicle, link, datagram)`."""
 
     def drain_panic(self, receive: Receive) -> bool:
-        """Pass the datagrams that have arrived on the panic links to the autopilots, and those of no other link. Return whether
-        there was one.
+        """Pass datagrams to the autopilots as `drain` does, but only those of the panic links, which are reserved for emergencies.
 
-        The world calls it while simulation time stands still.
+        The world calls it while simulation time stands still, so that emergency commands arrive then, too. Return whether a
+        datagram had arrived.
         """
 
     def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
@@ -54,7 +54,7 @@ class Links(Protocol):
         """Process a request of the supervisor (see `process_context`)."""
 
     def stats(self) -> dict[str, int]:
-        """Return the statistics of the links."""
+        """Return the numbers of received, sent and dropped datagrams, by name."""
 
     def close(self) -> None:
         """Close the links."""
@@ -97,7 +97,10 @@ class VehicleLinks:
             self._read([self._by_fd[fd] for fd, _ in found], receive)
 
     def drain_panic(self, receive: Receive) -> bool:
-        """Read the datagrams that have arrived on the panic links, and pass each one to the autopilots. Return whether there was one."""
+        """Pass datagrams to the autopilots as `drain` does, but only those of the panic links, which are reserved for emergencies.
+
+        Return whether a datagram had arrived.
+        """
         before = self.received
         if found := self._panic_epoll.poll(0):
             self._read([self._by_fd[fd] for fd, _ in found], receive)
@@ -107,7 +110,7 @@ class VehicleLinks:
         ready.sort(key=lambda x: LINKS.index(x.link))
         until = time.monotonic() + self._budget_s
         for _ in range(_PER_STEP // _PER_TURN):
-            ready = [link for link in ready if self._turn(link, receive)]
+            ready = [link for link in ready if self._read_some(link, receive)]
             if not ready:
                 return
             if time.monotonic() > until:
@@ -116,7 +119,10 @@ class VehicleLinks:
 
     @property
     def ready(self) -> bool:
-        """Always True, because the processes at the other ends of these links report for themselves that they are ready."""
+        """Always True: the sockets can be used as soon as they are open.
+
+        The processes at the other ends, such as the router, report to the supervisor themselves that they are ready.
+        """
         return True
 
     def on_request(self, request: Mapping[str, Any]) -> None:
@@ -154,7 +160,7 @@ class VehicleLinks:
         self._epoll.close()
         self._panic_epoll.close()
 
-    def _turn(self, link: _VehicleLink, receive: Receive) -> bool:
+    def _read_some(self, link: _VehicleLink, receive: Receive) -> bool:
         """Read a limited number of datagrams of one link, so that the other links are served, too. Return
         whether more datagrams may be waiting.
         """

@@ -131,7 +131,7 @@ class World:
         """
         motors = np.fmin(np.fmax(motors, 0.0), 1.0)
         if self._battery.is_weak:
-            motors = motors * self._battery.strength
+            motors = motors * self._battery.command_factor
         bodies, dynamics = self.bodies, self._dynamics
         bodies.begin(self._wind())
         for _ in range(self._substeps):

@@ -1,7 +1,7 @@
 """All sensors of a fleet: seeded noise, biases and ranges. One call per step samples all of them.
 
 Every sensor of every vehicle has its own random stream, seeded by the arena's seed, the vehicle's id and the number of
-the sensor. So another vehicle or another sensor does not change the noise of the others. Each sample has white noise, whose
+the sensor. Adding a vehicle or a sensor therefore does not change the noise of the existing ones. Each sample has white noise, whose
 density does not depend on the sensor rate. Biases are drawn once per flight, and can walk.
 """
 
@@ -68,7 +68,10 @@ class SensorSuite:
 
 
 class _Group:
-    """Sensors that are sampled together. Its arrays have one column per sensor axis."""
+    """Group of sensors that are sampled in one call: all sensors of every step, or one sensor that is sampled on request.
+
+    The arrays of a group have the width of the group, which is the number of axes of all its sensors together.
+    """
 
     def __init__(
         self,
@@ -88,12 +91,14 @@ class _Group:
             begin += width
         self._noise = _RandomStreams(table, ids, seed)
         on_request = any(sensor.on_request for sensor in table.values())
-        self._sigma = _figures(table, profiles, "noise") * (1.0 if on_request else _noise_ratio(period_s))
-        self._walk = _figures(table, profiles, "walk") * math.sqrt(period_s)
+        self._sigma = _profile_values(table, profiles, "noise") * (
+            1.0 if on_request else _noise_ratio(period_s)
+        )
+        self._walk = _profile_values(table, profiles, "walk") * math.sqrt(period_s)
         self._walk_noise = _RandomStreams(table, ids, seed, _WALK) if self._walk.any() else None
-        self._range = _figures(table, profiles, "range")
+        self._range = _profile_values(table, profiles, "range")
         self._limited = bool(np.isfinite(self._range).any())
-        self._bias: Array = self._noise.draw(1)[0] * _figures(table, profiles, "bias")
+        self._bias: Array = self._noise.draw(1)[0] * _profile_values(table, profiles, "bias")
         self._block: Array = np.zeros((0, len(ids), begin))
         self._next = _BLOCK
 
@@ -110,7 +115,7 @@ class _Group:
     def biases(self) -> dict[str, Array]:
         return {name: self._bias[:, columns] for name, _, columns in self._sensors}
 
-    def _walked(self, count: int) -> Array:
+    def _next_biases(self, count: int) -> Array:
         """Return the biases of the next `count` samples (count, V, width), or (V, width) if they are constant."""
         if self._walk_noise is None:
             return self._bias
@@ -121,7 +126,7 @@ class _Group:
     def _draw(self) -> Array:
         """Return noise plus bias for the next sample (V, width)."""
         if self._next == _BLOCK:
-            self._block, self._next = self._noise.draw(_BLOCK) * self._sigma + self._walked(_BLOCK), 0
+            self._block, self._next = self._noise.draw(_BLOCK) * self._sigma + self._next_biases(_BLOCK), 0
         self._next += 1
         row: Array = self._block[self._next - 1].copy()
         return row
@@ -156,8 +161,10 @@ def _noise_ratio(period_s: float) -> float:
     return math.sqrt(1.0 / (NOISE_HZ * period_s))
 
 
-def _figures(table: Mapping[str, type[Sensor]], profiles: Sequence[Mapping[str, Any]], what: str) -> Array:
-    """Return one property of every sensor axis, such as the noise, from the profiles of the vehicles (V, width).
+def _profile_values(
+    table: Mapping[str, type[Sensor]], profiles: Sequence[Mapping[str, Any]], what: str
+) -> Array:
+    """Return one property of every sensor axis, such as the noise, from the profiles of the vehicles (V, number of axes).
 
     what: name of the property: noise, bias, walk or range
     """
