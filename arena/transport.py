@@ -120,7 +120,7 @@ def url_from_json(raw: Mapping[str, Any]) -> ConnectionUrl:
     if kind == "serial":
         return ConnectionUrl(kind="serial", device=str(raw["device"]), baud=int(raw["baud"]))
     if kind not in ("udpin", "udpout"):
-        raise ValueError(f"kind: got {kind!r}, expected udpin, udpout or serial")
+        raise ValueError(f"kind of connection: got {kind!r}, expected udpin, udpout or serial")
     host, port = raw["address"]
     return _udp_url(kind, str(host), int(port))
 
@@ -140,11 +140,13 @@ def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> Connecti
     try:
         address = ipaddress.IPv4Address("127.0.0.1" if host == "localhost" else host)
     except ValueError as error:
-        raise ValueError(f"{EXPECTED_URL}; HOST is a numeric address") from error
+        raise ValueError(f"{EXPECTED_URL}; HOST must be a numeric IPv4 address, got {host!r}") from error
     if not 1 <= port <= 65535:
-        raise ValueError(f"{EXPECTED_URL}; PORT is 1 to 65535")
+        raise ValueError(f"{EXPECTED_URL}; PORT must be 1 to 65535, got {port}")
     if kind == "udpout" and (address.is_unspecified or address.is_multicast or host == "255.255.255.255"):
-        raise ValueError(f"{EXPECTED_URL}; udpout:HOST must be the address of one vehicle, got {host}")
+        raise ValueError(
+            f"{EXPECTED_URL}; udpout:HOST must be the vehicle's own address, got the broadcast, multicast or wildcard address {host}"
+        )
     return ConnectionUrl(kind=kind, host=str(address), port=port)
 
 
@@ -185,7 +187,8 @@ def listen_udp(
         return open_udp(local, receive_buffer_bytes=receive_buffer_bytes)
     except OSError as error:
         what = f"{owner} cannot listen" if owner else "cannot listen"
-        raise RunError(f"{what} on UDP {local[0]}:{local[1]}: {error.strerror}") from error
+        hint = ". Does another program use this port?" if error.errno == errno.EADDRINUSE else ""
+        raise RunError(f"{what} on UDP {local[0]}:{local[1]}: {error.strerror}{hint}") from error
 
 
 def receive_datagrams(
@@ -277,8 +280,9 @@ class AgedSocket:
         enable_stamps(source)
 
     def on_empty(self, now: float) -> None:
-        """Record that the socket is empty at the time `now`. A datagram that arrives later cannot have waited
-        longer than since `now`. now: monotonic [s].
+        """Record that the socket is empty at the time `now`. The age of a later datagram is limited to the time since then.
+
+        now: monotonic [s].
         """
         self._empty_at = now
 

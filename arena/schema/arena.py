@@ -51,7 +51,10 @@ class Px4:
 
     @property
     def words(self) -> str:
-        """Name of this PX4 for the user: `PX4` with its version, or `arena's stand-in for PX4`."""
+        """Name for messages: `PX4` with its version, or `arena's stand-in for PX4`.
+
+        The stand-in is the built-in autopilot with PX4's simulator API, for computers without PX4.
+        """
         return (
             "arena's stand-in for PX4" if self.stand_in else f"PX4 {self.version or 'of an unknown version'}"
         )

@@ -1,6 +1,6 @@
-"""Cross-checks of a whole arena: problems that involve several keys. Pure, except for the injected `Files`.
+"""Cross-checks of a whole arena: problems that involve several YAML keys.
 
-All problems are reported at once.
+All problems are reported at once. The checks read files only through the interface `Files`.
 """
 
 from __future__ import annotations

@@ -20,8 +20,8 @@ from arena.schema.source import as_list, near
 _PARAM = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 
 
-def _senses(c: Check) -> Iterator[Problem]:
-    """Check that `gps` and `sticks` are true only for autopilots that use them."""
+def _gps_and_sticks(c: Check) -> Iterator[Problem]:
+    """Check that `gps` and `sticks` (a simulated RC transmitter) are true only for autopilots that use them."""
     for v in c.arena.vehicles:
         for key, fits in (("gps", ("px4", "hitl")), ("sticks", ("px4", "builtin"))):
             if getattr(v, key) and v.autopilot not in fits and c.sound(v, key, "autopilot"):
@@ -133,4 +133,4 @@ def _params(c: Check) -> Iterator[Problem]:
             )
 
 
-VEHICLE = (_senses, _overrides, _programs, _neighbours, _bodies, _gcs, _params)
+VEHICLE = (_gps_and_sticks, _overrides, _programs, _neighbours, _bodies, _gcs, _params)

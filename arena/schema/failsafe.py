@@ -72,7 +72,7 @@ class AttitudeLoss(Strict):
 
 
 class FenceLoss(Strict):
-    """Reaction to leaving a geofence: the one under `geofence`, or one uploaded to the autopilot."""
+    """Reaction to leaving a geofence. The fence is the YAML's `geofence`, or one that was uploaded to the autopilot."""
 
     action: Literal["none", "warn", "hold", "return", "land", "terminate"] = "land"
     """Action of the vehicle."""

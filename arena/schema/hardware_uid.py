@@ -13,7 +13,9 @@ def _uid(value: Any) -> str:
     text = value.lower().removeprefix("0x") if isinstance(value, str) else ""
     if text == "none" or (re.fullmatch(r"[0-9a-f]{16}|[0-9a-f]{36}", text) and text.strip("0")):
         return text
-    raise ValueError("expected 16 or 36 hexadecimal digits in quotes, or none")
+    raise ValueError(
+        "expected 16 or 36 hexadecimal digits in quotes, or the word none if the autopilot reports no uid"
+    )
 
 
 HardwareUid = Annotated[str, BeforeValidator(_uid)]

@@ -62,7 +62,7 @@ class Mocap(NatNetKeys):
 
     @property
     def vendors(self) -> tuple[str, ...]:
-        """Return the vendors in use: the vendor of the server, if there is one, and the vendor that the emulator imitates."""
+        """Return the vendors in use: the vendor of the motion capture server, if one is used, and the vendor that the emulator imitates."""
         served = (self.source,) if self.source in VENDORS else ()
         return tuple(dict.fromkeys((*served, self.emulates)))
 

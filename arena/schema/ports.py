@@ -74,7 +74,7 @@ class Port:
     binders: tuple[Binder, ...] = ()
 
     def binder(self, kind: str) -> Binder | None:
-        """Return how processes of this kind bind the port (a `Binder`); None if they do not bind it."""
+        """Return the entry of `binders` for this kind of process; None if such processes do not bind the port."""
         return next((binder for binder in self.binders if binder.kind == kind), None)
 
 

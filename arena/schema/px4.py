@@ -34,7 +34,9 @@ WAYS = (
 
 
 def find_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> Px4 | None:
-    """Return the first complete PX4 in the search order, or None.
+    """Return the first PX4 that has both its binary and its startup scripts, or None.
+
+    Search order: the YAML's `px4.home`, $PX4_HOME, `px4` on PATH.
 
     home: `px4.home` of the YAML. If it is given, no other folder is searched.
     env: environment variables; None for those of this process.

@@ -106,7 +106,10 @@ def fence_of(model: ArenaFile) -> Fence | None:
 
 
 def _home(model: ArenaFile, folder: Path) -> str | None:
-    """Return the YAML's `px4.home`: a path (relative paths start at the YAML's folder) or `stand-in`."""
+    """Return the YAML's `px4.home`: a path (relative paths start at the YAML's folder) or `stand-in`.
+
+    `stand-in` selects the built-in autopilot with PX4's simulator API, for computers without PX4.
+    """
     home = model.px4.home
     return str(folder / Path(home).expanduser()) if home and home != STAND_IN else home
 

@@ -289,7 +289,7 @@ def test_a_port_in_use_is_an_error_in_one_sentence(tmp_path):
     assert done.returncode == 1
     assert (
         done.stderr
-        == "arena:router: the router cannot listen on UDP 127.54.5.1:24011: Address already in use\n"
+        == "arena:router: the router cannot listen on UDP 127.54.5.1:24011: Address already in use. Does another program use this port?\n"
     )
 
 

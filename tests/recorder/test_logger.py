@@ -196,6 +196,6 @@ def test_taken_port_is_one_line_and_exit_1(start, tmp_path):
     assert second.returncode == 1
     assert (
         second.stderr
-        == f"logger: cannot listen on UDP {logger.to[0]}:{logger.to[1]}: Address already in use\n"
+        == f"logger: cannot listen on UDP {logger.to[0]}:{logger.to[1]}: Address already in use. Does another program use this port?\n"
     )
     assert logger.process.poll() is None

@@ -348,12 +348,12 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "hardware by a host name": (
         NATNET + "  uav1: {autopilot: hardware, profile: iris, radio: none, url: 'udpout:drone:14540'}\n",
         "3: vehicles.uav1.url: ",
-        "a numeric address",
+        "HOST must be a numeric IPv4 address, got 'drone'",
     ),
     "hardware that is spoken to everywhere": (
         NATNET + "  uav1: {autopilot: hardware, profile: iris, radio: none, url: 'udpout:0.0.0.0:14540'}\n",
         "3: vehicles.uav1.url: ",
-        "the address of one vehicle",
+        "got the broadcast, multicast or wildcard address 0.0.0.0",
     ),
     "two hardware vehicles on one port": (
         NATNET
