@@ -17,7 +17,7 @@ class BackgroundWriter:
     """Bounded queue of writes, and the thread that carries them out in order. No method blocks, except `flush`.
 
     Each write is a function without arguments that handles its own errors.
-    limit: number of waiting writes. One more removes the oldest and counts it as lost.
+    limit: largest number of waiting writes. If a write is added to a full queue, the oldest write is removed and lost.
     """
 
     def __init__(self, name: str, limit: int) -> None:
@@ -46,22 +46,22 @@ class BackgroundWriter:
 
     @property
     def busy(self) -> bool:
-        """True while a write waits or is not complete."""
+        """True while a write waits in the queue or is in progress."""
         return self._began is not None or bool(self._jobs)
 
     def blocked_s(self, now: float) -> float:
-        """Return for how long the current write has not been complete [s]; 0 if there is none. now: monotonic [s]."""
+        """Return how long the current write has already taken [s]; 0 if no write is in progress. now: monotonic [s]."""
         began = self._began
         return now - began if began is not None else 0.0
 
     def take_lost(self) -> int:
-        """Return the number of lost writes since the last call."""
+        """Return how many writes were lost since the last call, because the queue was full."""
         with self._changed:
             found, self._lost = self._lost, 0
             return found
 
     def flush(self, timeout_s: float) -> bool:
-        """Wait until all writes are complete, at most `timeout_s` [s]. Return False if some are not complete then."""
+        """Wait until all writes are complete, at most `timeout_s` [s]. Return whether all are complete."""
         with self._changed:
             return self._changed.wait_for(lambda: not self.busy, timeout_s)
 
@@ -104,9 +104,10 @@ def within(
 
 
 def write_to(stream: TextIO, text: str) -> None:
-    """Write a text to a stream. Raises OSError or ValueError.
+    """Write a text to a stream. Raises OSError if the write fails, ValueError if the stream is closed.
 
-    A real file is written without the stream's buffer. A thread that is blocked in a buffer would abort Python at exit.
+    A stream with a file descriptor is written without its buffer, because Python aborts at exit if a thread is blocked in a
+    buffer.
     """
     try:
         fd = stream.fileno()

@@ -72,9 +72,10 @@ class Authority:
     """Decides who may command one vehicle, from the requests to the vehicle and the heartbeats of its autopilot.
 
     Pass every request to `refusal` before it is sent to the vehicle, and every heartbeat of its autopilot to `on_state`.
-    radio: false if no pilot has a radio (`radio: none`): an unexpected manual mode then means that a pilot has control only
-    while stick positions reach the vehicle. Otherwise a failsafe may have chosen the mode.
-    simulated: true if the vehicle has no radio of a pilot, so that an unexpected automatic mode is always a failsafe.
+    radio: false if no pilot has a radio (`radio: none`). A manual mode that no command requested then means that a pilot has
+        control only while stick positions reach the vehicle. Without stick positions a failsafe may have chosen the mode.
+    simulated: true if the vehicle is simulated, so that no pilot has a radio for it. An automatic mode that no command requested
+        is then always a failsafe.
     holder: who commands the vehicle now.
     """
 
@@ -100,7 +101,8 @@ class Authority:
 
         The text has at most 50 bytes, so that it fits in one STATUSTEXT. An allowed request is remembered, because it
         can change who commands the vehicle.
-        role: the sender. now: monotonic [s]. sent: false if the request is not sent for another reason; it is not remembered.
+        role: role of the sender. now: monotonic [s].
+        sent: false if the caller does not send the request for another reason. The request is then not remembered.
         """
         if request.kind is Kind.SETPOINT and role is Role.PROGRAM and self.passes_program_setpoint(now):
             return ""
@@ -110,8 +112,10 @@ class Authority:
         return why
 
     def passes_program_setpoint(self, now: float) -> bool:
-        """Return True and remember the time if a program's setpoint is allowed because no landing is latched. Setpoints are by
-        far the most frequent requests. False: only `refusal` decides. now: monotonic [s].
+        """Return True and remember the time if a program's setpoint is allowed because no landing is latched. If False, call
+        `refusal`, which decides. This method is a fast path: setpoints are by far the most frequent requests.
+
+        now: monotonic [s].
         """
         if self._latch is not None:
             return False
@@ -220,7 +224,9 @@ class Authority:
             self._change(Role.PILOT, self._mode, now)
 
     def _has_pilot(self, now: float) -> bool:
-        """Return whether an unexpected manual mode means that a pilot has control."""
+        """Return whether a manual mode that no command requested means that a pilot has control. Without a radio (`radio: none`)
+        it does only while stick positions reach the vehicle.
+        """
         silent = self._heartbeats_since > _INPUT_HEARTBEATS and now - self._input_at > _INPUT_S
         return not (self._input_needed and silent)
 
@@ -316,10 +322,11 @@ class Authority:
 
     @property
     def standing(self) -> dict[str, Any]:
-        """Return which requests this process refuses now, as JSON values with which `restore` refuses them again after a
-        restart; empty if it refuses none.
+        """Return the refusals that must survive a restart of this process, as JSON values for `restore`; {} if there are none.
 
-        latch: role and strength of a landing. taken: who took OFFBOARD. pilot: the pilot has control.
+        latch: role that commanded the latched landing or motor stop, and its strength (3 landing, 4 motor stop).
+        taken: text that says why programs cannot take OFFBOARD. until_disarmed: true if `taken` ends when the vehicle disarms.
+        pilot: true if the pilot has control.
         """
         found: dict[str, Any] = {"pilot": True} if self.holder is Role.PILOT else {}
         if self._latch is not None:
@@ -329,8 +336,10 @@ class Authority:
         return found
 
     def restore(self, standing: Mapping[str, Any], now: float) -> None:
-        """Refuse again the requests that this process refused before its restart, or that another process refuses. standing:
-        value of `standing` of that process.
+        """Put refusals in force again. The supervisor requests this after it has restarted the process.
+
+        standing: last value of `standing` that was reported before the restart, by this process or by another process that
+        passes commands to the vehicle.
         """
         if taken := standing.get("taken"):
             self._set_taken(str(taken), until_disarmed=standing.get("until_disarmed") is True)
@@ -361,7 +370,10 @@ class Authority:
         return found
 
     def _change(self, holder: Role, why: str, now: float, *, always: bool = False) -> None:
-        """Set who commands the vehicle (the holder), and record the change. always: record also if the holder stays the same."""
+        """Set the role that commands the vehicle (`holder`), and record the change for `take_changes`.
+
+        always: record it even if the role stays the same, because the reason is new.
+        """
         if always or holder is not self.holder:
             self._changes.append(Change(holder=holder, why=why, at=now))
         self.holder = holder

@@ -35,7 +35,9 @@ class _Codec(Protocol):
 
 
 def role_of_tool(system: int) -> Role:
-    """Return the role (such as program or ground station) of a sender at the router's tools port.
+    """Return the role (such as program or ground station) of a client that sends to the router's `tools` port.
+
+    The router has one such UDP port per vehicle, for any MAVLink client on this computer.
 
     system: MAVLink system id of the sender.
     """
@@ -152,7 +154,7 @@ class CommandGate:
 
     @property
     def has_news(self) -> bool:
-        """True if there are new lines for the event log, which `events` returns."""
+        """True if `events` would return at least one line for the event log."""
         return bool(self._events) or self.authority.has_changes
 
     def events(self) -> list[str]:
@@ -162,12 +164,13 @@ class CommandGate:
         return [f"{self.name}: {text}" for text in found]
 
     def changed_facts(self, place: str = "") -> dict[str, Any]:
-        """Return the facts about the authority over the vehicle that have changed since the last call.
+        """Return what has changed since the last call, as facts (values that a process reports to the supervisor).
 
-        control: who commands the vehicle. blocked: why programs must not command the vehicle. standing: requests that this
-        process refuses, and refuses again after a restart (see `Authority.standing`).
+        VEHICLE.control: role that commands the vehicle. VEHICLE.blocked: why programs must not command the vehicle.
+        VEHICLE.standing: refusals that must survive a restart of the process (see `Authority.standing`).
 
-        place: appended to the names of `blocked` and `standing`, because each place has its own memory of landings.
+        place: "" in the router, `_at_link` in the hardware link. It is appended to the names `blocked` and `standing`, because
+        router and link each have their own refusals.
         """
         holder = self.authority.holder
         now = {

@@ -19,7 +19,9 @@ _SIGNS_FROM = "1.18"
 
 
 def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
-    """Check the needs of tools, PX4 versions, PX4 parameters and rotors. Raises InputError with every problem found.
+    """Check the parts of the YAML that depend on the plan: `needs` of tools, PX4 versions, PX4 parameters and rotors.
+
+    Raises InputError with every problem found.
 
     process_names: names of all processes, in start order.
     """
@@ -37,8 +39,10 @@ def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
 
 
 def _tool_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]:
-    """Find tools that need an unknown process, or a tool that is listed after them in the YAML. A tool can need
-    only earlier tools, so two tools never wait for each other.
+    """Find tools with a wrong name under `needs`, the list of processes that must be ready before the tool starts.
+
+    The name of an unknown process is wrong, and the name of a tool that is listed later in the YAML. Therefore two tools never
+    wait for each other.
     """
     before = [name for name in process_names if not name.startswith("tool.")]
     own: list[tuple[str, Tool, YamlPath]] = [

@@ -1,5 +1,5 @@
-"""Makes the configuration file (slice) of the copilot, the process that watches all vehicles and enforces the
-rules. Pure.
+"""Makes the configuration file (slice) of the copilot, the process that watches all vehicles in flight. If a vehicle violates a
+safety rule of the YAML, the copilot commands hold, land or terminate. Pure.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _BRAKING = {
 
 
 def copilot(job: Job) -> Json:
-    """Return the JSON configuration (slice) of the copilot, the process that enforces the safety rules."""
+    """Return the JSON configuration (slice) of the copilot."""
     arena = job.arena
     c = arena.copilot
     if c is None:

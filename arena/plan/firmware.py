@@ -1,4 +1,4 @@
-"""The PX4 parameters that the arena's configuration requires of each vehicle. Pure.
+"""The PX4 parameters that the arena's YAML requires of each vehicle. The code calls them the vehicle's firmware. Pure.
 
 `arena params`, the preflight check of hardware, the start of PX4 SITL and the built-in autopilots all use these functions.
 """
@@ -28,7 +28,7 @@ from arena.schema import Arena, Origin, Vehicle
 from arena.schema.failsafe import Failsafe as FailsafeKeys
 
 Fleet = Mapping[str, "Firmware"]
-"""Vehicle name -> its firmware."""
+"""Vehicle name -> the PX4 parameters that the vehicle must have."""
 
 SIMULATED_VERSION = "1.16"
 """PX4 version whose parameter names are used for the built-in autopilot, and for vehicles whose version is unknown."""
@@ -37,10 +37,10 @@ FORWARDING_MS = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Firmware:
-    """Required PX4 parameters of one vehicle.
+    """The PX4 parameters that one vehicle must have. `firmware` in arena's code means these parameters, not PX4's program.
 
-    version: PX4 version of the parameter names.
-    lines: one per parameter, with its value and reason.
+    version: PX4 version whose parameter names are used.
+    lines: one entry per parameter, with its value and reason.
     not_possible: one sentence per requirement for which this version has no parameter.
     """
 
@@ -55,28 +55,29 @@ class Firmware:
 
 
 def all_firmware(arena: Arena) -> dict[str, Firmware]:
-    """Return vehicle name -> required PX4 parameters. Raises InputError for a PX4 version that is not in the
-    parameter table.
+    """Return the PX4 parameters that each vehicle must have: vehicle name -> parameters. Raises InputError for a PX4 version that
+    is not in the parameter table.
     """
     return {v.name: firmware(arena, v) for v in arena.vehicles}
 
 
 def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
-    """Return the PX4 parameter values that this arena requires of a vehicle's autopilot, each with its reason.
+    """Return the PX4 parameters that a vehicle must have in this arena, each with its value and reason.
 
     version: PX4 version to use instead of the vehicle's own; "" for the vehicle's own.
     Raises InputError for a PX4 version that is not in the parameter table.
     """
     version = px4_version(vehicle, version)
-    made = generate(_held(requirements(arena, vehicle), vehicle.autopilot), version)
+    made = generate(_for_autopilot(requirements(arena, vehicle), vehicle.autopilot), version)
     return Firmware(
         version=version, lines=_checked_lines(arena, vehicle, made), not_possible=made.not_possible
     )
 
 
 def origins(arena: Arena) -> dict[str, Origin]:
-    """Return the source of the PX4 version and of each required parameter, for every vehicle: `vehicles.NAME.params.PARAMETER`
-    -> value and source.
+    """Return the PX4 version and the required parameters of every vehicle, each with the place that its value comes from.
+
+    The keys are `vehicles.NAME.px4_version` and `vehicles.NAME.params.PARAMETER`.
     """
     found: dict[str, Origin] = {}
     for name, each in all_firmware(arena).items():
@@ -88,7 +89,9 @@ def origins(arena: Arena) -> dict[str, Origin]:
 
 
 class WrittenParamFinding(NamedTuple):
-    """A problem of a parameter that the user wrote. place: `arena.yaml:7`, or the name of the `params_file`."""
+    """A problem of a parameter that the user wrote. place: where the user wrote it, `arena.yaml:7` or the name of the
+    `params_file`.
+    """
 
     vehicle: str
     place: str
@@ -128,7 +131,10 @@ def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
 
 
 def requirements(arena: Arena, v: Vehicle) -> Requirements:
-    """Return the arena's requirements for one vehicle's PX4, each with its reason."""
+    """Return what the YAML requires of one vehicle's PX4 (failsafes, geofence, gains, ...), each with its reason.
+
+    `generate` converts the requirements to parameters of a PX4 version.
+    """
     rotors = tuple(
         Rotor(x_m=r.position_m[0], y_m=r.position_m[1], spin=1 if r.direction == "ccw" else -1)
         for r in v.profile.rotors
@@ -157,7 +163,7 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
 def _declination_deg(arena: Arena, v: Vehicle) -> float | None:
     """Return the declination of the simulated magnetic field [deg]; None if PX4 uses no simulated magnetometer.
 
-    With poses PX4 takes the heading from them.
+    PX4 uses no magnetometer if a pose forwarder sends it poses, because it takes the heading from the poses.
     """
     if not v.simulated or not v.gps or v.forward:
         return None
@@ -165,17 +171,18 @@ def _declination_deg(arena: Arena, v: Vehicle) -> float | None:
     return math.degrees(magnetic_field(at.lat_deg, at.lon_deg, at.alt_m).declination_rad)
 
 
-def _held(required: Requirements, autopilot: str) -> Requirements:
-    """Return the requirements that the parameters of this autopilot can meet. The built-in autopilot has no parameters for
-    rotor geometry and RC mapping, because it reads both from the profile.
+def _for_autopilot(required: Requirements, autopilot: str) -> Requirements:
+    """Return the requirements without those for which the autopilot has no parameters. The built-in autopilot has none for rotor
+    geometry and RC mapping, because it reads both from the vehicle's profile.
     """
     return replace(required, rotors=(), channels=0) if autopilot == "builtin" else required
 
 
 def unmeasured(arena: Arena, vehicle: Vehicle, version: str = "") -> dict[str, float]:
-    """Return the parameters that arena does not change on a real vehicle, because nobody has measured or set their values.
+    """Return the parameters that depend on a real vehicle's body (gains, hover thrust, ...), and that the user has neither
+    measured nor set in the YAML. arena does not write them, because its own values are those of the simulated body.
 
-    Return name -> value of the simulated vehicle of this profile, for comparison; {} for a simulated vehicle.
+    Return parameter name -> value of the simulated body, for comparison; {} for a simulated vehicle.
     version: as in `firmware`.
     """
     if vehicle.simulated:
@@ -187,9 +194,9 @@ def unmeasured(arena: Arena, vehicle: Vehicle, version: str = "") -> dict[str, f
 
 
 def _checked_lines(arena: Arena, v: Vehicle, made: Generated) -> tuple[Line, ...]:
-    """Return the required parameters that the preflight check compares with the values in the autopilot.
+    """Return the required parameters, without those that the preflight check must not compare with the autopilot's values.
 
-    For hardware with `preflight.params: false`, return only those that the user wrote.
+    For hardware with `preflight.params: false`, only the parameters that the user wrote are left.
     """
     if v.autopilot == "hardware" and not arena.preflight.params:
         return tuple(line for line in made.lines if line.name in v.own_params)
@@ -224,9 +231,9 @@ def _reasons(arena: Arena, v: Vehicle) -> dict[str, str]:
 
 
 def _fence(arena: Arena, v: Vehicle) -> FenceCylinder | None:
-    """Return the smallest cylinder around the vehicle's start that contains the whole geofence.
+    """Return the smallest cylinder around the vehicle's start position that contains the whole geofence.
 
-    The start of hardware is not known, so the worst case is assumed: a start in a corner.
+    The start position of hardware is not known. The largest cylinder is used: that of a start in a corner.
     """
     fence = arena.geofence
     if fence is None:
@@ -237,7 +244,10 @@ def _fence(arena: Arena, v: Vehicle) -> FenceCylinder | None:
 
 
 def requirements_failsafe(given: FailsafeKeys, *, has_sticks: bool) -> Failsafe:
-    """Return the section `failsafe` of the YAML as requirements. has_sticks: whether the vehicle has an RC transmitter."""
+    """Return the failsafe actions that a vehicle's PX4 must be set to, from the section `failsafe` of the YAML.
+
+    has_sticks: whether the vehicle has an RC transmitter.
+    """
     return Failsafe(
         offboard_loss=given.offboard_loss.action,
         offboard_loss_after_s=given.offboard_loss.after_s,

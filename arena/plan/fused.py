@@ -67,8 +67,8 @@ def why_one(arena: Arena) -> str:
 
 
 def could_be_member(process: str) -> bool:
-    """Return whether a fused arena (many parts in one process) runs this process inside its process `world`. True for `world`
-    itself, too.
+    """Return whether this process is `world`, or one that a fused arena runs inside `world` (motion capture, forwarder, router,
+    logger).
     """
     kind = process.partition(".")[0]
     return kind == "world" or kind in _MEMBERS
@@ -77,7 +77,8 @@ def could_be_member(process: str) -> bool:
 def fuse(arena: Arena, processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, ...]:
     """Return the processes of a plan after joining motion capture, forwarders, router and loggers with the process `world`.
 
-    The other processes need the world, the same members as before, and the processes that these members need, such as PX4.
+    A process that waits for a joined process then also waits for `world`, and for the processes that the joined process
+    waited for, such as PX4.
     """
     joined = {p.name: p for p in processes if p.kind in _MEMBERS}
     found = []
@@ -94,11 +95,11 @@ def fuse(arena: Arena, processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, .
 def fused_slices(
     arena: Arena, made: dict[str, dict[str, Any]], processes: Sequence[ProcessSpec]
 ) -> dict[str, dict[str, Any]]:
-    """Return the configuration files (slices) of a plan whose parts run in the process `world`: one file per part, and one file
-    that lists the parts.
+    """Return the configuration files (slices) of a fused arena, and one more file that lists the processes which run inside
+    `world`.
 
-    The world waits for the programs of Python files before it begins: they use the simulation clock. With a copilot it
-    does not wait, because the copilot needs simulation time to become ready. In real time it never waits.
+    The world keeps the simulation time stopped until all user programs in Python use the simulation clock. With a copilot the
+    world does not wait, because the copilot needs simulation time to become ready. In real time the world never waits.
     """
     members = ["world", *(p.name for p in processes if p.kind in _MEMBERS)]
     programs = [

@@ -20,7 +20,7 @@ class Job:
     """Input of the functions that describe one process of the plan: the arena, the vehicle or group of the process, and its PX4
     parameters.
 
-    fleet: vehicle name -> firmware parameters.
+    fleet: vehicle name -> PX4 parameters that the vehicle must have.
     python: path of the Python interpreter for arena's processes and `.py` programs.
     vehicle: vehicle that the process belongs to; None for a process of the whole arena.
     group: group whose programs run in the process; "" for all other processes.
@@ -39,14 +39,16 @@ class Job:
 
     @property
     def v(self) -> Vehicle:
-        """Return the vehicle of this process. Raises ValueError if the process serves the whole arena."""
+        """Return the vehicle that this process belongs to. Raises ValueError if the process belongs to no single vehicle."""
         if self.vehicle is None:
-            raise ValueError("this process serves the whole arena, so it has no vehicle")
+            raise ValueError(
+                "cannot plan the process: got no vehicle, expected the vehicle that the process belongs to"
+            )
         return self.vehicle
 
     @property
     def firmware(self) -> Firmware:
-        """Return the PX4 parameters that are required of this process's vehicle."""
+        """Return the PX4 parameters that this process's vehicle must have."""
         return self.fleet[self.v.name]
 
 
@@ -69,12 +71,12 @@ def _autopilot_host(arena: Arena, vehicle: Vehicle) -> str:
     PX4 binds its sockets to 0.0.0.0. On the loopback network the kernel then always sends from 127.0.0.1.
     """
     return (
-        "127.0.0.1" if flies_real_px4(arena, vehicle) and arena.address.startswith("127.") else arena.address
+        "127.0.0.1" if flies_px4_sitl(arena, vehicle) and arena.address.startswith("127.") else arena.address
     )
 
 
-def flies_real_px4(arena: Arena, vehicle: Vehicle) -> bool:
-    """Return whether a real PX4 binary flies the vehicle, and not arena's PX4 stand-in."""
+def flies_px4_sitl(arena: Arena, vehicle: Vehicle) -> bool:
+    """Return whether PX4 SITL flies the vehicle. False for arena's PX4 stand-in, the built-in autopilot and flight controllers."""
     return vehicle.autopilot == "px4" and arena.px4 is not None and not arena.px4.stand_in
 
 

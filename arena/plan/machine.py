@@ -75,10 +75,10 @@ class Machine:
 
 @dataclass(frozen=True, kw_only=True)
 class AddressChoice:
-    """The address that was chosen for an arena without `address` in the YAML.
+    """IP address that `choose_address` has chosen for the processes of an arena whose YAML has no `address`.
 
-    address: first free address.
-    why: sentence that explains why it is not the default address; "" if it is.
+    address: first loopback address whose ports are free.
+    why: sentence that explains why it is not the default address; "" if it is the default address.
     """
 
     address: str

@@ -1,7 +1,7 @@
 """List of all sockets that a run opens, taken from its plan, and of the senders that each socket accepts. Pure.
 
-The list has the ports of the port table, multicast ports that receivers share, ports that the kernel chooses for requests
-(port 0), and the local sockets in the run's private folder.
+The list contains the ports of `arena.schema.ports.PORTS`, multicast ports that receivers share, ports that the kernel chooses
+for requests (port 0), and the Unix sockets in the run's private folder.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from arena.mocap.vendors import SocketUse, vendor_settings
 from arena.plan.model import Plan, ProcessSpec
 from arena.schema.ports import PORTS
 
-# (process kind, short name of the port) -> the senders that are accepted, from the port table
+# (process kind, short name of the port) -> the senders that are accepted
 _ANSWERS = {(binder.kind, port.name): binder.answers for port in PORTS for binder in port.binders}
 
 
@@ -113,8 +113,10 @@ def _server_sockets(plan: Plan, name: str) -> Iterator[SocketUse]:
 
 
 def _other_sockets(plan: Plan, spec: ProcessSpec, kind: str, slice_: dict[str, Any]) -> Iterator[OpenSocket]:
-    """Yield the Unix sockets and sending sockets of one part of a process, which are neither in the port table nor used for
-    motion capture.
+    """Yield the sockets that are neither listed in `PORTS` nor used for motion capture: Unix sockets, and UDP sockets that only
+    send.
+
+    kind, slice_: kind and configuration of the process, or of one member that runs inside the process.
     """
     if kind == "program" and slice_.get("heartbeat"):
         yield OpenSocket(

@@ -14,7 +14,7 @@ from typing import Any
 from arena.mocap.vendors import vendor_settings
 from arena.plan import slices
 from arena.plan.copilot_slice import copilot
-from arena.plan.job import Job, Json, flies_real_px4
+from arena.plan.job import Job, Json, flies_px4_sitl
 from arena.plan.model import Listen, Member, ProcessSpec, Restart
 from arena.schema import Arena, Vehicle
 from arena.schema.ports import PORTS
@@ -46,7 +46,7 @@ class ProcessKind:
     module: package that `python -m` runs with the path of the slice; "" if the user gives the command.
     purpose: what the process does, for the reference page.
     per_vehicle: whether each vehicle can have such a process; false: the arena has at most one.
-    per_group: whether each group of programs has such a process.
+    per_group: whether each group of vehicles, whose programs share one process, has such a process.
     exists: function that returns whether this arena, or this vehicle, has such a process.
     needs: function that returns the names of processes that must be ready first.
     slice: function that makes the process's JSON configuration (slice); None if the process has no slice.
@@ -328,7 +328,7 @@ def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
 
 
 def _group_listens(job: Job) -> Iterator[Listen]:
-    """Yield the ports that the process of a group binds: the port of each vehicle's program."""
+    """Yield the UDP ports that the process of a group binds: one per vehicle, for the MAVLink messages of its program."""
     for v in job.vehicles:
         yield from listens(job.arena, "program", v)
 
@@ -353,7 +353,7 @@ def listens(arena: Arena, kind: str, vehicle: Vehicle | None) -> Iterator[Listen
             if v is not None and binder.autopilots and v.autopilot not in binder.autopilots:
                 continue
             # PX4 binds its links on every address of the computer; the PX4 stand-in binds the arena's address
-            everywhere = kind == "px4" and v is not None and flies_real_px4(arena, v)
+            everywhere = kind == "px4" and v is not None and flies_px4_sitl(arena, v)
             host, number = place
             words = port.name if v is None else f"{port.name} of {v.name}"
             address = "0.0.0.0" if everywhere else host
