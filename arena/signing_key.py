@@ -36,7 +36,9 @@ def read_key(file: str | Path) -> bytes:
     try:
         status = os.fstat(opened)
         if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"signing key {file}: is not a file")
+            raise InputError(
+                f"signing key {file}: is not a file. Give the path of a key file. `arena signing new FILE` makes one"
+            )
         if status.st_mode & _OTHERS:
             mode = stat.S_IMODE(status.st_mode)
             raise InputError(
@@ -44,7 +46,9 @@ def read_key(file: str | Path) -> bytes:
                 "If somebody may have read it, make a new key"
             )
         if os.geteuid() not in (0, status.st_uid):
-            raise InputError(f"signing key {file}: belongs to another user (uid {status.st_uid})")
+            raise InputError(
+                f"signing key {file}: belongs to another user (uid {status.st_uid}). If the key is yours, run `sudo chown $USER {file}`"
+            )
         content = os.read(opened, _MOST_BYTES)
     except OSError as error:
         raise InputError(f"signing key {file}: cannot be read: {error.strerror}") from error
@@ -54,7 +58,10 @@ def read_key(file: str | Path) -> bytes:
         key = bytes.fromhex(content.decode("ascii", errors="replace").strip())
         if len(key) == KEY_BYTES and any(key):
             return key
-    raise InputError(f"signing key {file}: expected {2 * KEY_BYTES} hexadecimal digits, not all of them 0")
+    raise InputError(
+        f"signing key {file}: does not contain a key: expected {2 * KEY_BYTES} hexadecimal digits, not all of them 0. "
+        "`arena signing new FILE` makes a key"
+    )
 
 
 def write_new_key(file: Path) -> None:

@@ -41,23 +41,24 @@ def check_vehicle(real: Mapping[str, bool], vehicle: str) -> None:
 
 
 class Confirmation:
-    """Confirmation of a person at `arena up`: real vehicles that are connected shortly after the start may arm.
+    """Confirmation that a person gives at the start of `arena up`: the connected real vehicles may arm.
 
-    It is used once: when all processes are ready, at the latest `CONFIRMATION_S` after the start. So a vehicle whose
-    battery is connected later does not take off.
+    The confirmation is used once: when all processes are ready, at the latest CONFIRMATION_S after the start. It holds for the
+    real vehicles that are connected at that time. So a vehicle whose battery is connected later does not take off.
 
-    by: who has confirmed; "" if nobody has. began: start of the run, in s.
+    by: who has confirmed; "" if nobody has.  began: start of the run, monotonic [s].
     """
 
     def __init__(self, by: str, began: float) -> None:
         self.by, self._began, self._open = by, began, bool(by)
 
     def use(self, now: float, all_ready: bool, real: Mapping[str, bool]) -> tuple[list[str], list[str]]:
-        """Return (vehicles that get an arm permit now, vehicles that get none). The confirmation is used only once, so all
-        other calls return empty lists.
+        """Use the confirmation, if it is time to use it. Return (connected real vehicles, other real vehicles).
 
-        now: in s, on the clock of `began`. all_ready: whether all processes of the arena are ready. real: result of
-        `real_vehicles`.
+        The connected vehicles get an arm permit, the others get none. Both lists are empty before the confirmation is used and
+        after that, or if nobody has confirmed.
+
+        now: monotonic [s].  all_ready: whether all processes of the arena are ready.  real: result of `real_vehicles`.
         """
         if not self._open or not (all_ready or now - self._began >= CONFIRMATION_S):
             return [], []

@@ -1,4 +1,8 @@
-"""Identity and axes checks of real vehicles (`arena preflight`): requests to the vehicles' link processes. Pure."""
+"""Requests to the link processes of real vehicles for `arena preflight`. Pure.
+
+In the identity and axes check, a person moves the vehicle by hand. The link process compares the motion that the IMU measures with
+the poses of motion capture. The check shows whether the vehicle gets the poses of its own rigid body, with the right axes.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +18,12 @@ def check_request(vehicle: str, by: str, *, stop: bool) -> dict[str, str]:
 
 
 def body_requests(plan: Plan, stats: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, dict[str, str]]]:
-    """Return (link process, request) for each real vehicle: the definition of its rigid body, which its pose forwarder has reported.
+    """Return (link process, request) for each real vehicle. The request sends the definition of the vehicle's rigid body.
 
-    stats: process -> its measurements
+    The link process refuses to arm the vehicle if the definition has changed since the last passed check. The pose forwarder of the
+    vehicle reports the definition; a vehicle without such a report is left out.
+
+    stats: process -> its measurements.
     """
     found = []
     for v in plan.vehicles:

@@ -29,7 +29,7 @@ class EventLog:
     """Writer of events.jsonl, which also shows each entry as a line. `lost` counts entries that could not be
     written.
 
-    writer: thread that writes the file.
+    writer: background thread that writes the file.
     path: the file.  show: function that shows a line.
     vehicles: names of the vehicles; an event that begins with `<vehicle>: ` is shown as a line about that vehicle.
     time_s: function that returns the time to show in front of a line [s], or None for no time.
@@ -110,7 +110,10 @@ class EventLog:
         self._writer.submit(partial(self._append, json.dumps(entry).encode() + b"\n"))
 
     def _append(self, line: bytes) -> None:
-        """Append a line to the file, in the thread of `writer`. If the line does not fit on the disk, its first part is removed again."""
+        """Append a line to events.jsonl. Called in the background thread that writes files.
+
+        If the disk becomes full within the line, the written part of the line is removed, so that the file has whole lines only.
+        """
         try:
             written = os.write(self._file, line)
             if written < len(line):

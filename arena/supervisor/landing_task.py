@@ -89,8 +89,10 @@ class LandingTask:
         return False
 
     def _land(self, flying: Sequence[str], now: float, *, world_gone: bool, armed: Collection[str]) -> bool:
-        """Start the land task if a vehicle must be commanded and the time for the next attempt has come.
-        Return True when the landing has ended.
+        """Start the land task if a vehicle is flying and the time for the next attempt has come. Return True when the landing
+        has ended.
+
+        flying: vehicles in the air that the land task must command to land: no pilot flies them.
         """
         if not flying and world_gone and self._tries and not self._confirmed:
             return self._give_up("the world ended before the vehicles were on the ground")
@@ -120,8 +122,9 @@ class LandingTask:
         return found
 
     def _withdraw(self, armed: Collection[str], now: float) -> None:
-        """Withdraw the confirmation of a real vehicle's landing if the vehicle is reported as armed
-        REPORT_LAG_S later. The vehicle is then landed again.
+        """Withdraw the confirmation of a landing, so that the vehicle is landed again, if the landing was wrongly confirmed.
+
+        This is so if a real vehicle is reported as armed REPORT_LAG_S after the confirmation. Earlier reports may be outdated.
         """
         for vehicle, at in list(self._confirmed.items()):
             if vehicle in self._real and vehicle in armed and now - at >= REPORT_LAG_S:

@@ -220,8 +220,10 @@ class Supervisor:
         self._next_round = now + (_CALM_ROUND_S if settled and self.phase is Phase.RUN else _BUSY_ROUND_S)
 
     def _report_operator(self, now: float) -> None:
-        """Report once a second to the router whether an operator is present. Without an operator, the
-        data-link failsafe of real vehicles must be able to react.
+        """Report to the router that an operator is present. Called once a second.
+
+        Without this report, and without a ground station, the router stops the GCS heartbeat to real vehicles, so that the
+        data-link failsafe of PX4 can react. Nothing is reported while no operator is present.
         """
         if all(v.simulated for v in self.plan.vehicles):
             return
@@ -258,7 +260,9 @@ class Supervisor:
         self._show.started(failed)
 
     def _permit_connected(self, now: float) -> None:
-        """Give the arm permits of the confirmation at `arena up`, and report the vehicles that get none."""
+        """Give an arm permit to the connected real vehicles if a person has confirmed this at `arena up`. Report the vehicles
+        that are not connected, and so get no permit.
+        """
         real = real_vehicles(self.plan, self._processes.statuses)
         connected, missing = self._confirmation.use(now, self._all_started, real)
         if connected:
@@ -299,12 +303,15 @@ class Supervisor:
 
     def _permit(self, vehicles: list[str], by: str) -> dict[str, Any]:
         if self.phase is not Phase.RUN:
-            raise ValueError(f"no arm permit: the arena is {self.phase}")
+            raise ValueError(f"no arm permit: the arena is {self.phase}, so no vehicle may arm")
         check_permit(real_vehicles(self.plan, self._processes.statuses), vehicles)
         for vehicle in vehicles:
             packet = {**permit_request(vehicle, by), "expires": time.monotonic() + CONFIRM_S}
             if self._processes.request(packet, to=[f"link.{vehicle}"]):
-                raise ValueError(f"{vehicle}: no arm permit: link.{vehicle} does not read its requests")
+                raise ValueError(
+                    f"{vehicle}: no arm permit: link.{vehicle} has ended or hangs, so it did not receive the permit. Wait until "
+                    f"`arena ps` shows it as READY, then repeat `arena arm-permit {vehicle}`"
+                )
         return {"ok": True}
 
     def _preflight(self, request: dict[str, Any]) -> dict[str, Any]:

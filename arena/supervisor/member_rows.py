@@ -1,4 +1,8 @@
-"""Rows of the process table for the members of the fused arena and of groups, which have no process of their own. Pure."""
+"""Rows of the process table for members: parts of the arena and programs that share one process. Pure.
+
+A simulated arena can run as one process, `fused`: its members are the world, motion capture, router and loggers. The process of
+a group has the programs of several vehicles as its members.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +20,13 @@ _NO_USE: Mapping[str, Any] = {
     "rss_peak_mb": 0.0,
     "over_budget": [],
 }
-"""Figures that only the process itself has."""
+"""Columns that are measured for a whole process only, with their values in the row of a member."""
 
 
 def member_rows(
     spec: ProcessSpec, row: Mapping[str, Any], stats: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, dict[str, Any]]:
-    """Return one row of the process table for each member of a process. A member is a part or program without a process of its
-    own.
+    """Return one row of the process table for each member of a process.
 
     row: row of the process.  stats: name of a process or member -> its measurements.
     """
@@ -42,7 +45,10 @@ def member_rows(
 
 
 def _ended(own: Mapping[str, Any]) -> dict[str, Any]:
-    """Return state, reason and exit of a program of a group if the program has ended; else {}."""
+    """Return state, reason and exit of a member that has ended, such as one program of a group; {} while it runs.
+
+    own: measurements of the member.
+    """
     code, said = own.get("exit_code"), own.get("exit")
     if not isinstance(code, int) or not isinstance(said, str):
         return {}

@@ -90,7 +90,10 @@ class VehicleChanges:
         self._known: dict[str, dict[str, Any]] = {}
 
     def on_facts(self, facts: Mapping[str, Any]) -> list[Message]:
-        """Return the lines for the facts that have changed. facts: facts of one packet, `<vehicle>.<name>` -> value."""
+        """Return the lines for the facts that have changed since the last call.
+
+        facts: values that a process has sent in one packet, `<vehicle>.<name>` -> value.
+        """
         new: dict[str, dict[str, Any]] = {}
         for key, value in facts.items():
             vehicle, _, name = key.rpartition(".")
@@ -115,7 +118,10 @@ class VehicleChanges:
 
 
 def no_such_process(name: str, plan: Plan) -> str:
-    """Return the reply to a request that names an unknown process, or a part of the fused arena that has no process of its own."""
+    """Return the reply to a request that names no process of this plan.
+
+    name: an unknown name, or a part of the arena, such as the router, that shares one process with other parts.
+    """
     for spec in plan.processes:
         if any(member.name == name for member in spec.members):
             return f"{name} is a part of the process {spec.name} in this arena. `arena up --processes` gives it a process of its own"

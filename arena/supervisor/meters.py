@@ -39,7 +39,9 @@ class RealTimeMeter:
         return self._clock.now() or None
 
     def sample(self, now: float) -> None:
-        """Take a sample of the simulated time. Called about once a second while the world runs. now: monotonic [s]."""
+        """Measure the simulated time, from which `result` computes the real-time factor. Called about once a second while the
+        world runs. now: monotonic [s].
+        """
         if self._stem is not None and (time_s := self.time_s()) is not None:
             self._first = self._first or (now, time_s)
             self._last = (now, time_s)

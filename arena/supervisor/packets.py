@@ -1,6 +1,4 @@
-"""Packets between processes and supervisor: who has sent a packet, how many different names the supervisor stores, and the report
-of an ended program. Pure.
-"""
+"""Rules for the packets between the supervisor and its processes: sender, limit of stored values, report of an ended program. Pure."""
 
 from __future__ import annotations
 
@@ -10,10 +8,15 @@ from typing import Any
 from arena.plan.model import ProcessSpec
 
 MAX_NAMES = 2000
+"""Largest number of facts, and of measurements, that the supervisor stores for one process."""
 
 
 def reporter(spec: ProcessSpec, packet: Mapping[str, Any]) -> tuple[str, str]:
-    """Return name and kind of the sender of a packet: a part of the fused arena, a program of a group, or the process itself."""
+    """Return name and kind of the sender of a packet: the process, or one of its members.
+
+    A process can run several members: the router, world and loggers of a simulated arena, or the programs of a group of
+    vehicles. The key `of` of a packet names the member that has sent the packet.
+    """
     for member in spec.members if "of" in packet else ():
         if member.name == packet["of"]:
             return member.name, member.kind
@@ -34,7 +37,11 @@ def within_limit(values: Mapping[str, Any], known: Collection[str]) -> list[str]
 
 
 def program_ended(process: str) -> dict[str, str]:
-    """Return the packet that reports the end of a user program to the world, which then does not wait for its first sleep on the
-    simulation clock. process: `program.uav1`, or `group.NAME`.
+    """Return the packet that reports the end of a user program to the world.
+
+    The world can wait before the first step until every program sleeps on the simulation clock. It does not wait for a program
+    that has ended.
+
+    process: name of the program's process: `program.uav1`, or `group.NAME`.
     """
     return {"do": "program_ended", "program": process.removeprefix("program.")}

@@ -190,7 +190,7 @@ class ProcessSet:
         may_load = status.started > 0 or len(self._loading) < MAX_LOADING
         return Observation(
             needs_ready=may_load
-            and all(run_end.is_served(*need) for need in needs)
+            and all(run_end.is_usable(*need) for need in needs)
             and all(n in self._ready for n in spec.needs if n in self._members),
             needs_dead=next((need.name for need, its in needs if run_end.is_dead(need, its)), ""),
             proof=self._proof(name, spec) if status.state is State.STARTING else "",

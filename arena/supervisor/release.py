@@ -1,5 +1,7 @@
-"""Rules of `arena release`: which processes refuse commands of programs, which vehicles may be released, and which refusals a
-restarted process must restore. Pure.
+"""Rules of `arena release`, which permits programs to fly a vehicle again, for example after `land-all`. Pure.
+
+A link, router or world that refuses the commands of programs must still refuse them after a restart. `restore_requests`
+provides for this.
 """
 
 from __future__ import annotations
@@ -14,8 +16,9 @@ GUARDS = ("world", "link", "router")
 
 
 def guards(plan: Plan, vehicle: str = "") -> set[str]:
-    """Return the names of the processes that pass on commands to a vehicle or refuse them: world, router and link. vehicle: its
-    name; "" for all vehicles.
+    """Return the names of the processes that pass commands on to a vehicle, or refuse the commands: world, router and link.
+
+    vehicle: name of the vehicle; "" for all vehicles.
     """
     kinds = (spec for spec in plan.processes if spec.kind in GUARDS)
     return {spec.name for spec in kinds if not vehicle or spec.vehicle in (None, vehicle)}
@@ -38,13 +41,15 @@ def check_release(
         known = f"{vehicle}.control" in facts
         if known and not blocked(vehicle, facts) and not _blocked_in_world(plan, stats, vehicle):
             control = facts[f"{vehicle}.control"] or "nobody"
-            raise ValueError(f"{vehicle}: nothing to release: {control} has control, and programs may fly")
+            raise ValueError(
+                f"{vehicle}: nothing to release: programs may already fly this vehicle (control: {control})"
+            )
 
 
 def restore_requests(plan: Plan, spec: ProcessSpec, facts: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the requests that make a restarted router or link refuse the same commands as before its restart.
+    """Return the requests to a restarted world, router or link, so that it refuses the same commands as before its restart.
 
-    facts: last values that the processes sent, also those that have ended.
+    facts: last values that the processes sent, also those that have ended. `<vehicle>.standing` lists what a process refuses.
     """
     if spec.kind not in GUARDS:
         return []
@@ -59,8 +64,9 @@ def blocked(vehicle: str, facts: Mapping[str, Any]) -> str:
 
 
 def _blocked_in_world(plan: Plan, stats: Mapping[str, Mapping[str, Any]], vehicle: str) -> bool:
-    """Return whether the built-in autopilot refuses the commands of programs. It does so after `land-all`, which can command
-    the autopilot without the router.
+    """Return whether the built-in autopilot of a vehicle, which runs in the world, refuses the commands of programs.
+
+    `land-all` can command this autopilot directly. The router then reports no refusal, but the autopilot refuses programs.
     """
     worlds = [stats.get(spec.name, {}) for spec in plan.processes if spec.kind == "world"]
     return any(world.get("autopilot", {}).get(vehicle, {}).get("blocked") for world in worlds)

@@ -1,7 +1,9 @@
-"""`arena release` and `arena arm-permit` in the supervisor: sends the requests, and waits until the processes confirm them.
+"""Execution of `arena release`: sends the release to the router, links and world, and waits until they confirm it.
 
-A vehicle is released everywhere or nowhere: hardware link and world are released first. The router is released when they have
-confirmed, so that it refuses the programs until then. A process that reads its request too late ignores it.
+After `land-all`, for example, these processes refuse all commands that programs send to a vehicle. The release of the vehicle
+ends this: programs may fly the vehicle again. Either all of these processes release the vehicle, or none: hardware link and
+world get the request first. The router gets it when they have confirmed, so until then the router refuses the programs. A
+process that reads its request later than CONFIRM_S ignores it.
 """
 
 from __future__ import annotations
@@ -21,21 +23,24 @@ CONFIRM_S = 3.0
 
 @dataclass(kw_only=True)
 class _Release:
-    """Release of one vehicle that is under way (programs may fly it afterwards). packet: the request. later: processes that get
-    the request later. waiting: process -> id of its request.
+    """Release of one vehicle.
 
+    packet: the request to the processes.
+    expires: time at which the release fails if a process has not confirmed it, monotonic [s].
+    unsent: processes to which the request has not been sent yet.
+    sent: process -> id of the request that was sent to this process.
     failed: processes that did not confirm; None while the release is under way.
     """
 
     packet: dict[str, Any]
     expires: float
-    later: set[str]
-    waiting: dict[str, int] = field(default_factory=dict)
+    unsent: set[str]
+    sent: dict[str, int] = field(default_factory=dict)
     failed: list[str] | None = None
 
 
 class ReleaseTask:
-    """The releases that are under way (programs may fly a vehicle afterwards), and the results of earlier releases."""
+    """The releases of all vehicles: those that wait for confirmations, and the results of earlier ones."""
 
     def __init__(self, plan: Plan, processes: ProcessSet) -> None:
         self._plan, self._processes = plan, processes
@@ -64,32 +69,32 @@ class ReleaseTask:
             )
         for vehicle in vehicles:
             packet = {"do": "release", "vehicle": vehicle, "by": by}
-            release = _Release(packet=packet, expires=now + CONFIRM_S, later=guards(self._plan, vehicle))
+            release = _Release(packet=packet, expires=now + CONFIRM_S, unsent=guards(self._plan, vehicle))
             self._releases[vehicle] = release
-            self._ask(release, {name for name in release.later if p.specs[name].kind != "router"})
+            self._ask(release, {name for name in release.unsent if p.specs[name].kind != "router"})
         self.step(now)
 
     def step(self, now: float) -> None:
-        """Send the release to the routers when all other processes have confirmed it. End each release that is confirmed or too
-        late. now: monotonic [s].
+        """Send each release to the router when the links and the world have confirmed it. End the releases that all processes
+        have confirmed, and those that were not confirmed within CONFIRM_S. now: monotonic [s].
         """
         for release in self._releases.values():
             if release.failed is not None:
                 continue
-            if not self._open(release) and release.later:
-                self._ask(release, set(release.later))
-            if now >= release.expires or not (self._open(release) or release.later):
-                release.failed = sorted({*self._open(release), *release.later})
+            if not self._unconfirmed(release) and release.unsent:
+                self._ask(release, set(release.unsent))
+            if now >= release.expires or not (self._unconfirmed(release) or release.unsent):
+                release.failed = sorted({*self._unconfirmed(release), *release.unsent})
 
-    def _open(self, release: _Release) -> list[str]:
-        """Return the names of the processes that have received the release and have not confirmed it yet."""
+    def _unconfirmed(self, release: _Release) -> list[str]:
+        """Return the names of the processes to which the request was sent and that have not confirmed it yet."""
         confirmed = self._processes.confirmed
-        return [name for name, number in release.waiting.items() if confirmed.get(name, 0) < number]
+        return [name for name, number in release.sent.items() if confirmed.get(name, 0) < number]
 
     def _ask(self, release: _Release, names: set[str]) -> None:
-        release.later -= names
+        release.unsent -= names
         number = next(self._ids)
-        release.waiting |= dict.fromkeys(names, number)
+        release.sent |= dict.fromkeys(names, number)
         self._processes.request({**release.packet, "id": number, "expires": release.expires}, to=names)
 
 

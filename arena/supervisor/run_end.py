@@ -61,8 +61,8 @@ class End:
     statuses: Statuses
 
 
-def is_served(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether a process is ready, or is a task that ended with exit code 0. Processes that need it may then start."""
+def is_usable(spec: ProcessSpec, status: ProcessStatus) -> bool:
+    """Return whether the processes that need this process may start: it is ready, or it is a task that ended with exit code 0."""
     done = (
         spec.kind == "task"
         and status.state is State.EXITED
@@ -76,7 +76,7 @@ def is_dead(spec: ProcessSpec, status: ProcessStatus) -> bool:
     """Return whether a process has ended or failed and the supervisor does not restart it. A task that ended with exit code 0
     does not count.
     """
-    return status.state in ENDED and not is_served(spec, status)
+    return status.state in ENDED and not is_usable(spec, status)
 
 
 def lost(plan: Plan, statuses: Statuses) -> str:
@@ -94,10 +94,11 @@ def lost(plan: Plan, statuses: Statuses) -> str:
 
 
 def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[str, str]:
-    """Return simulated vehicle -> reason why it certainly does not fly, even if its autopilot never reports `disarmed`.
+    """Return simulated vehicle -> reason why this vehicle cannot fly, so that the run does not wait until it is disarmed.
 
-    The reason is that its PX4 has ended, or that it is on the floor of the world and has crashed or gets no motor commands.
-    Real vehicles are never listed, because for them only the report of their autopilot counts.
+    The autopilot of such a vehicle may never report `disarmed`: its PX4 has ended, or the vehicle is on the floor of the world and
+    has crashed or gets no motor commands. Real vehicles are never listed, because for them only the report of their autopilot
+    counts.
     """
     worlds = [stats.get(s.name, {}) for s in plan.processes if s.kind == "world"]
     dead = {s.vehicle for s in plan.processes if s.kind == "px4" and is_dead(s, statuses[s.name])}
@@ -176,14 +177,21 @@ def may_fly(
 
 
 def armed(plan: Plan, statuses: Statuses, facts: Mapping[str, Any], stats: Stats = _NO_STATS) -> set[str]:
-    """Return the vehicles that a running process reports as armed: the router, or the link of a real vehicle."""
+    """Return the armed vehicles, as the router reports them, and for real vehicles also their link processes.
+
+    Reports of processes that have ended do not count.
+    """
     found = {v.name for v in plan.vehicles if facts.get(f"{v.name}.armed") is True}
     links = [s for s in plan.processes if s.kind == "link" and statuses[s.name].state in ALIVE]
     return found | {s.vehicle for s in links if s.vehicle and stats.get(s.name, {}).get("armed") is True}
 
 
 def with_pilot(plan: Plan, facts: Mapping[str, Any], last_facts: Mapping[str, Any]) -> set[str]:
-    """Return the real vehicles whose pilot has control. If no process reports it now, the last report counts."""
+    """Return the real vehicles whose pilot has control.
+
+    facts: facts from processes that still run.
+    last_facts: last value of every fact. It counts for a vehicle if no running process reports who has control.
+    """
     real = [v.name for v in plan.vehicles if not v.simulated]
     names = {name: f"{name}.control" for name in real}
     return {name for name, fact in names.items() if facts.get(fact, last_facts.get(fact)) == "pilot"}
@@ -195,8 +203,9 @@ _RESTARTED_IN_LANDING = frozenset({"mocap", "link", "forward", "router"})
 
 
 def kept_in_landing(plan: Plan, statuses: Statuses) -> frozenset[str]:
-    """Return the processes that are restarted if they end during the landing, because vehicles need them to land. A
-    process that has never started is not included.
+    """Return the processes that are restarted if they end during the landing, because vehicles need them to land.
+
+    A process that has never started is not included.
     """
     return frozenset(
         s.name for s in plan.processes if s.kind in _RESTARTED_IN_LANDING and statuses[s.name].started
@@ -204,9 +213,9 @@ def kept_in_landing(plan: Plan, statuses: Statuses) -> frozenset[str]:
 
 
 def serving_real(plan: Plan, vehicles: Collection[str]) -> frozenset[str]:
-    """Return the processes that serve one of these vehicles: those of the vehicle, and those of the whole arena.
+    """Return the processes that these real vehicles need to fly and to land: those of each vehicle, and those of the whole arena.
 
-    vehicles: names of real vehicles; simulated vehicles in it are ignored.
+    vehicles: names of vehicles; simulated vehicles are ignored.
     """
     real = {v.name for v in plan.vehicles if not v.simulated} & set(vehicles)
     if not real:

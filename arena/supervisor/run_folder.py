@@ -115,7 +115,9 @@ class RunFolder:
         return text.replace("{run}", str(self.path)).replace("{rt}", str(self.rt))
 
     def spec(self, spec: ProcessSpec) -> ProcessSpec:
-        """Return a copy of a process's `spec` in which `{run}` and `{rt}` are replaced by the folders of this run."""
+        """Return the spec of a process (command, environment, limits) with the placeholders `{run}` and `{rt}` replaced by the
+        folders of this run.
+        """
         return dataclasses.replace(
             spec,
             argv=tuple(map(self.fill, spec.argv)),
@@ -298,7 +300,7 @@ def _endings() -> list[str]:
 
 
 def _slice_path(path: Path, name: str) -> Path:
-    """Return the path of the configuration file of a process. path: the run folder."""
+    """Return the path of a slice, the JSON configuration file of one process. path: the run folder.  name: name of the slice."""
     return path / "slices" / (name if name.endswith(".json") else f"{name}.json")
 
 

@@ -22,7 +22,10 @@ class Show(Protocol):
         """Return for how long the output has not been accepted [s]. now: monotonic [s]."""
 
     def started(self, failed: list[str]) -> None:
-        """Report that all processes were started. failed: one text per process that failed to start."""
+        """Report that the start of the arena is complete: each process is ready or has failed.
+
+        failed: one text per process that has failed.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,7 @@
-"""The end of a run: lands the vehicles, then stops the processes in an order that keeps every armed vehicle served.
+"""The end of a run: lands the vehicles, then stops the processes. Processes that an armed vehicle needs are stopped last.
 
-In LAND, crashed or hung processes that serve vehicles are restarted as in flight. In STOP, programs, tools, loggers and the
+A process serves a vehicle if the vehicle needs it to fly and to land: world, motion capture, PX4, link, pose forwarder, router.
+In the phase LAND, a serving process that crashes or hangs is restarted. In the phase STOP, programs, tools, loggers and the
 copilot are stopped first. The processes that serve a real vehicle are stopped SETTLE_S after them, and only while the vehicle
 is disarmed. If a vehicle becomes armed in STOP, the run returns to LAND.
 """
@@ -92,14 +93,16 @@ class Shutdown:
         self._processes.changed = True
 
     def begin(self, cause: Cause) -> None:
-        """Start the shutdown of the run: from now on only processes that serve vehicles are restarted, and arming is refused."""
+        """Start the shutdown of the run. From now on, arming is refused, and no process is started or restarted except those that
+        vehicles need to land.
+        """
         self._orders.starts_on, self._orders.why = False, f"the run ends: {cause}"
         self._keep_serving()
         packet = {"do": "refuse_arming", "why": "the run is ending"}
         self._processes.request(packet, to=guards(self._plan), standing=True)
 
     def _keep_serving(self) -> None:
-        """Restart processes that serve vehicles if they end, as in flight, until the landing has ended."""
+        """Request restarts of the processes that vehicles need to land, in case they end before the landing has ended."""
         self._orders.keep = run_end.kept_in_landing(self._plan, self._processes.statuses)
 
     def land(self, now: float) -> bool:
@@ -126,7 +129,12 @@ class Shutdown:
         return done
 
     def _real_only(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
-        """Return `flying` and `down` after moving the simulated vehicles to `down`, because `arena down --now` lands real vehicles only."""
+        """Return (`flying` without the simulated vehicles, `down` with the flying simulated vehicles added).
+
+        `arena down --now` lands real vehicles only, so the landing must not wait for a simulated vehicle.
+
+        flying: vehicles that may be in the air.  down: vehicle -> reason why the landing does not wait for the vehicle.
+        """
         simulated = {v.name for v in self._plan.vehicles if v.simulated}
         left = simulated & set(flying)
         if left:
@@ -149,7 +157,7 @@ class Shutdown:
         return True
 
     def _revive(self, vehicles: set[str]) -> None:
-        """Restart the processes that serve these vehicles and have been stopped already."""
+        """Restart the processes that these vehicles need to land, if they have been stopped already."""
         serving = {s.name for s in self._plan.processes if (s.vehicle or "") in {"", *vehicles}}
         needed = self._orders.keep & serving if vehicles else frozenset()
         self._orders.stop -= needed

@@ -105,7 +105,7 @@ def _may_fly(plan: Plan | None, left: set[str]) -> bool:
 
 
 def _end_supervisor(state: RunState) -> None:
-    """Kill the supervisor. The kernel then kills the user programs and tools, which must not outlive the supervisor."""
+    """Kill the supervisor. The kernel then kills the user programs and the YAML's `tools`, by their parent-death signal."""
     deadline = time.monotonic() + _GRACE_S
     while state.live and time.monotonic() < deadline:
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -114,10 +114,12 @@ def _end_supervisor(state: RunState) -> None:
 
 
 def _end(state: RunState, plan: Plan | None, say: Say, land: Callable[[], bool]) -> None:
-    """End user programs and tools first, then the other processes. Kill the processes that do not end in time.
+    """End user programs and the YAML's `tools` first, then the other processes. Kill the processes that do not end in time.
 
-    land: function that lands the vehicles again and returns whether the landing is confirmed. A process that serves a real
-        vehicle does not end while the vehicle is armed, so it is killed only after another confirmed landing.
+    A process that a real vehicle needs to fly does not end while the vehicle is armed. It is killed only after another confirmed
+    landing.
+
+    land: function that lands the vehicles again and returns whether the landing is confirmed.
     Raises RunError if that landing is not confirmed.
     """
     specs = plan.processes if plan is not None else ()

@@ -77,9 +77,7 @@ class Lines:
         """Do nothing: output as single lines has no table to redraw."""
 
     def started(self, failed: list[str]) -> None:
-        """Do nothing at the end of the start. The output of `arena up --detach` overrides this method and reports the end of
-        the start.
-        """
+        """Do nothing when the start of the arena is complete. The output of `arena up --detach` overrides this method."""
 
     def close(self) -> None:
         """Wait until everything is written. Lines may also be printed afterwards."""

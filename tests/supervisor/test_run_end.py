@@ -135,7 +135,7 @@ def test_run_is_lost_only_with_a_process_that_all_need():
     assert lost(plan, {**good, "one": GIVEN_UP}) == lost(plan, {**good, "none": GIVEN_UP}) == ""
 
 
-def test_task_is_served_after_exit_0():
+def test_task_is_usable_after_exit_0():
     plan = plan_of(spec("t", "x", kind="task", ready="started"), program("p", "x", needs=("t",)))
     assert lost(plan, {"t": DONE, "p": READY}) == ""
     assert lost(plan, {"t": FAILED, "p": READY}) != ""
