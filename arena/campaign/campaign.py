@@ -78,13 +78,17 @@ def fly_campaign(
 
 
 def _refuse_other(store: Store, listing: Listing) -> None:
-    """Raise InputError if the results in the folder are of another campaign, or of other versions of its files."""
+    """Raise InputError if the folder has results that cannot be compared with new flights.
+
+    They are results of another campaign, or of this campaign before one of its files was changed.
+    """
     before = store.listing()
     if before is None or not store.records():
         return
     if (before.name, before.kind) != (listing.name, listing.kind):
         raise InputError(
-            f"{store.folder}: has the results of the campaign {before.name!r}, got {listing.name!r}. Choose another --results"
+            f"{store.folder}: already has the results of another campaign: {before.name!r} ({before.kind}), not {listing.name!r} "
+            f"({listing.kind}). Choose another --results"
         )
     if changed := changed_inputs(before.inputs, listing.inputs):
         raise InputError(

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from arena.campaign.design import Flight
-from arena.campaign.measures import judged_vehicles, of_flight, of_vehicle
+from arena.campaign.measures import of_flight, of_vehicle, recorded_by_world
 from arena.campaign.store import Record
 from arena.errors import EXIT_OK, ArenaError
 from arena.recorder.flight_log import read_flight
@@ -83,11 +83,11 @@ def _fly_scenario(flight: Flight, folder: Path) -> tuple[str, list[str]]:
 
 
 def measured(run: Path) -> dict[str, dict[str, float | None]]:
-    """Return vehicle -> its measures, from the files of a run folder."""
-    judged = judged_vehicles(_outcome(run))
-    names = sorted({path.stem for path in (run / "csv").glob("*.csv")} | set(judged))
+    """Return vehicle -> its measures (see `MEASURES`, such as the tracking error), computed from the files of a run folder."""
+    recorded = recorded_by_world(_outcome(run))
+    names = sorted({path.stem for path in (run / "csv").glob("*.csv")} | set(recorded))
     return {
-        name: of_vehicle(read_flight(run / "csv" / f"{name}.csv"), judged.get(name, {})) for name in names
+        name: of_vehicle(read_flight(run / "csv" / f"{name}.csv"), recorded.get(name, {})) for name in names
     }
 
 

@@ -47,10 +47,10 @@ MEASURES = (
 )
 
 
-def of_vehicle(flight: Flight | None, judged: Mapping[str, Any]) -> dict[str, float | None]:
+def of_vehicle(flight: Flight | None, recorded: Mapping[str, Any]) -> dict[str, float | None]:
     """Return the measures of one vehicle; None for a measure without data.
 
-    flight: log of the vehicle.  judged: what the simulated world has recorded about the vehicle; {} if unknown.
+    flight: log of the vehicle.  recorded: values of this vehicle from `recorded_by_world`; {} if unknown.
     """
     found: dict[str, float | None] = dict.fromkeys((m.name for m in MEASURES), None)
     if flight is not None:
@@ -64,10 +64,10 @@ def of_vehicle(flight: Flight | None, judged: Mapping[str, Any]) -> dict[str, fl
             "estimate_max_m": made["estimator"]["pos_max_m"],
         }
     found |= {
-        "tilt_max_deg": judged.get("max_tilt_deg"),
-        "touchdown_m_s": judged.get("touchdown_m_s"),
-        "airborne_s": judged.get("airborne_s"),
-        "crashes": float(bool(judged["crashed"])) if "crashed" in judged else None,
+        "tilt_max_deg": recorded.get("max_tilt_deg"),
+        "touchdown_m_s": recorded.get("touchdown_m_s"),
+        "airborne_s": recorded.get("airborne_s"),
+        "crashes": float(bool(recorded["crashed"])) if "crashed" in recorded else None,
     }
     return found
 
@@ -84,8 +84,11 @@ def of_flight(vehicles: Mapping[str, Numbers]) -> dict[str, float | None]:
     return found
 
 
-def judged_vehicles(outcome: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
-    """Return vehicle -> what the simulated world has recorded about it, from the content of outcome.json."""
+def recorded_by_world(outcome: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
+    """Return vehicle -> values that the simulated world has recorded: crash, tilt, touchdown speed, time in the air.
+
+    outcome: content of outcome.json.
+    """
     stats = outcome.get("processes", {}).get("world", {}).get("stats") or {}
     found = stats.get("vehicles")
     return found if isinstance(found, dict) else {}

@@ -43,7 +43,10 @@ def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None
 
 
 def load(flight: Flight) -> Arena:
-    """Return the arena of a flight. Raises InputError if its files are wrong, or if a vehicle is real."""
+    """Load the YAML files of a flight with the flight's overrides. Return the arena that they describe.
+
+    Raises InputError if the files are wrong, or if a vehicle is real.
+    """
     if flight.kind == "arena":
         arena = load_arena(flight.file, flight.overrides)
     else:
@@ -62,28 +65,35 @@ def load(flight: Flight) -> Arena:
 
 
 def at_sweep(sweep: Sweep, flight: Flight, problem: Problem) -> Problem:
-    """Return the problem with the file and line of the sweep file, if a value of the sweep caused it; else unchanged."""
+    """Return the problem with the place of its cause: the file and line of the sweep file, if a value there caused the problem.
+
+    A problem of another file is returned unchanged.
+    """
     if not problem.file.startswith("--set"):
         return problem
     text = problem.file.removeprefix("--set").strip()
     said = f"{problem.field}: {problem.message}" if problem.field else problem.message
-    for path, override in reversed(list(_given(sweep, flight.settings))):
+    for path, override in reversed(list(_overrides_with_paths(sweep, flight.settings))):
         key = override.partition("=")[0].strip()
         inside = problem.field == key or problem.field.startswith((f"{key}.", f"{key}["))
-        if override == text or inside or (key.startswith("defaults.") and _of_default(key, problem.field)):
+        if override == text or inside or (key.startswith("defaults.") and _may_come_from(key, problem.field)):
             return sweep.source.problem(path, said)
     return replace(problem, file=sweep.file, line=1)
 
 
-def _of_default(key: str, field: str) -> bool:
-    """Return whether the key of one vehicle (`vehicles.uav1.mass`) can have its value from this key for all vehicles
-    (`defaults.mass`).
+def _may_come_from(default: str, field: str) -> bool:
+    """Return whether the wrong value of a field may come from a default for all vehicles.
+
+    default: key of the default, such as `defaults.mass`.  field: field with the wrong value, such as `vehicles.uav1.mass`.
     """
-    return field.split(".")[:1] == ["vehicles"] and field.split(".")[2:3] == key.split(".")[1:2]
+    return field.split(".")[:1] == ["vehicles"] and field.split(".")[2:3] == default.split(".")[1:2]
 
 
-def _given(sweep: Sweep, settings: Mapping[str, object]) -> Iterator[tuple[YamlPath, str]]:
-    """Yield (path in the sweep file, override) for every override of a flight."""
+def _overrides_with_paths(sweep: Sweep, settings: Mapping[str, object]) -> Iterator[tuple[YamlPath, str]]:
+    """Yield (keys in the sweep file that lead to a value, override that this value gives) for every override of a flight.
+
+    settings: setting -> its value in this flight.
+    """
     for i, text in enumerate(sweep.overrides):
         yield ("set", i), text
     for name, setting in sweep.settings.items():

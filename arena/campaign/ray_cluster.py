@@ -178,7 +178,10 @@ def check_address(address: str) -> None:
 
 
 def _answer(connection: socket.socket) -> bytes:
-    """Return the first bytes that a server answers to a client of HTTP/2, which Ray uses."""
+    """Send the first bytes of an HTTP/2 client. Return the first bytes of the answer.
+
+    Ray uses HTTP/2. The answer shows whether a Ray cluster or another server uses this address.
+    """
     connection.sendall(_HTTP2_GREETING)
     return connection.recv(9)
 

@@ -60,7 +60,9 @@ def problems_here(inputs: Mapping[str, str]) -> list[str]:
 
 
 def inputs_of(files: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """Return absolute path -> SHA-256 of the files of a campaign, and of the installed arena under the name `arena`.
+    """Return the files that must be the same on every computer of the cluster: absolute path -> SHA-256.
+
+    They are the files of the campaign and, under the key PACKAGE, the installed package `arena`.
 
     files: path relative to `folder` -> SHA-256.
     """
@@ -69,11 +71,14 @@ def inputs_of(files: Mapping[str, str], folder: Path) -> dict[str, str]:
 
 
 PACKAGE = "the installed arena"
-"""Name of the package `arena` in the list of files."""
+"""Key that represents all modules of the package `arena` among the paths of files."""
 
 
 def digests(paths: list[str]) -> dict[str, str]:
-    """Return path -> SHA-256 of each file; "" if it cannot be read. PACKAGE stands for all modules of arena."""
+    """Return path -> SHA-256 of the file; "" if the file cannot be read.
+
+    paths: paths of files. The key PACKAGE in this list gives one SHA-256 of all modules of the package `arena`.
+    """
     return {path: _package_digest() if path == PACKAGE else _digest(Path(path)) for path in paths}
 
 

@@ -26,8 +26,9 @@ def latin_hypercube(count: int, ranges: int, rng: np.random.Generator) -> Array:
 
 
 def in_range(share: Array, low: float, high: float, scale: Literal["linear", "log"]) -> Array:
-    """Return the values of a range at these shares: 0 is `low`, 1 is `high`.
+    """Convert points of [0, 1] to values from `low` to `high`.
 
+    share: points; 0 gives `low`, 1 gives `high`.
     scale: `log` interpolates the logarithm, so that equal shares have equal ratios.
     """
     if scale == "log":
@@ -36,7 +37,12 @@ def in_range(share: Array, low: float, high: float, scale: Literal["linear", "lo
 
 
 def whole_numbers(share: Array, low: float, high: float, scale: Literal["linear", "log"]) -> Array:
-    """Return integers from `low` to `high` at these shares in [0, 1); on a linear scale, all have the same probability."""
+    """Convert points of [0, 1) to integers from `low` to `high`.
+
+    share: points; 0 gives the lowest integer. On a linear scale, uniformly distributed points give all integers with the same
+        probability.
+    scale: as in `in_range`.
+    """
     first, last = np.ceil(low), np.floor(high)
     if scale == "log":
         return np.asarray(np.clip(np.round(in_range(share, low, high, "log")), first, last))

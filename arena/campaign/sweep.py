@@ -158,7 +158,10 @@ def load_sweep(path: str | Path) -> Sweep:
 
 
 def _problems(model: SweepFile, source: Source, pruned: set[YamlPath]) -> Iterator[Problem]:
-    """Yield the problems that involve several keys. pruned: paths of values that are already reported."""
+    """Yield the problems that involve several keys.
+
+    pruned: paths of the wrong values that were removed, and whose problems are already known. They cause no second problem.
+    """
     if (model.arena is None) == (model.scenario is None) and not {("arena",), ("scenario",)} & pruned:
         got = "both" if model.arena else "neither"
         at: YamlPath = ("scenario",) if model.arena else ()

@@ -66,7 +66,7 @@ class Dynamics(Protocol):
         ...
 
     def scale_thrust(self, vehicle: int, rotor: int, share: float) -> None:
-        """Scale thrust and torque of one rotor. The rotor speed still follows commands.
+        """Simulate a damaged rotor: reduce its thrust and torque. The speed of the rotor still follows the motor command.
 
         share: remaining share of the thrust 0..1 [-]
         """

@@ -95,7 +95,9 @@ class Rotors:
         per_thrust = np.array([1.0 / g["thrust_n_s2"] for g in given])
         array(self.law.speed_table)[:] = np.sqrt(array(self.law.thrust_table) * per_thrust[:, None])
         moment = np.array([g["moment_kg_m2"] for g in given]) / step_s
-        array(self.law.spin_up)[:] = moment[:, None] * np.stack([turning(p, self.rotors) for p in profiles])
+        array(self.law.spin_up)[:] = moment[:, None] * np.stack(
+            [reaction_sign(p, self.rotors) for p in profiles]
+        )
 
     def _read_drag(self, profiles: Sequence[Profile]) -> None:
         array(self.law.drag)[:] = [p.get("drag_kg_s", (0.2, 0.2, 0.2)) for p in profiles]
@@ -109,7 +111,7 @@ class Rotors:
             array(self.law.ground_scale)[i], array(self.law.ground_reach)[i] = scale, reach
 
     def scale_thrust(self, vehicle: int, rotor: int, share: float) -> None:
-        """Scale thrust and torque of one rotor. The rotor speed still follows commands.
+        """Simulate a damaged rotor: reduce its thrust and torque. The speed of the rotor still follows the motor command.
 
         share: remaining share of the thrust 0..1 [-]
         """
@@ -137,8 +139,10 @@ class Rotors:
         return np.asarray(-(self.wrench[:, 3] * np.stack(each)).sum(1))
 
 
-def turning(profile: Profile, columns: int) -> Array:
-    """Return the sense of the torque on the body about its z axis when a rotor gains speed: 1 for ccw, -1 for cw (columns,).
+def reaction_sign(profile: Profile, columns: int) -> Array:
+    """Return the sign of the torque about the body's z axis [FRD] that acts on the body when a rotor gains speed (columns,).
+
+    The sign is 1 for a rotor that turns ccw seen from above, and -1 for cw.
 
     columns: number of columns, at least the number of rotors; the columns of missing rotors are zero
     """

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from arena.campaign import progress, report, table
 from arena.campaign.fly import measured
-from arena.campaign.measures import judged_vehicles, of_flight, of_vehicle
+from arena.campaign.measures import of_flight, of_vehicle, recorded_by_world
 from arena.campaign.store import Listing, Record
 
 from .conftest import record
@@ -39,7 +39,7 @@ def test_vehicle_without_log_has_what_the_world_recorded() -> None:
 
 
 def test_outcome_without_a_world_has_no_vehicles() -> None:
-    assert judged_vehicles({}) == {} == judged_vehicles({"processes": {"world": {"stats": None}}})
+    assert recorded_by_world({}) == {} == recorded_by_world({"processes": {"world": {"stats": None}}})
 
 
 def test_run_folder_without_files_has_no_measures(tmp_path: Path) -> None:

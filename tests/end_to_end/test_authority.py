@@ -28,7 +28,9 @@ def test_restarted_program_flies_again_only_after_release(hangar: Hangar) -> Non
     flight.until_up(0.5)
     nothing = flight.cli("release", "uav1")
     assert nothing.returncode == 1
-    assert "uav1: nothing to release: programs may already fly this vehicle (control: program)" in nothing.stderr
+    assert (
+        "uav1: nothing to release: programs may already fly this vehicle (control: program)" in nothing.stderr
+    )
     assert flight.cli("land-all", limit_s=90.0).returncode == 0
     flight.until_said("uav1: land-all has control: landing, until `arena release`", 10)
     flight.until_event("program.uav1", "EXITED", 30)  # it lost its vehicle
