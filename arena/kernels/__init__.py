@@ -47,7 +47,10 @@ def why_interpreted(folder: Path = _FOLDER) -> str | None:
 
 
 class _SourceFinder(MetaPathFinder):
-    """Finds the Python source of kernels. Without it, Python would import compiled modules of other sources."""
+    """Import hook that makes Python import the source of each kernel.
+
+    Without this hook, Python would prefer a compiled module, even if it was compiled from older source.
+    """
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None

@@ -1,6 +1,6 @@
-"""Arrays of the kernels: views that a loop reads and writes element by element.
+"""Views (Python's `memoryview`) of numpy arrays, through which the kernels read and write single elements.
 
-An interpreted kernel reads Python floats from such a view, which is twice as fast as reading elements of a numpy
+An interpreted kernel reads Python floats from a view, which is twice as fast as reading elements of a numpy
 array. A compiled kernel reads the memory directly. The numpy array and its view share the memory.
 """
 

@@ -20,7 +20,7 @@ class AttitudeLaw:
     rate_limit: limit of each body rate [rad/s] (V, 3)
     q_nb, r_nb: input: attitude [-] wxyz (V, 4) and its rotation matrix (V, 3, 3)
     q_sp: input: attitude setpoint [-] wxyz (V, 4)
-    yaw_rate: input: feed-forward rotation about the down axis [rad/s] (V,)
+    yaw_rate: input: feed-forward rate about the down axis of NED [rad/s] (V,)
     rates: output: body rate setpoint [rad/s] [FRD] (V, 3)
     """
 
@@ -57,7 +57,11 @@ class AttitudeLaw:
         self._set_rate(i, 2, 2.0 * limits.length(w, z) * math.sin(kept), feed)
 
     def _set_rate(self, i: int, axis: int, error: float, feed: float) -> None:
-        """Set one body rate of vehicle i from the attitude error about this axis and the rotation `feed` about the down axis."""
+        """Set the body rate setpoint of vehicle i about one body axis.
+
+        error: attitude error about this axis: twice the element of the error quaternion [-]
+        feed: feed-forward rate about the down axis of NED [rad/s]
+        """
         most = self.rate_limit[i, axis]
         # The last row of the rotation matrix is the down axis in body axes.
         rate = error * self.gain[i, axis] + self.r_nb[i, 2, axis] * feed

@@ -1,4 +1,8 @@
-"""Cascade of the controllers: runs them in order, and selects their setpoints by the level of each vehicle's setpoint."""
+"""Cascade of the position, attitude and rate controllers.
+
+The level of a setpoint is the controller that receives the setpoint. The setpoint of each later controller is the output of
+the controller before it.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +22,11 @@ ATTITUDE, POSITION = 2, 3
 class CascadeLaw:
     """Position, attitude and rate controller of V vehicles.
 
-    level: level of each vehicle's setpoint (V,)
+    level: controller that receives each vehicle's setpoint: POSITION, ATTITUDE, or less for the rate controller (V,)
     q_nb, omega_b, thrust: given setpoints of attitude wxyz (V, 4), body rates [rad/s] [FRD] (V, 3) and collective
         thrust 0..1 (V,)
-    yaw_rate, yaw_rate_ff: given yaw rate at position level, NaN if not given, and at the other levels [rad/s] (V,)
+    yaw_rate: yaw rate given with a position setpoint, NaN if not given [rad/s] (V,)
+    yaw_rate_ff: yaw rate that is used otherwise: given with an attitude setpoint, else 0 [rad/s] (V,)
     selected_thrust: output: collective thrust 0..1 (V,)
     """
 
@@ -64,8 +69,8 @@ class CascadeLaw:
         self.rate.step()
 
     def _select_attitude(self, i: int) -> None:
-        """Set attitude setpoint and thrust of vehicle i. At position level they come from the position controller, else from
-        the arrays of setpoints.
+        """Set attitude setpoint and thrust of vehicle i: the output of the position controller if the vehicle has a position
+        setpoint, else the values given in `q_nb` and `thrust`.
         """
         by_position = self.level[i] == POSITION
         self.selected_thrust[i] = self.position.thrust[i] if by_position else self.thrust[i]

@@ -48,14 +48,13 @@ class Clearance:
         self._need, self._spare = floats(len(free)), 0.0
 
     def reset(self) -> None:
-        """Make the next check measure all distances. Call this when a body was placed elsewhere."""
+        """Make the next `check` measure all distances. Call this after a body was placed elsewhere."""
         self._spare = 0.0
 
     def check(self) -> bool:
-        """Update `free`, which is true for the bodies that nothing can touch in the next period. Return whether it may have
-        changed.
+        """Update `free` for the next period. Return False if `free` has certainly not changed.
 
-        The distances are not measured while all bodies together cannot have used up the smallest one.
+        The distances are measured only if the bodies may have moved so far that the smallest spare distance is used up.
         """
         most = 0.0
         for i in range(len(self.free)):
@@ -70,7 +69,7 @@ class Clearance:
         return True
 
     def _measure(self) -> None:
-        """Measure all distances. Set `free`, and the smallest distance that is left after each body gets the space that it needs."""
+        """Measure all distances. Set `free`, and `_spare`: the smallest distance minus the space that its bodies need."""
         count = len(self.free)
         for i in range(count):
             self._need[i] = (_MARGIN_M if self.free[i] else _RETURN_M) + self.radius[i] + self._reach[i]
@@ -85,7 +84,10 @@ class Clearance:
                     self.free[j] = False
 
     def _use(self, i: int, spare: float) -> None:
-        """Take one distance of body i into account. spare: the distance minus the space that the body needs [m]."""
+        """Update `_spare` with one distance of body i. Without spare distance the body is not free.
+
+        spare: the distance minus the space that its bodies need [m]
+        """
         self._spare = min(self._spare, spare)
         if spare <= 0.0:
             self.free[i] = False

@@ -90,7 +90,7 @@ class ControlAllocation:
         return share
 
     def _limit(self, i: int) -> None:
-        """Reduce the commands of vehicle i equally until none exceeds 1, then limit each command to 0..1."""
+        """Subtract the same number from all commands of vehicle i, so that none exceeds 1. Then limit each command to 0..1."""
         commands, most = self._tilt, 1.0
         for k in range(len(commands)):
             most = max(most, commands[k])

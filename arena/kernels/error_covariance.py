@@ -49,7 +49,11 @@ class ErrorCovariance:
             self.summed = 0
 
     def _predict(self, i: int) -> None:
-        """Replace the covariance P of vehicle i by F P F' plus growth; F is the error dynamics of one prediction period."""
+        """Predict the covariance P of vehicle i: replace P by F P F^T + Q.
+
+        F: matrix that advances the error state by one prediction period
+        Q: diagonal matrix of the variances `growth`
+        """
         cov, x = self.cov, self._column
         for k in range(15):
             for j in range(15):
@@ -70,9 +74,10 @@ class ErrorCovariance:
             self.force_sum[i, k] = self.omega_sum[i, k] = 0.0
 
     def _advance_error(self, i: int) -> None:
-        """Advance the error of vehicle i in `_column` by one prediction period. This is the multiplication by the matrix F.
+        """Multiply the error state in `_column` by the matrix F of vehicle i, which advances it by one prediction period.
 
-        dp' = v, dv' = -R (f x th + dba), dth' = -w x th - dbg, with specific force f and body rates w.
+        Derivatives: dp' = dv, dv' = -R (f x dth + dba), dth' = -w x dth - dbg, with specific force f, body rates w, and the
+        errors of position dp, velocity dv, attitude dth, gyroscope bias dbg and accelerometer bias dba.
         """
         x, r, dt, period = self._column, self.r_nb, self.dt, self.dt * self.samples
         fx, fy, fz = self.force_sum[i, 0] * dt, self.force_sum[i, 1] * dt, self.force_sum[i, 2] * dt

@@ -40,7 +40,8 @@ class FlightWatch:
     def step(self) -> bool:
         """Update the records of all vehicles. Return whether a vehicle has touched down, lifted off or tilted too far.
 
-        The caller reads from `floor` and `was_on_floor` which it is, then calls `finish`.
+        The caller finds these vehicles by comparing `floor` with `was_on_floor`, and the tilt with `min_cos_tilt`. After that
+        the caller calls `finish`.
         """
         news = False
         for i in range(len(self.floor)):
@@ -57,6 +58,6 @@ class FlightWatch:
         return news
 
     def finish(self) -> None:
-        """Store the contacts with the floor for the next step."""
+        """Copy `floor` to `was_on_floor`, so that the next step detects touchdowns and lift-offs."""
         for i in range(len(self.floor)):
             self.was_on_floor[i] = self.floor[i]

@@ -61,21 +61,23 @@ class FreeFlight:
         self.air_b, self.height, self.accel_b = floats(v, 3), floats(v), floats(v, 3)
 
     def begin(self) -> None:
-        """Begin a sensor period: clear `accel_b`, and compute `air_b` with the wind of this period."""
+        """Prepare a sensor period: set the sum `accel_b` to zero, and compute the airspeed `air_b` with the new wind."""
         for i in range(len(self.free)):
             for k in range(3):
                 self.accel_b[i, k] = 0.0
             self._set_air(i)
 
     def step(self) -> None:
-        """Move the bodies in free flight by one step. Call `finish` after the caller has moved all other bodies, too."""
+        """Move the bodies in free flight by one step. The caller moves the other bodies, and calls `finish` after that."""
         for i in range(len(self.free)):
             if self.free[i]:
                 self._accelerate(i)
                 self._move(i)
 
     def finish(self) -> None:
-        """Add the specific force of the step to `accel_b`, and compute the other outputs from the new state."""
+        """Update the outputs of all bodies after a step: add the specific force of the step to `accel_b`, and compute the other
+        outputs from the new state.
+        """
         for i in range(len(self.free)):
             h, speed, before = self.step_s, self.speed_w, self.v_n
             north, east = (speed[i, 1] - before[i, 0]) / h, (speed[i, 0] - before[i, 1]) / h
@@ -103,9 +105,9 @@ class FreeFlight:
         self.q_nb[i, 2], self.q_nb[i, 3] = _HALF_ROOT * (x - y), _HALF_ROOT * (w - z)
 
     def _accelerate(self, i: int) -> None:
-        """Change the velocities of body i by the wrench, the gyroscopic torque and gravity.
+        """Apply wrench, gyroscopic torque and gravity to the velocities of body i for one step.
 
-        pybullet rotates wrench and velocity to the world and back, and accelerates in the moving axes. This only rounds.
+        The wrench and the velocities are rotated to the world and back, as in pybullet. This changes only the rounding.
         """
         m, f, t = self.mass[i], self.force_b, self.torque_b
         push = self._world_from_body(i, (f[i, 0], -f[i, 1], -f[i, 2]))
@@ -131,14 +133,18 @@ class FreeFlight:
         )
 
     def _add(self, i: int, velocity: Floats, accel: Triple) -> None:
-        """Add an acceleration, given in body axes FLU, times the duration of a step to a velocity in the world."""
+        """Add the change that an acceleration causes in one step to the velocity of body i.
+
+        velocity: velocities or angular velocities of all bodies, in the world with z up (V, 3)
+        accel: acceleration or angular acceleration in body axes FLU
+        """
         change = self._world_from_body(i, accel)
         velocity[i, 0] = limits.within(velocity[i, 0] + change[0] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
         velocity[i, 1] = limits.within(velocity[i, 1] + change[1] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
         velocity[i, 2] = limits.within(velocity[i, 2] + change[2] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
 
     def _move(self, i: int) -> None:
-        """Change position and attitude of body i by its velocities."""
+        """Move and rotate body i for one step with its velocity and angular velocity."""
         h, rate, q = self.step_s, self.rate_w, self.quat
         for k in range(3):
             self.place_w[i, k] += h * self.speed_w[i, k]
@@ -163,7 +169,7 @@ class FreeFlight:
             self.air_b[i, k] = self._to_body(i, k, north, east, down)
 
     def _to_body(self, i: int, k: int, north: float, east: float, down: float) -> float:
-        """Return element k of a vector in body axes FRD, by its elements in NED."""
+        """Convert a vector from NED to body axes FRD of body i. Return element k of the converted vector."""
         return self.r_nb[i, 0, k] * north + self.r_nb[i, 1, k] * east + self.r_nb[i, 2, k] * down
 
     def _world_from_body(self, i: int, v: Triple) -> Triple:
@@ -173,14 +179,14 @@ class FreeFlight:
         return self._column_times(i, 0, v), self._column_times(i, 1, v), self._column_times(i, 2, v)
 
     def _row_times(self, i: int, k: int, v: Triple) -> float:
-        """Return the product of row k of the attitude's matrix and a vector."""
+        """Return the product of row k of the rotation matrix of body i and a vector."""
         return self._r_wf[i, k, 0] * v[0] + self._r_wf[i, k, 1] * v[1] + self._r_wf[i, k, 2] * v[2]
 
     def _column_times(self, i: int, k: int, v: Triple) -> float:
         return self._r_wf[i, 0, k] * v[0] + self._r_wf[i, 1, k] * v[1] + self._r_wf[i, 2, k] * v[2]
 
     def _set_matrix(self, i: int) -> None:
-        """Compute the matrix of the attitude of body i."""
+        """Compute the rotation matrix of body i from its quaternion."""
         r, x, y, z, w = self._r_wf, self.quat[i, 0], self.quat[i, 1], self.quat[i, 2], self.quat[i, 3]
         scale = 2.0 / (x * x + y * y + z * z + w * w)
         xs, ys, zs = x * scale, y * scale, z * scale
@@ -195,7 +201,11 @@ def cross(a: Triple, b: Triple) -> Triple:
 
 
 def sine_share(rate: float, h: float) -> float:
-    """Return sin(rate h / 2) / rate [s]: the factor from an angular velocity to the vector part of a quaternion."""
+    """Return sin(rate * h / 2) / rate [s]. An angular velocity times this factor is the vector part of its rotation's quaternion.
+
+    rate: size of the angular velocity [rad/s]
+    h: duration of the rotation [s]
+    """
     if rate < _SMALL_RATE:
         return 0.5 * h - (h * h * h) * _SERIES * rate * rate
     return math.sin(0.5 * rate * h) / rate

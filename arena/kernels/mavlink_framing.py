@@ -28,7 +28,7 @@ _new = tuple.__new__  # a NamedTuple's constructor costs twice as much, and ther
 
 
 class FrameParser:
-    """Parser of datagrams.
+    """Finds the MAVLink frames in datagrams. Each datagram is parsed independently of the others.
 
     seeds: message id -> seed byte CRC_EXTRA, as bytes
     targets: message id -> (payload offset of target_system, of target_component or -1)
@@ -102,10 +102,12 @@ class FrameParser:
 
 
 def plausible(data: bytes, frame: Fields, clean: bool, size: int) -> bool:
-    """Return whether to accept a frame of an unknown message. The CRC of such a frame cannot be checked, so the
-    bytes before and after it must belong to frames.
+    """Return whether to accept a frame of an unknown message, whose CRC cannot be checked.
 
-    clean: all earlier bytes of the datagram belong to frames
+    The frame must follow directly after another frame or at the begin of the datagram, another frame or the end of the
+    datagram must follow directly, and the system id must not be 0.
+
+    clean: True if all earlier bytes of the datagram belong to frames
     size: number of bytes of `data`
     """
     end = frame[1]

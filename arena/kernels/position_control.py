@@ -97,7 +97,7 @@ class PositionLaw:
         return wanted if math.isfinite(wanted) else 0.0
 
     def _feed_forward(self, i: int, axis: int) -> float:
-        """Return the velocity setpoint that was given [m/s], 0 if none was given."""
+        """Return the given velocity setpoint of an axis [m/s], 0 if none was given."""
         return self.sp_v_n[i, axis] if math.isfinite(self.sp_v_n[i, axis]) else 0.0
 
     def _is_controlled(self, i: int, axis: int) -> bool:
@@ -116,7 +116,7 @@ class PositionLaw:
         self.a_sp_n[i, axis] = accel + (given if math.isfinite(given) else 0.0)
 
     def _set_thrust(self, i: int) -> float:
-        """Compute the thrust vector of vehicle i. Return its vertical part before the limit [-].
+        """Compute the thrust vector of vehicle i. Return the vertical thrust before it was limited [-] [NED], for `_integrate`.
 
         The tilt is limited first. Vertical thrust has priority over horizontal thrust, except for a margin of
         MPC_THR_XY_MARG for horizontal thrust.

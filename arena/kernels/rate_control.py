@@ -46,7 +46,10 @@ class RateLaw:
             self.torque[i, 2] = self.yaw_torque[i]
 
     def _torque(self, i: int, axis: int) -> float:
-        """Return the torque about one axis of vehicle i before the yaw filter, and update its filters and integral."""
+        """Return the torque about one axis of vehicle i [-], and update the filters and the integral of this axis.
+
+        The low-pass filter of the yaw torque is not applied yet.
+        """
         last, integral = self.rate[i, axis], self.integral[i, axis]
         rate = last + self.low_pass[i, 0] * (self.omega_b[i, axis] - last)
         self.rate[i, axis] = rate

@@ -94,9 +94,9 @@ class RotorDynamics:
         return self._at(self.ground_table, i, place, self.ground_cells)
 
     def _at(self, table: Floats, i: int, place: float, cells: int) -> float:
-        """Return the value of row i of a table at a place between its cells, by linear interpolation.
+        """Return a value of row i of a table. Between two cells of the row, interpolate linearly.
 
-        place: index in the row, with a fraction 0..cells
+        place: index of the value in the row, 0..cells, with a fraction
         """
         cell = int(place)
         low = table[i, cell]

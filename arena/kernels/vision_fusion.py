@@ -30,7 +30,8 @@ class VisionFusion:
     delay_s: EKF2_EV_DELAY [s] (V,)
     least_variance: least variance of position [m2] and yaw [rad2] (V, 4)
     gate_squared: squared gates of position and yaw [-] (V, 2)
-    gate_var: variance of each gate at its first rejection, infinite if passed [m2] [rad2] (V, 4)
+    gate_var: upper limit of the innovation variance in the gate test: the variance at the first rejection, infinite after an
+        accepted innovation [m2] [rad2] (V, 4)
     rejected: output: number of rejected samples (V,)
     rejected_since: output: time of the first of the latest rejections in a row, infinite if accepted [s] (V,)
     test_ratio: output: squared innovation divided by its gate, for position and yaw [-] (V, 2)
@@ -80,9 +81,9 @@ class VisionFusion:
         self._gate(i, has_yaw, now)
 
     def _set_measurement(self, i: int, pose: Floats, row: int, age_s: float) -> None:
-        """Set the derivatives and the noise of the four measurements (position and yaw) of vehicle i.
+        """Set the Jacobian and the noise variance of the four measurements of vehicle i: position and yaw.
 
-        The sample arrived at any time of the period: half a period old on average, with a variance of dt^2 / 12.
+        The pose arrived at an unknown time of the IMU period dt: on average half a period ago, with a variance of dt^2 / 12.
         """
         state, jitter = self.state, self.state.dt * self.state.dt / 12.0
         for k in range(3):
@@ -132,13 +133,17 @@ class VisionFusion:
         self.state.correct(i, self.covariance.error, past_states)
 
     def _ratio(self, i: int, k: int) -> float:
-        """Return the squared innovation k of vehicle i divided by the variance of its gate [-]; infinite if this ratio is not finite."""
+        """Return the squared innovation k of vehicle i divided by its variance [-]; infinite if this ratio is not finite.
+
+        The variance is limited to `gate_var`.
+        """
         innovation = self.innovation[i, k]
         ratio = innovation * innovation / min(self.innovation_var[i, k], self.gate_var[i, k])
         return ratio if math.isfinite(ratio) else _INFINITE
 
     def _move_gate(self, i: int, k: int, passed: bool) -> None:
-        """Store the variance of the gate that has rejected innovation k of vehicle i, so that the gate stays as narrow. Reset
-        it after an accepted innovation.
+        """Set `gate_var` of innovation k of vehicle i after its gate test.
+
+        While poses are rejected, the variance of the innovations grows. The stored variance limits it, so the gate does not widen.
         """
         self.gate_var[i, k] = _INFINITE if passed else min(self.innovation_var[i, k], self.gate_var[i, k])
