@@ -34,6 +34,13 @@ _HUNG_S = 1.0
 _ENDED = "the world that serves the simulation clock has ended"
 
 
+def _no_clock(path: str | Path, error: OSError) -> str:
+    return (
+        f"cannot open the simulation clock {path}: {error.strerror}. The clock exists only during a run. Start the run "
+        "with `arena up`, or correct the path of the clock (`--clock` of a program)"
+    )
+
+
 class Clock(Protocol):
     """Interface of all clocks. The time `now` [s] never decreases, and its zero is arbitrary."""
 
@@ -76,7 +83,7 @@ class WallClock:
 class SimTime:
     """Simulation time, for programs that only read the time and never sleep.
 
-    path: the page is the file `<path>.page`.
+    path: path of the clock's files without the suffix: the shared memory is `<path>.page`
     page: memory of the page; its first number is the simulation time [s]
     Raises RunError if there is no world. After the world has ended the time does not change.
     """
@@ -86,14 +93,14 @@ class SimTime:
             with Path(f"{path}.page").open("rb") as file:
                 self.page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES, prot=mmap.PROT_READ)).cast("d")
         except OSError as error:
-            raise RunError(f"no simulation clock at {path} ({error.strerror}): is the arena up?") from error
+            raise RunError(_no_clock(path, error)) from error
 
     def now(self) -> float:
         return self.page[0]
 
     @property
     def lockstep(self) -> bool:
-        """True if simulation time stands still while a client of the clock is awake."""
+        """True if the world waits for the clients of the clock: simulation time advances only while all clients sleep."""
         return self.page[1] == 1.0
 
 
@@ -106,7 +113,7 @@ class LockstepClock(ABC):
     @property
     @abstractmethod
     def lockstep(self) -> bool:
-        """True if simulation time stands still while a client of the clock is awake."""
+        """True if the world waits for the clients of the clock: simulation time advances only while all clients sleep."""
 
     @abstractmethod
     def now(self) -> float:
@@ -137,9 +144,10 @@ class LockstepClock(ABC):
 
 
 class SimClock(LockstepClock):
-    """Client of the simulation clock, for programs that sleep in simulation time. path: name of the shared
-    memory without `.page`, and of the socket without `.sock`.
+    """Client of the simulation clock, for programs that sleep in simulation time.
 
+    path: path of the clock's files without the suffix: `<path>.page` (shared memory) and `<path>.sock` (socket)
+    name: name of this client, by which the world waits for it
     Raises RunError if there is no world, or if the world ends during a sleep.
     """
 
@@ -151,7 +159,7 @@ class SimClock(LockstepClock):
             self._socket.connect(f"{path}.sock")
             self._socket.send(name.encode())
         except OSError as error:
-            raise RunError(f"no simulation clock at {path} ({error.strerror}): is the arena up?") from error
+            raise RunError(_no_clock(path, error)) from error
 
     @property
     def lockstep(self) -> bool:
@@ -226,7 +234,8 @@ class SimClock(LockstepClock):
 class _Client:
     """Connection of the clock server to one client, a process that sleeps in simulation time.
 
-    wake: requested wake-up time [s], None while the client is awake. gates: the world waits for this client.
+    wake: requested wake-up time [s]; None while the client is awake
+    gates: in lockstep, the world waits while this client is awake
     """
 
     def __init__(self, connection: socket.socket) -> None:
@@ -252,7 +261,7 @@ class ClockServer:
 
     lockstep: the world waits for the clients (see `SimTime.lockstep`).
     dropped: names of the clients for which the world no longer waits.
-    joined: names of the clients that have slept on this clock at least once.
+    joined: names of the clients that have requested a wake-up at least once.
     """
 
     def __init__(self, path: str | Path, *, lockstep: bool = False) -> None:
@@ -295,7 +304,9 @@ class ClockServer:
                 self._read(client, socket.MSG_DONTWAIT)
 
     def wait_for_requests(self, timeout_s: float) -> bool:
-        """Wait for a request of each client that the world waits for. Return False if a client sent none within the time limit.
+        """Wait until each awake client has requested its next wake-up. Return False if a client does not within the time limit.
+
+        Clients for which the world does not wait are ignored (`_Client.gates`).
 
         Blocking in `recv` takes one system call per request. Other clients are served by `poll`, which this method calls if a
         client sent nothing.
@@ -324,8 +335,8 @@ class ClockServer:
                     all_asleep = False
         return all_asleep
 
-    def has_left(self, name: str) -> bool:
-        """Return whether a client with this name has slept on the clock and is no longer connected."""
+    def has_disconnected(self, name: str) -> bool:
+        """Return whether a client with this name has requested a wake-up at least once and is no longer connected."""
         return name in self.joined and all(client.name != name for client in self._clients.values())
 
     def close(self) -> None:

@@ -1,4 +1,5 @@
-"""Process between one flight controller and its router, vision and panic links.
+"""Link process of one flight controller. It connects the controller by UDP to the MAVLink router (router link), the pose
+forwarder (vision link) and land-all (panic link).
 
 Run as `python -m arena.fcu_link slice.json`.
 """
@@ -103,7 +104,7 @@ class FcuLinkShell:
         self._report_stats(time.monotonic())
 
     def _armed_real(self) -> list[str]:
-        """Return a list with the name of the vehicle if the vehicle is real and armed, else an empty list."""
+        """Return [name of the vehicle] if the vehicle is real and armed, else []: `ProcessContext.may_end` takes a list."""
         armed = not self._s.simulated and self._core.armed(time.monotonic())
         return [self._s.vehicle] if armed else []
 
@@ -117,7 +118,11 @@ class FcuLinkShell:
             s.close()
 
     def _wait(self) -> None:
-        """Wait until a connection can be read or written, then read the router, vision and panic links."""
+        """Wait until a connection can be read or written, or until the next tick is due. Then read the router, vision and
+        panic links.
+
+        `run` reads the other connections: flight controller, simulator and motion capture.
+        """
         now = time.monotonic()
         poll = select.poll()
         for link in self._sockets.values():
@@ -161,7 +166,7 @@ class FcuLinkShell:
                 self._sockets[end].sendto(data, self._remotes[end])
 
     def _flush(self, now: float) -> None:
-        for source, request in (*self._core.own.uid_requests(now), *self._signing.greetings()):
+        for source, request in (*self._core.own.uid_requests(now), *self._signing.timestamp_heartbeats()):
             if (frame := self._signing.signed(request)) is not None:
                 self._transport.request(source, frame)
         if not self._transport.write(lambda: self._signing.next_frame(self._core.next_out, now), now):
@@ -198,9 +203,7 @@ class FcuLinkShell:
             self._process.confirm(request)
 
     def _set_time(self, now: float) -> None:
-        """Pass the computer's start id, its time in suspend and the date to the axes check, which stores these values in its
-        record.
-        """
+        """Pass values for the record of the axes check: this computer's boot id and its time in suspend, and the date."""
         suspended_s = time.clock_gettime(time.CLOCK_BOOTTIME) - now
         self._core.axes.set_time(
             self._computer, suspended_s, time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())

@@ -35,7 +35,8 @@ _ROOM_UNSEEN = (
 
 
 class AxesCheck:
-    """Guided identity and axes check of one vehicle, and the record of the last check that the vehicle has passed.
+    """Guided check of one real vehicle: its captured rigid body must be the right one (identity) and must have the axes of
+    the vehicle's IMU (axes).
 
     record: last check that the vehicle has passed; None if there is none
     running: a check is running
@@ -123,8 +124,8 @@ class AxesCheck:
     # -- the vehicle and its body
 
     def set_time(self, computer: str, suspended_s: float, date: str) -> None:
-        """Set the id of this computer's start, the time that the computer has been suspended since then [s], and the date and
-        time of day (UTC).
+        """Set the boot id of this computer, its time in suspend since the boot [s], and the present date and time (ISO 8601,
+        UTC).
         """
         self._computer, self._suspended_s, self._date = computer, suspended_s, date
 

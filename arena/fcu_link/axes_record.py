@@ -17,22 +17,35 @@ BOOT_TOLERANCE_S = 5.0  # quartz clocks drift by up to 1 s in 3 h
 
 @dataclass(frozen=True, kw_only=True)
 class BootTime:
-    """Time at which an autopilot was started. computer: id of this computer's start. at_s: time of the autopilot's start,
-    counted from the computer's start [s].
+    """Time at which an autopilot was started.
+
+    computer: boot id of this computer, see `computer_start`
+    at_s: time of the autopilot's start, counted from the boot of this computer [s]
     """
 
     computer: str
     at_s: float
 
     def same_as(self, other: BootTime) -> bool:
-        """Return whether both records are of the same start of the autopilot. Small differences of the time are allowed."""
+        """Return whether both times are of the same start of the autopilot: they differ by 5 s at most, on the same computer
+        without a reboot of it.
+        """
         return self.computer == other.computer != "" and abs(self.at_s - other.at_s) <= BOOT_TOLERANCE_S
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxesRecord:
-    """Record of a passed axes check. body: name of the rigid body. definition: its definition. by: person who made the check.
-    when: UTC.
+    """Record of a passed axes check.
+
+    uid: hardware uid of the autopilot
+    body: name of the rigid body
+    definition: text that changes when the rigid body is defined again, such as a hash of its markers
+    boot: time at which the autopilot was started
+    by: person who made the check
+    when: date and time of the check, ISO 8601, UTC
+    turned_deg: angle between the captured body axes and the axes of the inertial sensors [deg]
+    correlation: of the sizes of captured and measured rotation rates, -1 to 1 [-]
+    delay_ms: delay of the poses that are sent to the autopilot [ms]; None if it was not measured
     """
 
     vehicle: str
@@ -56,7 +69,7 @@ class AxesRecord:
 
 
 def computer_start() -> str:
-    """Return an id that differs after each start of this computer; "" if the kernel gives none."""
+    """Return the boot id of this computer, which Linux generates at each boot; "" if it cannot be read."""
     with contextlib.suppress(OSError):
         return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     return ""
@@ -76,7 +89,7 @@ class RecordFile:
         return None
 
     def write(self, record: AxesRecord | None) -> None:
-        """Write the record, or delete the file if there is none. Raises OSError if this fails."""
+        """Write the record; if `record` is None, delete the file. Raises OSError if the file cannot be written or deleted."""
         if self._path is None:
             return
         if record is None:

@@ -118,9 +118,13 @@ class FcuLink:
     def from_vehicle(
         self, data: Buffer, found: ParsedFrames, now: float, source: Source = "the vehicle"
     ) -> Out:
-        """Process data from one source. Return (link or "simulator", datagram) for each receiver; [] if the source is not the vehicle."""
+        """Process data that `source` has sent. Return (receiver, datagram) for each receiver: "router", "vision", "panic" or
+        "simulator".
+
+        source: UDP address or serial device of the sender. The result is empty if the sender is not the vehicle.
+        """
         self._silence.on_data(data, found)
-        if not self._is_vehicle(source, data, found, now):
+        if not self._identify(source, data, found, now):
             self.counts["from the vehicle: unknown sender"] += 1
             return []
         parts: dict[str, list[Buffer]] = {}
@@ -136,7 +140,7 @@ class FcuLink:
         return [(end, b"".join(frames)) for end, frames in parts.items()]
 
     def on_opened(self) -> None:
-        """Require the uid of the vehicle again, because the serial device was opened and another vehicle may be connected."""
+        """Require the hardware uid again, because the serial device was opened and another vehicle may be connected to it."""
         self.identity.release()
         self.queue.clear()
         self.permit.on_interruption("its device was unplugged")
@@ -146,8 +150,12 @@ class FcuLink:
         self.counts["from the vehicle: unknown sender"] += 1
         self._silence.on_data(data, found)
 
-    def _is_vehicle(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> bool:
-        """Return whether data come from the vehicle. After a change of its address or device, drop the frames that wait to be sent."""
+    def _identify(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> bool:
+        """Return whether data come from the vehicle, which is identified by its hardware uid (`Identity`).
+
+        If the vehicle now sends from another address or device, drop the frames that wait for the old one. If the hardware
+        uid has changed, start all preflight checks again.
+        """
         before, uid = self.identity.source, self.identity.uid
         accepted = self.identity.accepts(source, data, found.frames, now)
         if self.identity.source != before:
@@ -251,9 +259,9 @@ class FcuLink:
         return [*found, *map(sentence, self.permit.reasons)]
 
     def from_link(self, link: str, data: Buffer, now: float, age_s: float = 0.0) -> Out:
-        """Process a datagram from the router, vision or panic link. Return the replies of this process as
-        (link, datagram).
+        """Process a datagram from a UDP link. Return the replies of this process as (link, datagram).
 
+        link: "router" (MAVLink router), "vision" (pose forwarder) or "panic" (land-all, kill-all)
         age_s: time since this computer received the datagram [s]; frames older than their limit are dropped
         """
         if age_s > SHORTEST_LIMIT_S:
@@ -304,7 +312,10 @@ class FcuLink:
         return queued.frame
 
     def _pass(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
-        """Queue a frame for the vehicle if its sender may command the vehicle now. Else return the refusal for the sender's link."""
+        """Queue a frame for the vehicle, or refuse it by the rules of command authority (see `_refuse`).
+
+        Return the refusal as (link, datagram); empty if there is nothing to reply.
+        """
         if self.identity.source is None:
             self.counts[f"to the vehicle: not connected ({link})"] += 1
             return []
@@ -314,8 +325,11 @@ class FcuLink:
         return []
 
     def _refuse(self, link: str, data: Buffer, frame: Frame, now: float, *, sent: bool) -> Out | None:
-        """Return the replies to a frame whose sender must not command the vehicle now; None if the sender may command it.
-        sent: the frame is sent to the vehicle if it is not refused here.
+        """Return the reply to a frame that the rules of command authority (`arena.authority`) refuse, as (link, datagram);
+        None if the frame is allowed.
+
+        sent: False if the caller does not send the frame even if it is allowed. Command authority then does not count it
+            as a command of its sender.
         """
         role = role_on_link(link, frame.sysid, self.system)
         origin = "panic link" if link == "panic" else ""  # the router records its clients
@@ -328,8 +342,10 @@ class FcuLink:
         return [(link, reply)] if reply else []
 
     def _guard(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
-        """Pass on or refuse a request that could arm the vehicle or spin a motor. Return the refusal as messages for
-        the requesting link and for the router; empty if the request was passed on.
+        """Pass on a request that could arm the vehicle or spin a motor, or refuse it if a preflight check fails.
+
+        Return the refusal as (link, datagram): for the requesting link, and for the router, so that ground stations show
+        it. The result is empty if the request was passed on.
         """
         reasons = self.reasons(now)
         if not reasons:

@@ -54,7 +54,7 @@ class Identity:
     system: MAVLink id of the vehicle
     uid: expected uid in hexadecimal digits, or NO_UID; "" until the first contact
     needs_uid: an autopilot without a uid must not arm, unless the expected uid is NO_UID from the start
-    fixed: the uid cannot change any more
+    fixed: the expected uid cannot change any more: it was given to the constructor, or `fix` was called
     source: where the vehicle is; None while no autopilot is accepted
     last_source: where the vehicle was last; None before the first contact
     heartbeat: last HEARTBEAT frame of the vehicle before it was accepted; empty if there was none
@@ -166,7 +166,7 @@ class Identity:
         found = candidate.uid
         here = self.source is not None and now - self._received_at <= SILENT_S
         if not here and not self.fixed and not self._matches(source, found):
-            self._learn(found)
+            self._set_expected_uid(found)
         if not self._matches(source, found):
             self._report_stranger(source, found)
         elif not here:
@@ -186,9 +186,10 @@ class Identity:
             return str(found) == "" and self.last_source in (None, source)
         return found.matches(self.uid)
 
-    def _learn(self, found: HardwareUid) -> None:
-        """Expect the uid of this autopilot from now on. Called only while the uid is not fixed by an arm permit or by
-        arming (see `fix`).
+    def _set_expected_uid(self, found: HardwareUid) -> None:
+        """Accept only the autopilot with this uid from now on, and report the uid.
+
+        Call this method only while `fixed` is false.
         """
         before, self.uid = self.uid, str(found) or NO_UID
         self.last_source = None if NO_UID in (before, self.uid) else self.last_source

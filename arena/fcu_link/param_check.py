@@ -56,7 +56,7 @@ class ParamCheck:
     """Reads the required parameters from the vehicle and compares them with their required values.
 
     params: name -> required value
-    read: names of parameters that are only read, again and again
+    read: names of parameters whose values other preflight checks use; they are read again every 5 s
     display_path: path of the .params file as shown to the user
     events: messages for the user; the caller takes them and empties the list
     """
@@ -82,7 +82,7 @@ class ParamCheck:
         return {name: p.kind for name, p in self._params.items() if p.kind}
 
     def values(self) -> dict[str, float | None]:
-        """Return parameter name -> value, for the parameters that other preflight checks use (`read`).
+        """Return name -> value of the parameters that other preflight checks use: the names in `read`.
 
         None: not read yet. NaN: the vehicle does not have the parameter.
         """

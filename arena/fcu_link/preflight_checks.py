@@ -188,7 +188,10 @@ class PreflightChecks:
         )
 
     def charge_percent(self, now: float) -> int | None:
-        """Return the charge [%]: the autopilot's total, else that of the emptiest battery; None if unknown."""
+        """Return the battery charge [%] from SYS_STATUS, or else the lowest charge in the BATTERY_STATUS messages.
+
+        Values older than 5 s are not used. None: unknown.
+        """
         if (
             self._battery is not None
             and self._battery[1] >= 0

@@ -39,7 +39,7 @@ class RadioCheck:
 
     @property
     def params(self) -> tuple[str, ...]:
-        """Names of the parameters whose values `reasons` needs."""
+        """Names of the PX4 parameters that this check reads; empty if no transmitter is required."""
         return (KILL_CHANNEL, SOURCE) if self.required else ()
 
     def reset(self) -> None:

@@ -1,4 +1,4 @@
-"""Motion-capture client for all bodies of the room, open only while an axes check runs."""
+"""Motion-capture client of a link process, for the axes check. It receives all captured bodies."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from arena.mocap.client import CapturedFrame, MocapClient, open_client
 
 
 class RoomCapture:
-    """Motion-capture client that is open only while it is needed. settings: `capture` object of the slice; None without motion capture.
+    """Motion-capture client that is open only while an axes check runs.
 
+    settings: settings of the client (key `capture` of the process's JSON configuration); None without motion capture
     error: why the client cannot be opened; "" if it can
     """
 

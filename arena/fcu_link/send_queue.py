@@ -24,10 +24,13 @@ MAX_BYTES = 8192
 
 
 class Priority(IntEnum):
-    """Priority of a source of frames for the flight controller. If several lanes (parts of the send queue) have sent equal
-    shares, the frame with the smallest number is sent first.
+    """Priority of a frame for the flight controller, by its source. A smaller value is sent first, if several lanes (parts
+    of the send queue) have sent equal shares.
 
-    The sources are: land-all and kill-all, the router, the world (the simulator), the pose forwarder.
+    PANIC: land-all and kill-all
+    ROUTER: the MAVLink router
+    SIMULATOR: the world (the simulator process)
+    VISION: the pose forwarder
     """
 
     PANIC = 0

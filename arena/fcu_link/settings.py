@@ -57,7 +57,8 @@ class Settings:
     parameters.
 
     connection: URL of the flight controller
-    links: router, vision and panic link
+    links: UDP addresses of the link to the MAVLink router ("router"), to the pose forwarder ("vision"), and to land-all and
+        kill-all ("panic")
     simulator: TCP address of the world's simulator port, for hardware in the loop; None for a vehicle that
     flies
     params: parameters that the vehicle must have before it can be armed
@@ -88,8 +89,9 @@ class Settings:
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Settings:
-        """Read the configuration. Raises InputError that names a missing or wrong key, so that a missing
-        limit never disables a check.
+        """Read the JSON configuration (slice) of the process. Raises InputError that names a missing or wrong key.
+
+        Limits have no default values, because a missing limit must not disable a preflight check.
         """
         try:
             return cls(
@@ -125,7 +127,9 @@ def _connection(raw: Any) -> ConnectionUrl:
     try:
         return url_from_json(raw)
     except ValueError as error:
-        raise InputError(f"configuration of the link process: key `wire`: {error}") from error
+        raise InputError(
+            f"configuration of the link process: key `wire` is not a connection: {error} (docs/reference/slices.md)"
+        ) from error
 
 
 def _preflight(raw: Mapping[str, Any]) -> Preflight:

@@ -16,7 +16,7 @@ from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, ParsedFrames, parse_frames
 from arena.wire.mavlink_signing import LINK_PROCESS, SETUP_SIGNING, SignedConnection, Verdict
 
-_GREETING_S = 1.0
+_HEARTBEAT_S = 1.0
 _MOST_SOURCES = 8
 _PROBLEMS = {
     Verdict.UNSIGNED: "its messages are not signed: it has no key. Run `arena signing setup`",
@@ -29,8 +29,8 @@ class LinkSigning:
     """Signs every frame for the vehicle, and passes only validly signed frames from the vehicle.
 
     Without a key file in the settings, it passes all frames unchanged. Raises InputError if the key cannot be read.
-    A vehicle that has just started has an old timestamp until it receives a signed frame: `greetings` returns one for each
-    source whose frames are not valid.
+    A vehicle that has just started has an old timestamp until it receives a signed frame: `timestamp_heartbeats` returns one
+    for each source whose frames are not validly signed.
     events: messages for the user; the caller takes them and empties the list
     problem: why the last messages of the vehicle were not used; "" if they were
     counts: receives the number of dropped frames, by reason
@@ -47,8 +47,8 @@ class LinkSigning:
         self._connection: SignedConnection | None = None
         self._timestamps: TimestampFile | None = None
         self._was_valid, self._write_problem = False, ""
-        self._greeted: dict[Source, float] = {}
-        self._to_greet: list[Source] = []
+        self._heartbeat_at: dict[Source, float] = {}
+        self._heartbeats_due: list[Source] = []
         if settings.key_file:
             self._timestamps = TimestampFile(settings.key_file)
             first, own = self._timestamps.first(), (settings.id, COMPONENT)
@@ -71,21 +71,23 @@ class LinkSigning:
                 self.events.append("its messages have a valid signature")
         elif any(f.sysid == self._system and f.compid == AUTOPILOT for f in found.frames):
             self.problem = _PROBLEMS[next(iter(wrong))].format(file=self._file)
-            self._greet(source, now)
+            self._queue_heartbeat(source, now)
         return found._replace(frames=frames)
 
-    def greetings(self) -> list[tuple[Source, bytes]]:
-        """Return the heartbeats that give restarted vehicles the current timestamp: one for each source that sends an old
-        timestamp or a wrong signature.
+    def timestamp_heartbeats(self) -> list[tuple[Source, bytes]]:
+        """Return (source, heartbeat) for each source whose frames are not validly signed, at most once a second.
 
-        The caller signs the heartbeat and sends it to the source, because a vehicle that has restarted reads the current
-        timestamp from this heartbeat. Each source gets at most one per second.
+        The caller signs each heartbeat and sends it to its source. A vehicle that has just restarted has an old signing
+        timestamp, and takes the current one from this heartbeat.
         """
-        sources, self._to_greet = self._to_greet, []
+        sources, self._heartbeats_due = self._heartbeats_due, []
         return [(source, self._codec.onboard_heartbeat()) for source in sources]
 
     def signed(self, frame: bytes) -> bytes | None:
-        """Return the frame with a signature. If the frame must not or cannot be signed, count the frame and return None."""
+        """Return the frame with a signature, or unchanged if there is no key. Return None if the frame must not be sent.
+
+        A SETUP_SIGNING must not be sent, and neither must a frame that cannot be signed (such as MAVLink 1). Both are counted.
+        """
         if self._connection is None:
             return frame
         if any(f.msgid == SETUP_SIGNING for f in parse_frames(frame).frames):
@@ -117,9 +119,9 @@ class LinkSigning:
             self.events.append(f"{problem}; the run continues")
         self._write_problem = problem
 
-    def _greet(self, source: Source, now: float) -> None:
-        if len(self._greeted) >= _MOST_SOURCES and source not in self._greeted:
-            self._greeted.pop(min(self._greeted, key=lambda one: self._greeted[one]))
-        if now - self._greeted.get(source, now - _GREETING_S) >= _GREETING_S:
-            self._greeted[source] = now
-            self._to_greet.append(source)
+    def _queue_heartbeat(self, source: Source, now: float) -> None:
+        if len(self._heartbeat_at) >= _MOST_SOURCES and source not in self._heartbeat_at:
+            self._heartbeat_at.pop(min(self._heartbeat_at, key=lambda one: self._heartbeat_at[one]))
+        if now - self._heartbeat_at.get(source, now - _HEARTBEAT_S) >= _HEARTBEAT_S:
+            self._heartbeat_at[source] = now
+            self._heartbeats_due.append(source)

@@ -22,8 +22,9 @@ _MAX_READS = 16
 
 
 class SimulatorClient:
-    """TCP connection to the world. The connection is closed while the flight controller sends nothing, so
-    that the world stops the motors of an absent controller.
+    """TCP connection to the world (the simulator process). It is open only while the flight controller sends data.
+
+    The world stops a vehicle's motors when this connection closes. So the motors stop when the flight controller is silent.
 
     greeting: the first bytes sent; the world accepts a controller only after it has sent something
     events: messages for the user; the caller takes them and empties the list
@@ -117,7 +118,7 @@ class SimulatorClient:
         self.events.append(f"connected to the world at {self._address[0]}:{self._address[1]}")
 
     def _on_refused(self, number: int) -> None:
-        """Schedule another try, because the world is not ready or restarts. The first refusal is reported."""
+        """Close the socket, so that `tick` tries again: the world is not ready or restarts. Report ten refusals in a row."""
         self.close()
         self._refusals += 1
         if self._refusals == _REPORT_AFTER:

@@ -21,7 +21,11 @@ class WireRecord:
         self._last: dict[str, Any] = {}
 
     def read(self) -> tuple[str, Source | None]:
-        """Return the uid and the address that an earlier link process of the run has recorded; "" and None if there are none."""
+        """Return the vehicle's hardware uid, and the UDP address or serial device from which it was last received.
+
+        An earlier link process of the same run has written them, before it was restarted. Without a record, the uid is ""
+        and the address is None.
+        """
         if self._path is not None:
             with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
                 found = json.loads(self._path.read_text())

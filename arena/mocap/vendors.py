@@ -61,20 +61,19 @@ class VendorSettings(Protocol):
     PORTS: Mapping[str, str]
 
     def derived_keys(self, keys: Settings, address: str) -> dict[str, Any]:
-        """Return the YAML values that are computed from other values. address: the arena's address."""
+        """Return the values under `mocap:` that depend on other values, such as the default multicast group.
+
+        address: numeric IPv4 address that the processes of this arena bind (YAML key `address`)
+        """
 
     def problems(self, keys: Settings) -> Iterator[tuple[str, str]]:
         """Yield (YAML key, what is wrong and what to do) for values that contradict each other."""
 
     def client_settings(self, keys: Settings) -> dict[str, Any]:
-        """Return the settings with which a client connects to the vendor's real server, without the requested
-        bodies.
-        """
+        """Return the settings of a client of the vendor's real server. The caller adds the requested `bodies`."""
 
     def emulator_client_settings(self, keys: Settings, address: str) -> dict[str, Any]:
-        """Return the settings with which a client connects to the emulator at `address`, without the
-        requested bodies.
-        """
+        """Return the settings of a client of the emulator at `address`. The caller adds the requested `bodies`."""
 
     def server_settings(self, keys: Settings, address: str) -> dict[str, Any]:
         """Return the settings with which the emulator serves this vendor's protocol at `address`."""

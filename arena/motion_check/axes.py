@@ -42,7 +42,7 @@ def fit_axes(rates: tuple[Array, Array], down: tuple[Array, Array]) -> Axes | No
     The rotation is that of Kabsch (1976). A rate is an axial vector: a reflection also reverses it. Gravity is a polar
     vector. A reflection therefore is a rotation of the rates that fits the reversed gravity.
     """
-    turn, fall = _products(*rates), _products(*down)
+    turn, fall = _cross_correlation(*rates), _cross_correlation(*down)
     proper, mirrored = _rotation(turn + fall), _rotation(turn - fall)
     if proper is None or mirrored is None:
         return None
@@ -65,8 +65,11 @@ def turn_words(axes: Axes) -> str:
     return f"turned by {deg:.0f} deg about the axis ({x:.1f}, {y:.1f}, {z:.1f}) forward, right, down"
 
 
-def _products(captured: Array, measured: Array) -> Array:
-    """Return the 3x3 matrix of the summed products of measured and captured vectors, divided by the sizes of both."""
+def _cross_correlation(captured: Array, measured: Array) -> Array:
+    """Return the normalised cross-correlation matrix of two series of vectors [-] (3, 3). Its trace is 1 for equal series.
+
+    captured, measured: vectors at the same times (N, 3)
+    """
     scale = math.sqrt(float((captured**2).sum() * (measured**2).sum()))
     return np.asarray(measured.T @ captured / scale) if scale > 1e-9 else np.zeros((3, 3))
 

@@ -11,7 +11,8 @@ from arena.motion_check.verdict import Verdict, judge
 
 
 class GuidedCheck:
-    """Guided identity and axes check of one vehicle, which a person moves by hand. The check ends with a verdict.
+    """Guided check that a captured rigid body is the vehicle's (identity) and has the vehicle's axes (axes). A person moves
+    the vehicle by hand. The check ends with a verdict.
 
     Pass in the data with `on_imu`, `on_pose` and `on_other`, and call `tick` a few times a second.
     body: name of the vehicle's own rigid body

@@ -149,11 +149,14 @@ class GuidedMotion:
             return
         if self.step in _TILTS:
             self._tilt(nose_deg, right_deg, now)
-        elif self._reached(level, now):
+        elif self._step_complete(level, now):
             self._next(now)
 
-    def _reached(self, level: bool, now: float) -> bool:
-        """Return whether the current step is complete. This method is for the steps in which the vehicle is not tilted."""
+    def _step_complete(self, level: bool, now: float) -> bool:
+        """Return whether the current step is complete. Call this method in all steps except the two tilts (see `_tilt`).
+
+        level: the vehicle is level now
+        """
         if self.step is Step.LIFT:
             return self._moved_s >= _LIFT_S
         if self.step is Step.LEVEL:

@@ -71,14 +71,17 @@ class Recording:
 
 
 def captured_down(times: Array, at: list[float], q_nb: list[Sequence[float]]) -> Array:
-    """Return the direction down in body axes at the given times, from the captured attitude [-] [FRD] (N, 3)."""
+    """Return the direction down [-] [FRD] (N, 3) at the given times, interpolated from captured attitudes.
+
+    times: [s] (N,). at, q_nb: times [s] and values [-] wxyz of the captured attitudes
+    """
     down = quat_rotate(quat_conj(np.array(q_nb)), _DOWN_N)
     return np.stack([np.interp(times, np.array(at), down[:, k]) for k in range(3)], axis=-1)
 
 
 def measured_down(accel_b: Sequence[float]) -> tuple[float, float, float] | None:
-    """Return the direction down in body axes, from the specific force [-] [FRD]; None while the vehicle accelerates, because
-    gravity is then not the only force.
+    """Return the direction down [-] [FRD], measured with the accelerometer; None while the vehicle accelerates, because the
+    accelerometer then measures more than gravity.
 
     accel_b: mean specific force [m/s2] [FRD]
     """

@@ -42,8 +42,9 @@ class Comparison:
 
 
 def captured_rates(times: ArrayLike, q_nb: ArrayLike, span_s: float = SMOOTHING_S) -> tuple[Array, Array]:
-    """Return times [s] (M,) and captured angular rates [rad/s] [FRD] (M, 3), each averaged over `span_s` around its time.
+    """Compute mean angular rates from captured attitudes. Return times [s] (M,) and rates [rad/s] [FRD] (M, 3).
 
+    Each rate is the mean from span_s/2 before its time to span_s/2 after it.
     times: increasing [s] (N,). q_nb: captured attitudes [-] wxyz (N, 4)
     """
     t, q = np.asarray(times, float), np.asarray(q_nb, float)
@@ -56,9 +57,10 @@ def captured_rates(times: ArrayLike, q_nb: ArrayLike, span_s: float = SMOOTHING_
 
 
 def mean_rates(times: ArrayLike, gyro_b: ArrayLike, span_s: float = SMOOTHING_S) -> tuple[Array, Array]:
-    """Return times [s] (M,) and gyroscope rates [rad/s] [FRD] (M, 3), each averaged over `span_s` around its time.
+    """Compute mean angular rates from gyroscope samples. Return times [s] (M,) and rates [rad/s] [FRD] (M, 3).
 
-    times: increasing [s] (N,). gyro_b: [rad/s] [FRD] (N, 3)
+    Each rate is the mean from span_s/2 before its time to span_s/2 after it.
+    times: increasing [s] (N,). gyro_b: gyroscope samples [rad/s] [FRD] (N, 3)
     """
     t, w = np.asarray(times, float), np.asarray(gyro_b, float)
     turned = np.vstack([np.zeros(3), np.cumsum((w[1:] + w[:-1]) / 2.0 * np.diff(t)[:, None], axis=0)])

@@ -165,7 +165,12 @@ def _rise_problems(rise_m: float) -> list[str]:
 def _delay(
     captured: tuple[Array, Array], gyro: tuple[Array, Array], motion: GuidedMotion
 ) -> tuple[float, float] | None:
-    """Return the delay of the captured motion and the error of this delay [s], from the whole motion and from each of its two tilts."""
+    """Return by how much the captured motion is later than the gyroscope's, and the error of this delay [s]; None if the delay
+    cannot be measured.
+
+    The delay is measured over the whole motion, and again over each tilt (nose down, right side down). The largest
+    difference between these values is a part of the error.
+    """
     middle, end = motion.since[Step.RIGHT_DOWN], motion.since[Step.DONE]
     parts = [compare(captured, _within(gyro, *span)) for span in ((0.0, end), (0.0, middle), (middle, end))]
     delays = [p.delay_s for p in parts if p is not None and p.gyro_rad_s > 0.1 * FAST_RAD_S]

@@ -268,7 +268,7 @@ class Loop:
     def _is_finished(self, program: str) -> bool:
         """Return whether this program has disconnected from the simulation clock, or has ended without ever using the clock."""
         clock = self._clock
-        return clock.has_left(program) or (program in self._ended and program not in clock.joined)
+        return clock.has_disconnected(program) or (program in self._ended and program not in clock.joined)
 
     def _wait(self, pacer: Pacer) -> float:
         """Serve the clients of the simulation clock until the next step may begin. Return the wall time at

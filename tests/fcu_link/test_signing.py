@@ -81,7 +81,7 @@ def test_source_of_invalid_frames_gets_one_signed_heartbeat_a_second(tmp_path) -
     greeted = []
     for tenth in range(21):
         rig.receive(rig.codec.pack(heartbeat()), tenth / 10, vehicle)
-        greeted += rig.link.greetings()
+        greeted += rig.link.timestamp_heartbeats()
     assert [source for source, _ in greeted] == [vehicle] * 3
     signed = rig.link.signed(greeted[0][1])
     check = SignatureCheck(read_key(rig.file))
@@ -91,7 +91,7 @@ def test_source_of_invalid_frames_gets_one_signed_heartbeat_a_second(tmp_path) -
 def test_source_of_valid_frames_gets_no_greeting(tmp_path) -> None:
     rig = Rig(tmp_path)
     rig.receive(rig.signed())
-    assert rig.link.greetings() == []
+    assert rig.link.timestamp_heartbeats() == []
 
 
 def test_every_frame_for_the_vehicle_is_signed(tmp_path) -> None:
@@ -163,7 +163,7 @@ def test_link_without_a_key_changes_nothing(tmp_path) -> None:
     plain = Codec(ID, 192).onboard_heartbeat()
     assert rig.send(plain) == [plain]
     assert rig.receive(rig.codec.pack(heartbeat())) == [0]
-    assert not rig.link.events and not rig.link.greetings()
+    assert not rig.link.events and not rig.link.timestamp_heartbeats()
 
 
 def test_link_does_not_start_with_a_key_that_others_can_read(tmp_path) -> None:

@@ -25,12 +25,12 @@ class FrameOrder:
         self._run = 0
 
     def place(self, number: int) -> Place:
-        """Return whether a frame is new or repeated, or whether the numbering has restarted.
+        """Classify a frame by its number.
 
-        - "new": greater than all earlier numbers.
-        - "repeated": not greater.
-        - "restarted": the ninth number in a row that is not greater than the newest one, where each of the
-          nine is greater than the one before.
+        - "new": greater than the newest number.
+        - "repeated": not greater than the newest number.
+        - "restarted": the server counts from the beginning again. This is the ninth number in a row that is not greater
+          than the newest one, and each of the nine is greater than the one before.
         """
         if self._newest is None or number > self._newest:
             self._newest, self._run = number, 0

@@ -17,7 +17,7 @@ class MocapClient(Protocol):
 
     @property
     def counts(self) -> Counter[str]:
-        """Number of datagrams and frames received, and number dropped for each reason."""
+        """Counters: frames returned by `poll` (key `frames`), and dropped datagrams, one key for each reason."""
 
     def fileno(self) -> int:
         """Return a descriptor that is readable when `poll` has something to read."""

@@ -95,7 +95,7 @@ class Lateness:
             self._prompt_s += min(elapsed_s, 0.1)
             self._high = max(min(self._high, offset), self._low)
             return late
-        return self._settle(offset, late, now, flying)
+        return self._on_late_frame(offset, late, now, flying)
 
     @property
     def _offset(self) -> float:
@@ -114,10 +114,12 @@ class Lateness:
         self._low -= _DRIFT * elapsed_s
         return elapsed_s
 
-    def _settle(self, offset: float, late: float, now: float, flying: bool) -> float:
-        """Return the lateness of a late frame [s]. If the reference frame may be wrong, use this frame as the reference.
+    def _on_late_frame(self, offset: float, late: float, now: float, flying: bool) -> float:
+        """Return the lateness [s] of a frame that is over the limit; 0 if the frame becomes the new reference.
 
-        The reference may have a wrong time stamp if it is young and all later frames are late. The result is 0 then.
+        The first frame is the reference, and its time stamp may be wrong. The reference is replaced if all frames of the
+        last 3 s were late, no vehicle flies, few frames have agreed with the reference, and no echo reply was received.
+        offset: arrival minus time of sending, by two clocks [s]. late: lateness relative to the reference [s].
         """
         if self._late_since is None or flying or self._prompt_s > _PROVEN_S or isfinite(self._low):
             self._late_since = now

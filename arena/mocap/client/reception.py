@@ -47,7 +47,10 @@ class Reception:
         self._foreign_address, self._foreign_at = "", -math.inf
 
     def update(self, event: str, count: int, now: float) -> bool:
-        """Store `now` as the last time of an event if the total count of this event has changed. Return whether the count has changed."""
+        """Record that an event has happened, if its count differs from that of the last call. Return whether it differs.
+
+        event: name of the event, such as "frames". count: number of these events since the client was opened.
+        """
         if count == self._counts.get(event, 0):
             return False
         self._counts[event], self._changed_at[event] = count, now

@@ -43,11 +43,10 @@ class _EmulatorProcess:
             self._shell.close()
 
     def _sleep_until(self, due: float) -> float | None:
-        """Sleep until simulation time `due` [s], but at most 250 ms of wall time. Return the simulation time;
-        None if `due` is not reached yet. Injected faults that arrive are applied at once.
+        """Sleep until simulation time `due` [s]. Return the simulation time; None if the sleep has ended before `due`.
 
-        Faults are also applied during the sleep, because simulation time may stand still while many of them
-        are sent.
+        The sleep ends after 250 ms of wall time, and when injected faults have arrived. Faults are applied at once, because
+        simulation time may stand still while many faults are sent.
         """
         if self._wake_at != due:
             self._clock.request_wake(due)

@@ -78,8 +78,9 @@ class EmulatedCameras:
         return number / self.rate_hz
 
     def due(self, number: int) -> float:
-        """Return the time of the next action [s]: to expose frame `number`, or to send a frame that waits for
-        its latency.
+        """Return the simulation time of the next action [s]: to measure frame `number`, or to send the oldest queued frame.
+
+        A frame is measured one latency after its exposure, because it cannot be sent earlier.
         """
         exposes = self.exposure(number) + self.latency_s
         return min(exposes, self.leaves_at(self._waiting[0])) if self._waiting else exposes

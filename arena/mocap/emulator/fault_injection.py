@@ -1,6 +1,4 @@
-"""Fault injection for the emulated cameras: calls the camera method that applies a given fault (JSON object,
-see `arena.fault_injection`). Pure.
-"""
+"""Fault injection for the emulated cameras. A fault is a JSON object, see `arena.fault_injection`. Pure."""
 
 from __future__ import annotations
 

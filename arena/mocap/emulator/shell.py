@@ -37,7 +37,7 @@ class EmulatorShell:
 
     @property
     def due(self) -> float:
-        """Simulation time of the next exposure or of the next frame to send [s]."""
+        """Simulation time at which `advance` must be called: a frame must be measured or sent then [s]."""
         return self._cameras.due(self._number)
 
     def advance(self, now: float) -> None:

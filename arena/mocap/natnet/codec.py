@@ -148,7 +148,11 @@ def decode_server_info(data: bytes) -> ServerInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyModel:
-    """Description of a rigid body. definition: its bytes from the streaming id on. markers: number of its markers."""
+    """Description of a rigid body in a MODELDEF packet.
+
+    definition: all bytes of the description after the name; they change when the body is defined again
+    markers: number of markers of the body
+    """
 
     name: str
     definition: bytes
@@ -258,7 +262,7 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
     count = reader.count("rigid bodies")
     if sized and (size := reader.i32()) != count * _BODY.size:
         raise WireError(
-            f"NatNet frame with {count} bodies in {size} bytes, expected {_BODY.size} bytes per body"
+            f"NatNet frame: the section of {count} rigid bodies has {size} bytes, expected {count * _BODY.size}"
         )
     bodies = _read_bodies(reader, count, wanted)
     if sized:
@@ -268,8 +272,8 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
     at = reader.at
     if version > _NEWEST_KNOWN and len(reader.data) - at != _SIZED_TAIL_BYTES:
         raise WireError(
-            f"NatNet {version[0]}.{version[1]} frame with {len(reader.data) - at} bytes after its sections, "
-            f"expected {_SIZED_TAIL_BYTES}"
+            f"NatNet {version[0]}.{version[1]} frame: got {len(reader.data) - at} bytes after the last section, expected "
+            f"{_SIZED_TAIL_BYTES}. The layout of this version is not known"
         )
     reader.skip(_STAMPS.size)
     _, _, timestamp_s, exposure, _, transmit = _STAMPS.unpack_from(reader.data, at)
@@ -318,7 +322,9 @@ def _ids(count: int) -> struct.Struct:
 
 
 def _skip_to_stamps(reader: _Reader) -> None:
-    """Skip the sections between the rigid bodies and the time stamps in versions without section sizes."""
+    """Skip the sections between the rigid bodies and the time stamps. Versions below 4.1 do not send their sizes, so their
+    content must be read.
+    """
     for _ in range(reader.count("skeletons")):
         reader.i32()
         reader.skip(_BODY.size * reader.count("bones"))

@@ -68,7 +68,7 @@ class NatNetReceiver:
 
     @property
     def name_counts(self) -> Counter[str]:
-        """Return for each name in the server's last list of bodies the number of bodies with this name."""
+        """Return name -> number of bodies with this name, from the server's last list of bodies."""
         return self._name_counts
 
     @property

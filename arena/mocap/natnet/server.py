@@ -77,8 +77,10 @@ class NatNetServer:
         return codec.packet(codec.UNRECOGNIZED) if message == codec.REQUEST else None
 
     def _echo(self, data: bytes) -> bytes | None:
-        """Return the answer to an echo request. The answer contains the time of the current frame, because the
-        emulator answers requests only when it sends a frame.
+        """Return the answer to an echo request. Its server time is the time at which the last frame was sent.
+
+        This is the present simulation time, because requests are answered directly after a frame is sent. During an
+        injected delay it can be one frame older.
         """
         try:
             return echo.encode_echo_response(echo.decode_echo_request(data), round(self._now_s * CLOCK_HZ))
