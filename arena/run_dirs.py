@@ -1,4 +1,7 @@
-"""Location of the runtime folders: private folders for the sockets of running arenas. Other commands find runs through them."""
+"""Location of the runtime folders. Each running arena has one: a private folder with its sockets and the file `run`.
+
+The file `run` contains the path of the run folder. Commands such as `arena ps` find the running arenas by these files.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ GROUP_VARIABLE = "ARENA_GROUP"
 
 
 def pointers() -> list[Path]:
-    """Return the paths of the `run` files in this user's runtime folders. Each file contains the path of a run folder.
+    """Return the paths of the files `run` in this user's runtime folders. Each file contains the path of a run folder.
 
     Folders that other users own or may write to are ignored.
     """
@@ -26,7 +29,7 @@ def pointers() -> list[Path]:
 
 
 def pointers_of_others() -> list[tuple[Path, int]]:
-    """Return (path of the `run` file, id of the owner) of every runtime folder of other users that this user may read.
+    """Return (path of the file `run`, user id of the owner) for each runtime folder of other users that this user may read.
 
     Root may read all. Other users may read the folders that the owner shares with a group to which they belong (mode
     0750). A folder is ignored if its path names another owner, or if others than its owner may write to it.
@@ -50,8 +53,9 @@ def shared_group(folder: Path) -> int | None:
 
 
 def _bases_of_others() -> Iterator[tuple[Path, int]]:
-    """Yield (folder, user id) for each folder that may contain runtime folders of another user. The user id
-    is part of the folder's path.
+    """Yield (folder, user id) for each folder that may contain runtime folders of another user, such as (/tmp/arena-1000, 1000).
+
+    The user id is taken from the path. The caller must check that this user owns the folder.
     """
     own, xdg = os.getuid(), os.environ.get("XDG_RUNTIME_DIR", "")
     users = Path("/run/user") if not xdg else Path(xdg).parent if Path(xdg).name == str(own) else None

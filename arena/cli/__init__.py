@@ -25,7 +25,7 @@ VERBS = {
     "init": "Create a folder with an example: arena.yaml, a ten-line program, a scenario, a README and a .gitignore.",
     "doctor": "Check whether this computer has everything that arenas need. Exit code 0: arenas can fly; 2: something is missing.",
     "check": "Print every problem of an arena at once, or `ok` and what would run. Starts nothing.",
-    "plan": "Print every process of an arena: the processes that it needs, its ports and its command. Starts nothing.",
+    "plan": "Print every process of an arena with its ports, its command and the processes that must be ready before it. Starts nothing.",
     "schema": "Print the JSON schema of arena.yaml. Editors use this schema to complete and check keys.",
     "params": "Generate, push, pull, compare and check the PX4 parameters of vehicles.",
     "signing": "Make and set up keys for MAVLink message signing.",
@@ -34,14 +34,14 @@ VERBS = {
     "up": "Start an arena and supervise it until its end. Ctrl-C lands the vehicles, then stops the arena.",
     "runs": "List the run folders of an arena, oldest first, and every arena that is up.",
     "summary": "Print the full result of a run: the verdict and the report (summary.txt).",
-    "audit": "Print who armed, commanded and wrote parameters to the vehicles of a run, from which address, and what was refused.",
+    "audit": "Print the requests to the vehicles of a run, such as arming and parameter changes: who sent them, and which were refused.",
     "ps": "Show the vehicles and processes of a running arena.",
     "logs": "Print the log of one process: the last lines of its stdout and stderr.",
     "restart": "Restart one process of a running arena. If a flying vehicle depends on the process, --yes is required.",
     "forget": "Declare a real vehicle dead: the run does not wait until the vehicle is disarmed.",
     "down": "Land the vehicles, then stop the arena. The exit code is the exit code of the run.",
     "release": "Allow programs to arm and fly a vehicle again, after land-all, the copilot, a pilot or a ground station took control.",
-    "preflight": "Check that a real vehicle is its captured body. By hand, lift the vehicle, tilt it nose down, then right side down.",
+    "preflight": "Check that motion capture tracks the right rigid body for a real vehicle. A person lifts and tilts the vehicle.",
     "arm-permit": "Allow a real vehicle to arm. Needed if the vehicle appeared, rebooted or reconnected after the start of the arena.",
     "land-all": "Land all vehicles and wait until each is on the ground and disarmed. Works without supervisor and router.",
     "kill-all": "Stop every motor at once, also in the air. To land, use land-all.",
@@ -135,7 +135,7 @@ def _empty_app() -> typer.Typer:
 
 def _listed_only() -> None:
     raise AssertionError(
-        "error in arena: the help entry of a subcommand was run instead of the subcommand itself"
+        "bug in arena: this subcommand was called, but only its help was loaded, not its module"
     )
 
 

@@ -23,9 +23,9 @@ Set = Annotated[
 
 
 def at_free_address(arena: Arena, plan: Plan, overrides: Sequence[str]) -> tuple[Arena, Plan, str]:
-    """Move the arena and its plan to the first free loopback address, if the present address is in use.
+    """Return the arena with the first free loopback address, if its present address is in use.
 
-    Returns the arena, the plan and the reason of the move; "" if the address was not changed.
+    Returns (arena, plan of its processes, reason for the new address). The reason is "" if the address was not changed.
 
     The address is not changed if the YAML or the command line sets it, or if the arena has a real flight controller,
     because two arenas must not command the same vehicle.
@@ -64,7 +64,7 @@ def _how_many(arena: Arena, plan: Plan) -> str:
     members = [member.name for spec in plan.processes if spec.kind == "world" for member in spec.members]
     if members:
         return f"the process world contains {', '.join(members)}: {why_one(arena)}"
-    return f"each part is a process of its own: {why_many(arena)}"
+    return f"world, motion capture, pose forwarders, router and loggers are separate processes: {why_many(arena)}"
 
 
 def not_possible(arena: Arena) -> list[str]:
@@ -77,9 +77,10 @@ def not_possible(arena: Arena) -> list[str]:
 
 
 def without_effect(arena: Arena) -> list[str]:
-    """Return a line for each written parameter that a vehicle's built-in autopilot does not have or does not use.
+    """Return a line for each parameter in the YAML that has no effect, because the vehicle's autopilot is not PX4.
 
-    The parameters of a `params_file` are only counted, because such a file holds those of a whole PX4.
+    The built-in autopilot of the simulation has only some of PX4's parameters. The parameters of a `params_file` are only
+    counted, because such a file usually contains all parameters of a PX4.
     """
     found = []
     for v in arena.vehicles:
@@ -99,7 +100,11 @@ def without_effect(arena: Arena) -> list[str]:
 
 
 def copilot_notes(arena: Arena) -> list[str]:
-    """Return notes on real vehicles without a copilot, and on vehicles that start closer than the copilot allows."""
+    """Return notes about the copilot, the process that commands vehicles to hold or land when they violate a rule.
+
+    There is a note if real vehicles have no copilot, and for two simulated vehicles that start closer to each other than
+    `copilot.separation.at_m`.
+    """
     if arena.copilot is None:
         names = ", ".join(v.name for v in arena.hardware)
         return [f"{names}: real vehicles without a copilot: add `copilot: {{}}` to the YAML"] if names else []

@@ -20,7 +20,7 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
     real = [v for v in plan.vehicles if not v.simulated]
     if not real:
         return ""
-    programs = {name: _file(plan, p) for p in plan.processes for name in p.flies}
+    programs = {name: _program_path(plan, p) for p in plan.processes for name in p.flies}
     print(f"{plan.name} flies {len(real)} real vehicle{'s' if len(real) > 1 else ''}:")
     for v in real:
         print(f"  {v.name}: system id {v.id}, {v.profile}, flown by {programs.get(v.name, 'no program')}")
@@ -30,8 +30,8 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
     for v in real:
         if v.axes_check == "none":
             print(
-                f"  {v.name} needs no identity and axes check: it can arm even if its captured body is another one or has "
-                "wrong axes"
+                f"  {v.name} needs no identity and axes check: it can arm even if its poses are those of another rigid "
+                "body, or if the axes of its rigid body are wrong"
             )
     print(
         "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?\n"
@@ -45,8 +45,8 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
     return f"typed {WORD}"
 
 
-def _file(plan: Plan, process: ProcessSpec) -> str:
-    """Return the file of a user program."""
+def _program_path(plan: Plan, process: ProcessSpec) -> str:
+    """Return the path of the user program that a process runs."""
     if process.kind == "group":
         return str(plan.slices[f"{process.name}.json"]["program"])
     return process.argv[1] if len(process.argv) > 1 else process.argv[0]

@@ -32,13 +32,17 @@ if TYPE_CHECKING:
 
 RECORD = "push.json"
 YAML, _DEFAULTS = "yaml:", "defaults"
+_RESUME_OR_DELETE = (
+    "Resume the push with that vehicle, or delete the file to begin a new push. The file contains the values from before "
+    "the push"
+)
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
-    """Return whether `arena params diff` hides a difference, because a set such as the YAML does not contain every parameter.
+    """Return whether `arena params diff` hides a row: a parameter that is missing in set `a` or `b` where this is normal.
 
-    A difference is hidden if one set is from the YAML and does not set the parameter, or if the only set with the
-    parameter is PX4's defaults.
+    - The set from the YAML has no value, because the YAML does not require every parameter.
+    - Only PX4's defaults have a value, because they contain the parameters of all vehicles.
     """
     of_yaml = (row.a is None and a.startswith(YAML)) or (row.b is None and b.startswith(YAML))
     of_defaults = (row.a is None and b == _DEFAULTS) or (row.b is None and a == _DEFAULTS)
@@ -92,12 +96,14 @@ def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | Non
         if v.name in record.wanted and record.vehicles[v.name].at != address_text(arena, v):
             raise InputError(
                 f"{record.path}: the interrupted push was to {v.name} at {record.vehicles[v.name].at}, "
-                f"but this arena has {v.name} at {address_text(arena, v)}"
+                f"but this arena has {v.name} at {address_text(arena, v)}. "
+                f"{_RESUME_OR_DELETE}"
             )
         if v.name in record.wanted and v.uid and record.vehicles[v.name].uid not in ("", v.uid):
             raise InputError(
                 f"{record.path}: the interrupted push was to {v.name} with hardware uid {record.vehicles[v.name].uid}, "
-                f"but this arena has {v.name} with {v.uid}"
+                f"but this arena has {v.name} with hardware uid {v.uid}. "
+                f"{_RESUME_OR_DELETE}"
             )
     return record
 
@@ -159,7 +165,7 @@ def version_for(vehicle: Vehicle | None, asked: str) -> str:
     return px4_version(vehicle, asked)
 
 
-def required_firmware(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
+def required_parameters(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
     """Return the PX4 parameters that the YAML requires for a vehicle. asked: PX4 version given on the command line, or ""."""
     from arena.plan.firmware import firmware
 
@@ -196,7 +202,7 @@ def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> di
         from arena.params.param_files import read_values
 
         return {name: value for name, value in read_values(file).values.items() if name != "MAV_SYS_ID"}
-    made = required_firmware(arena, vehicle, asked)
+    made = required_parameters(arena, vehicle, asked)
     for sentence in made.not_possible:
         print(f"{vehicle.name}: not possible: {sentence}")
     return made.values
@@ -254,7 +260,7 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarg
 
 
 def _uid_of_run(run: RunState, v: Vehicle) -> str:
-    """Return the hardware uid that the link process of a running arena has recorded; "" if there is none."""
+    """Return the hardware uid of a real vehicle's autopilot, as the running arena has recorded it; "" if unknown."""
     if v.wire is None:
         return ""
     try:
@@ -294,7 +300,9 @@ def _check_run_has(run: RunState, vehicles: Sequence[Vehicle]) -> None:
     for v in vehicles:
         if there.get(v.name) != (v.id, v.simulated):
             raise InputError(
-                f"{v.name}: the arena running on {run.address}, {run.name} ({run.run}), has no {v.name} with id {v.id}"
+                f"{v.name}: the arena running on {run.address}, {run.name} ({run.run}), has no "
+                f"{'simulated' if v.simulated else 'real'} {v.name} with id {v.id}. "
+                f"Use the YAML of that arena, or end it with `arena down --run {run.run}`"
             )
 
 
@@ -335,7 +343,7 @@ class ParamSources:
             return ParamSource(values=defaults(version), types={}, version=version, origin=name)
         if name.startswith(YAML):
             vehicle = selected_vehicles(self.arena, [name.removeprefix(YAML)])[0]
-            made = required_firmware(self.arena, vehicle, self._version)
+            made = required_parameters(self.arena, vehicle, self._version)
             return ParamSource(
                 values=made.values, types={}, version=version_for(vehicle, self._version), origin=name
             )

@@ -47,7 +47,13 @@ def register(app: typer.Typer) -> None:
             if vehicle not in waiting:
                 print(f"{vehicle}: is allowed to arm now")
         if waiting:
-            raise RunError(f"{', '.join(waiting)}: got no arm permit, because the vehicle is not connected")
+            raise RunError(
+                "\n".join(
+                    f"{v}: got no arm permit within {_ANSWER_S:g} s. Is the vehicle switched on and connected? Then run "
+                    f"`arena arm-permit {v}` again"
+                    for v in waiting
+                )
+            )
 
 
 def vehicle_line(vehicle: str, stats: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""`arena audit RUN`: print who armed, commanded and configured the vehicles of a run, and who had control of them."""
+"""`arena audit RUN`: print the requests to the vehicles of a run with their senders, and who had control of the vehicles."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def register(app: typer.Typer) -> None:
         vehicle: Annotated[str, typer.Option("--vehicle", metavar="NAME", help="only this vehicle")] = "",
         as_json: Annotated[bool, typer.Option("--json", help="print one JSON object per line")] = False,
     ) -> None:
-        """Print who armed, commanded and wrote parameters to the vehicles of a run, from which address, and what was refused."""
+        """Print the requests to the vehicles of a run, such as arming and parameter changes: who sent them, and which were refused."""
         found = [entry for entry in entries(run) if vehicle in ("", entry["vehicle"])]
         if as_json:
             for entry in found:

@@ -20,7 +20,7 @@ def register(app: typer.Typer) -> None:
         machine: Annotated[
             bool,
             typer.Option(
-                help="also check that this computer has free ports, pybullet, the devices and the commands of `tools`"
+                help="also check this computer: free ports, pybullet, serial devices, and the commands in the section `tools` of the YAML"
             ),
         ] = True,
     ) -> None:

@@ -73,7 +73,8 @@ def _down(state: RunState, now: bool) -> int | None:
     while state.live:
         if not _wait_for_end(state):
             raise RunError(
-                f"the supervisor {state.supervisor.pid} closed its connection but still runs: see {state.run}"
+                f"the supervisor {state.supervisor.pid} has not ended in time. {state.run}/events.jsonl shows its last events. "
+                f"If it hangs, end it with `kill -9 {state.supervisor.pid}` and run `arena down --run {state.run}` again"
             )
     print(f"run folder: {state.run}")
     return _exit_code(Path(state.run))

@@ -53,8 +53,10 @@ def _log(folder: Path, name: str) -> Path:
 
 
 def _process_of(folder: Path, name: str) -> str:
-    """Return the name of the process that runs a member: `world` for the `router` of a fused arena, `group.NAME` for a program
-    of a group. Other names are returned unchanged.
+    """Return the name of the process whose log contains the output of `name`.
+
+    A simulated arena can run its router, pose forwarders and loggers in the process `world`: `router` -> `world`.
+    Programs can share a process `group.NAME`. The name of a process is returned unchanged.
     """
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         plan = Plan.from_json((folder / "plan.json").read_text())

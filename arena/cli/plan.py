@@ -38,7 +38,7 @@ def register(app: typer.Typer) -> None:
             ),
         ] = "",
     ) -> None:
-        """Print every process of an arena: the processes that it needs, its ports and its command. Starts nothing."""
+        """Print every process of an arena with its ports, its command and the processes that must be ready before it. Starts nothing."""
         from arena.plan import make_plan
         from arena.schema import load_arena
 

@@ -1,4 +1,4 @@
-"""`arena preflight VEHICLE...`: guided check that the captured body of a real vehicle is its own, with the right axes."""
+"""`arena preflight VEHICLE...`: guided check that motion capture tracks the right rigid body for a real vehicle."""
 
 from __future__ import annotations
 
@@ -28,11 +28,12 @@ def register(app: typer.Typer) -> None:
         ],
         run: RunOption = None,
     ) -> None:
-        """Check that a real vehicle is its captured body. By hand, lift the vehicle, tilt it nose down, then right side down.
+        """Check that motion capture tracks the right rigid body for a real vehicle. A person lifts and tilts the vehicle.
 
-        The vehicle must be disarmed and cannot be armed during the check. It needs a new arm permit afterwards, because somebody
-        stood beside it. Real vehicles need this check after each start of
-        their autopilot (`preflight.axes_check`). It also measures the delay of the poses and proposes EKF2_EV_DELAY.
+        The command prints each step: lift the vehicle, tilt it nose down, then right side down. The motion also shows whether
+        the axes of the rigid body are right. The vehicle must be disarmed and cannot be armed during the check. It needs a new
+        arm permit afterwards, because somebody stood beside it. Real vehicles need this check after each start of their
+        autopilot (`preflight.axes_check`). It also measures the delay of the poses and proposes EKF2_EV_DELAY.
         """
         arena = connect(find(run))
         results = {vehicle: _check(arena, vehicle) for vehicle in vehicles}
@@ -61,7 +62,11 @@ def _check(arena: Control, vehicle: str) -> bool:
 
 
 def _started(arena: Control, vehicle: str, before: object) -> Mapping[str, Any]:
-    """Wait until link.<vehicle> reports the new axes check. before: number of the previous check."""
+    """Wait until the process link.<vehicle> reports that the check has started. Return the status of the check.
+
+    before: number of the vehicle's previous check, which may still be reported; None if there was none.
+    Raises RunError if no new check is reported within 5 s.
+    """
     deadline = time.monotonic() + _ANSWER_S
     while time.monotonic() < deadline:
         status = _status(arena, vehicle)
@@ -88,7 +93,8 @@ def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[s
         status = _status(arena, vehicle)
         if status.get("number") != number:
             raise RunError(
-                f"{vehicle}: the check was lost, because link.{vehicle} was restarted or another check was started"
+                f"{vehicle}: the check was lost, because link.{vehicle} was restarted or another check was started. "
+                f"Run `arena preflight {vehicle}` again"
             )
     return status
 

@@ -76,7 +76,8 @@ def yaml_page() -> str:
     ]  # fmt: skip
     if set(order) != set(defs):
         raise ValueError(
-            f"`order` and the JSON schema must have the same models, but {set(order) ^ set(defs)} is in only one of them"
+            f"yaml_page: the list `order` lacks {sorted(set(defs) - set(order))} of the JSON schema, "
+            f"and contains {sorted(set(order) - set(defs))}, which the schema does not have: correct the list"
         )
     for name in order:
         text += f"\n## {name}\n\n{defs[name].get('description', '')}\n\n" + _keys(defs[name])
@@ -149,7 +150,7 @@ def _range(schema: dict[str, Any]) -> str:
 
 def ports_page() -> str:
     """Return the page of all ports."""
-    rows = [(port.rule, port.owner, port.use, _answers(port)) for port in PORTS]
+    rows = [(port.rule, port.owner, port.use, _accepted_senders(port)) for port in PORTS]
     for vendor in VENDORS:
         for key, use in vendor_settings(vendor).PORTS.items():
             rule = f"{getattr(Mocap(), key)}, or `mocap.{key}`"
@@ -169,8 +170,11 @@ def ports_page() -> str:
     return text + table(("port", "opened by", "used for", "accepted senders, by process"), rows)
 
 
-def _answers(port: Port) -> str:
-    """Return the table cell with the senders that get replies from a port, one entry for each process that may bind the port."""
+def _accepted_senders(port: Port) -> str:
+    """Return a cell of the table of ports: the senders from which a port accepts datagrams, such as `router`: any sender.
+
+    There is one entry per kind of process that can open the port.
+    """
     found: dict[str, list[str]] = {}
     for binder in port.binders:
         found.setdefault(binder.answers, []).append(f"`{binder.kind}`")
@@ -178,7 +182,7 @@ def _answers(port: Port) -> str:
 
 
 def processes_page() -> str:
-    """Return the page of processes: the table of all kinds, then the processes of an arena with one vehicle."""
+    """Return the page of processes: a table of all kinds of process, then an example, the processes of an arena with one vehicle."""
     head = ("process", "module", "purpose", "CPU, memory budget", "restart", "ports")
     text = "# Processes\n\nThe table lists every kind of process, in start order. `ps` shows a process as `arena:NAME`.\n"
     text += "Each vehicle has a separate process of the kinds with `.VEHICLE`, each group of programs one of the kind `group.NAME`.\n\n"

@@ -35,7 +35,10 @@ def register(app: typer.Typer) -> None:
 
 
 def _wait(arena: Control, vehicles: list[str]) -> dict[str, list[str]]:
-    """Wait until the release of each vehicle has ended. Return vehicle -> names of the processes that did not confirm the release."""
+    """Wait until the processes have confirmed the release of each vehicle, or their time limit has passed.
+
+    Return vehicle -> names of the processes that did not confirm; an empty list if programs may fly the vehicle again.
+    """
     while True:
         results = arena.ask(do="ps")["releases"]
         if all(results[vehicle] is not None for vehicle in vehicles):

@@ -84,7 +84,8 @@ def register(app: typer.Typer) -> None:
             bool,
             typer.Option(
                 "--processes",
-                help="run each part of a simulated arena as a process of its own; the same as --set sim.processes=many",
+                help="run world, motion capture, pose forwarders, router and loggers of a simulated arena as separate processes; "
+                "the same as --set sim.processes=many",
             ),
         ] = False,
         realtime: Annotated[

@@ -1,4 +1,4 @@
-"""Process of the pose forwarder of one vehicle: its motion-capture client and its vision link.
+"""The process `forward.<vehicle>`, which sends the motion-capture poses of one vehicle to its autopilot.
 
 Run as `python -m arena.pose_forwarder slice.json`.
 """
@@ -38,7 +38,7 @@ class _PoseGapSleep:
         self._gap_s = 0.0
 
     def on_sent(self, wall: float) -> None:
-        """Record that a pose has been sent. wall: monotonic wall time [s]."""
+        """Record that a pose has been sent. wall: time of sending, by `time.monotonic()` [s]."""
         gap = min(wall - self._sent, self._period_s)
         self._gap_s += 0.2 * (gap - self._gap_s)
         self._sent = wall
@@ -58,8 +58,9 @@ class _ForwarderProcess(ForwarderShell):
         self._gap_sleep = _PoseGapSleep(1.0 / float(process.settings["rate_hz"]))
 
     def serve(self) -> None:
-        """Forward poses until a stop signal arrives. A real vehicle that is armed is served until it is
-        disarmed. If the supervisor has died, a simulated vehicle is served in the same way.
+        """Forward poses until a stop signal arrives. If a real vehicle is then armed, continue until it is disarmed.
+
+        If the supervisor has died, also continue until the vehicle is disarmed; for a simulated vehicle 60 s at most.
         """
         selector = selectors.DefaultSelector()
         selector.register(self.capture, selectors.EVENT_READ)
@@ -77,8 +78,9 @@ class _ForwarderProcess(ForwarderShell):
                     return
 
     def _armed_real(self) -> list[str]:
-        """Return a list with the name of the vehicle if the vehicle is real and its last heartbeat reported that it is armed;
-        else an empty list.
+        """Return the armed real vehicles that this process serves, for `ProcessContext.may_end`: one name or none.
+
+        The vehicle counts as armed if its last heartbeat reported so.
         """
         return [self.process.settings["vehicle"]] if self.core.autopilot.armed and not self.simulated else []
 

@@ -1,5 +1,6 @@
-"""Core of the pose forwarder, without sockets or clocks: converts captured frames to MAVLink for the
-autopilot's vision link.
+"""Conversion of motion-capture frames to the MAVLink messages that the autopilot receives as external vision.
+
+Opens no sockets and reads no clock: received data and times are arguments.
 
 A pose is forwarded only if it is new, tracked, not frozen and not late. Every other pose is dropped and
 counted by its reason.
@@ -39,7 +40,7 @@ _MODES_WITHOUT_ARMING = frozenset({"AUTO.LAND", "AUTO.RTL", "TERMINATION"})
 
 @dataclass(slots=True)
 class Autopilot:
-    """State of the autopilot, from the messages on the vision link. Times are by the caller's clock [s].
+    """State of the autopilot, from the messages that it sends to the pose forwarder. Times are by the caller's clock [s].
 
     last_heartbeat: time of the last heartbeat. since: time of the first message.
     on_ground: None before it is reported.
@@ -101,9 +102,9 @@ class Forwarder:
         return self.on_frames([frame], now)
 
     def on_frames(self, frames: Sequence[CapturedFrame], now: float) -> bytes | None:
-        """Return one ODOMETRY message for frames that arrived together; None if nothing is forwarded.
+        """Return the ODOMETRY message for frames that arrived together; None if nothing is forwarded.
 
-        Only the newest pose is sent, because the autopilot uses the arrival time as the time of the pose.
+        Only the newest pose of the vehicle is sent, because the autopilot uses the arrival time as the time of the pose.
         frames: oldest first. now: [s].
         """
         best: Pose | None = None
@@ -158,8 +159,9 @@ class Forwarder:
         return "stale" if late > self._stale_s else ""
 
     def _capture_restarted(self) -> None:
-        """Forget the last frame and its lateness after a restart of the capture system. Report the restart to
-        the autopilot with the reset counter.
+        """Discard the last pose and the measured offset of the clocks after a restart of the motion-capture system.
+
+        The next ODOMETRY messages report the restart to the autopilot by a new reset counter.
         """
         self.counts["capture restarts"] += 1
         self.lateness.reset()
@@ -297,8 +299,10 @@ class Forwarder:
         return due
 
     def _heartbeat_request(self) -> Any:
-        """Return a request for a heartbeat now. Without it, the origin would wait up to 1 s for the first heartbeat, and the
-        first pose for the origin.
+        """Return a request for an immediate HEARTBEAT.
+
+        The origin is sent after the first HEARTBEAT, and the first pose after the origin. Without the request, both would
+        be delayed by up to 1 s.
         """
         return mavlink.MAVLink_command_long_message(
             self.system,

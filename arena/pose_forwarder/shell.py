@@ -1,4 +1,7 @@
-"""Core of a pose forwarder with its motion-capture client and its vision link. Its caller decides when to read them."""
+"""Input and output of a pose forwarder: receives motion-capture frames, and exchanges MAVLink with the autopilot.
+
+`forwarder.py` makes the messages. The caller of `ForwarderShell` decides when data is read and sent.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ _FIRST_MESSAGE_S = 0.3  # a running autopilot sends EXTENDED_SYS_STATE five time
 
 
 class VisionLink(Protocol):
-    """Socket of the vision link. Its methods never block."""
+    """Socket of the vision link, on which the autopilot receives ODOMETRY. The methods never block."""
 
     def recvfrom(self, size: int, /) -> tuple[bytes, Address]: ...
 
@@ -33,9 +36,10 @@ class VisionLink(Protocol):
 
 
 class ForwarderShell:
-    """Pose forwarder of one vehicle, with its motion-capture client and its vision link.
+    """Pose forwarder of one vehicle: a `Forwarder` with its motion-capture client and the socket to the autopilot.
 
-    clock, capture, link: clock, motion-capture client and vision link; None: opened as the configuration says.
+    clock, capture, link: clock, motion-capture client, and socket to the autopilot (the vision link); None: opened as the
+        configuration says.
     wall: the present time, by the clock of the argument `wall` of `tick` [s]; None: monotonic time.
     """
 
@@ -63,8 +67,9 @@ class ForwarderShell:
         self.poses_from: float | None = None
 
     def turn(self, now: float) -> bool:
-        """Read motion capture and the vision link, and send a pose if one is due. Return whether a pose was sent. now: time of
-        `clock` [s].
+        """Read motion capture and the autopilot's messages, and send a pose if one is due. Return whether a pose was sent.
+
+        now: time of `clock` [s].
         """
         pose = self.core.on_frames(self.capture.poll(now), now)
         self._send(pose)
@@ -92,7 +97,10 @@ class ForwarderShell:
         return self.after.over(orphaned=self.process.orphaned, any_armed=armed, now=wall)
 
     def _refresh_definition(self, wall: float) -> None:
-        """Request the definition of a real vehicle's body regularly while the vehicle is disarmed, because its axes check depends on it."""
+        """Request the definition of the rigid body every 5 s while a real vehicle is disarmed.
+
+        A passed axes check (`arena preflight`) counts only for the definition that was checked.
+        """
         if not self.simulated and not self.core.autopilot.armed and wall - self.refreshed >= _REFRESH_S:
             self.refreshed = wall
             self.capture.refresh_definitions()
@@ -142,8 +150,9 @@ def _clock(process: ProcessContext) -> Clock:
 
 
 def _latency(lateness: Lateness) -> dict[str, float | None]:
-    """Return the latency of the last frame, from exposure to arrival, and the largest possible error of this latency
-    [ms]. None before the server has answered an echo request.
+    """Return the latency of the last frame, from exposure to arrival, and the largest possible error of this latency [ms].
+
+    Both are None before the motion-capture server has answered an echo request, which measures the offset of the clocks.
     """
     if not math.isfinite(lateness.latency_s):
         return {"latency_ms": None, "latency_error_ms": None}

@@ -1,4 +1,4 @@
-"""Computes measures of one flight, such as the tracking error, from its log. Pure. A measure without data is None."""
+"""Computes measures of one flight, such as the tracking error, from its log in memory. Reads no files. A measure without data is None."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def analyse(flight: Flight) -> dict[str, Any]:
         "rows": int(flight.t.size),
         "duration_s": _round(flight.t[-1], 2),
         "log_hz": _round(_rate(flight), 2),
-        "judged_by": flight.judge,
+        "judged_by": flight.position_source,
         "flown": bool(flight.armed.any()),
         "tracking": tracking(flight),
         "setpoints": setpoints(flight),
@@ -115,10 +115,10 @@ def estimator(flight: Flight) -> dict[str, float | None]:
 
     The error is the estimate minus the ground truth, or, for a real vehicle, minus motion capture.
     """
-    if flight.judge == "estimate":
+    if flight.position_source == "estimate":
         return {"pos_rms_m": None, "pos_max_m": None, "yaw_rms_deg": None, "yaw_max_deg": None}
     error, turned = flight.group("err.pos"), flight.group("err.att_euler", RPY)[:, 2]
-    if flight.judge == "capture":
+    if flight.position_source == "capture":
         error = flight.group("ekf.pos") - flight.pos
         turned = flight.group("ekf.att_euler", RPY)[:, 2] - flight.euler[:, 2]
         turned = (turned + np.pi) % (2 * np.pi) - np.pi

@@ -24,7 +24,7 @@ Instant = Literal["row", "interpolated", "held"]
 @dataclass(frozen=True, kw_only=True)
 class Group:
     """A measured quantity and its columns in the log: one column per component, such as `ekf.pos.north`. A quantity without
-    components has one column, called `name`.
+    components has one column with the name of the quantity, such as `info.battery`.
 
     instant: time to which the value of a row belongs. "interpolated": between two samples, for the time of the row;
         "held": value of the last message; "row": exactly the time of the row.

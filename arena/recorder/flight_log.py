@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from arena.geometry import Array
 from arena.recorder.columns import NED, RPY
 
-Judge = Literal["truth", "capture", "estimate"]
-COLUMNS_OF: Mapping[Judge, str] = {"truth": "truth", "capture": "mocap", "estimate": "ekf"}
+PositionSource = Literal["truth", "capture", "estimate"]
+COLUMNS_OF: Mapping[PositionSource, str] = {"truth": "truth", "capture": "mocap", "estimate": "ekf"}
 _WORDS = ("info.flight_mode", "info.is_armed", "info.is_landed")
 
 
@@ -48,8 +48,8 @@ class Flight:
         return "truth.pos.north" in self.numbers
 
     @property
-    def judge(self) -> Judge:
-        """Name of the source from which the vehicle's actual position is read: ground truth, motion capture, or PX4's estimate.
+    def position_source(self) -> PositionSource:
+        """Source of the vehicle's actual position: ground truth of the simulation, motion capture, or PX4's estimate.
 
         Motion capture is used if there is no ground truth and at least half of the rows while armed have a measured position.
         """
@@ -61,13 +61,13 @@ class Flight:
 
     @property
     def pos(self) -> Array:
-        """Actual position [m] [NED] (n, 3), from the best available source (see `judge`); NaN if unknown."""
-        return self.group(COLUMNS_OF[self.judge] + ".pos")
+        """Actual position [m] [NED] (n, 3), from the best available source (see `position_source`); NaN if unknown."""
+        return self.group(COLUMNS_OF[self.position_source] + ".pos")
 
     @property
     def euler(self) -> Array:
-        """Actual roll, pitch, yaw [rad] (n, 3), from the best available source, see `judge`; NaN if unknown."""
-        return self.group(COLUMNS_OF[self.judge] + ".att_euler", RPY)
+        """Actual roll, pitch, yaw [rad] (n, 3), from the best available source (see `position_source`); NaN if unknown."""
+        return self.group(COLUMNS_OF[self.position_source] + ".att_euler", RPY)
 
     @property
     def offboard(self) -> NDArray[np.bool_]:

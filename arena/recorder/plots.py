@@ -31,7 +31,7 @@ def plot_vehicle(flight: Flight, folder: Path) -> list[Path]:
 
     The plots are position, velocity, attitude and rates, and for a simulated vehicle also estimator_error.
     """
-    actual, degrees = COLUMNS_OF[flight.judge], np.degrees
+    actual, degrees = COLUMNS_OF[flight.position_source], np.degrees
     moving = actual if flight.simulated else "ekf"  # motion capture measures no velocity and no rates
     pictures = [
         _group(flight, folder, "position", "m", NED, (actual + ".pos", "ekf.pos", "pos_ref")),
@@ -82,7 +82,7 @@ def _group(
     figure, rows = _three_axes()
     thin = _thin(flight.t.size)
     lines = [(names[1], _ESTIMATE, "-", "estimate", 2.5)] if names[0] != names[1] else []
-    lines += [(names[0], _ACTUAL, "-", f"actual ({flight.judge if lines else 'estimate'})", 1.0)]
+    lines += [(names[0], _ACTUAL, "-", f"actual ({flight.position_source if lines else 'estimate'})", 1.0)]
     lines += [(names[2], _DESIRED, "--", "desired", 0.8)]
     for name, colour, style, label, width in lines:
         values = flight.group(name, parts)[thin]

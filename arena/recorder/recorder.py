@@ -1,4 +1,4 @@
-"""Conversion of the telemetry, poses and ground truth of one vehicle to the rows of its log. Pure.
+"""Conversion of the telemetry, poses and ground truth of one vehicle to the rows of its log. Opens no sockets and no files.
 
 A row belongs to one instant. The row is written later, when each measured group has a sample before and after that
 instant.
@@ -203,7 +203,7 @@ class Recorder:
         return f"{stamp:.4f},{_text(measured)},{self._info(time_s)},{_text(others)}\n"
 
     def _info(self, time_s: float) -> str:
-        """Return the cells of the columns `info`."""
+        """Return the cells of the columns `info.*`: flight mode, armed, landed and battery, separated by commas."""
         heart, ground, status = (
             self._heart.at(time_s),
             self._ground.at(time_s),

@@ -174,10 +174,10 @@ def _plots(run: Path, flights: list[Flight], plan: Mapping[str, Any], missing: l
 
 
 def _size_m(plan: Mapping[str, Any]) -> Any:
-    """Return the size of the flight room [m], from the configuration of the simulated world or, without a world, of a real
-    vehicle's link.
+    """Return the size of the flight room (north, east, height) [m]; None if the plan does not contain it.
 
-    Return None if unknown.
+    The size is in the configuration of the process `world`. An arena without a simulated world has the size in the
+    configurations of the processes `link.<vehicle>`.
     """
     slices = {name.removesuffix(".json"): given for name, given in plan.get("slices", {}).items()}
     links = [given.get("preflight") or {} for name, given in slices.items() if name.startswith("link.")]

@@ -1,5 +1,5 @@
-"""Short histories of received values, from which the logger reads the values at the instant of a row. Pure:
-times are arguments.
+"""Short histories of received values, from which the logger reads the values at the instant of a row. No clock is
+read: times are arguments.
 
 A row of the log belongs to one instant. Measurements are interpolated for that instant. Commands and states change in
 steps, so their last value is used.

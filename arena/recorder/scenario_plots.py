@@ -33,7 +33,7 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """Mark in the plot for one step of the scenario. at_s: simulation time of the step [s]. good: whether the step has passed."""
+    """Vertical line in the plot for one step of the scenario. at_s: simulation time of the step [s]. good: whether the step has passed."""
 
     at_s: float
     text: str
@@ -41,7 +41,10 @@ class Mark:
 
 
 def draw(title: str, tracks: Mapping[str, Track], marks: Sequence[Mark], path: Path) -> Path:
-    """Write the plot to `path` and return `path`. The marks are numbered in the plot and listed below it."""
+    """Write the plot of a smoke flight to `path` and return `path`.
+
+    Each step of the scenario is a numbered vertical line. The texts of the steps are listed below the plot.
+    """
     figure = Figure(figsize=(9, 7.5 + 0.17 * len(marks)), layout="constrained")
     above, middle, below = figure.subplots(3, 1, sharex=True)
     known = list(dict.fromkeys(mode for track in tracks.values() for mode in track.modes if mode))

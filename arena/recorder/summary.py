@@ -1,4 +1,4 @@
-"""The summary of a run as text for a terminal. Pure."""
+"""The summary of a run as text for a terminal. Reads and writes no files."""
 
 from __future__ import annotations
 
