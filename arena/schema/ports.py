@@ -157,7 +157,7 @@ PORTS: tuple[Port, ...] = (
     Port(
         key="wire",
         rule="`url`",
-        name="the wire",
+        name="flight controller",
         owner="the hardware link",
         use="MAVLink of a hardware vehicle with a `udpin` URL",
         binders=(Binder(kind="link", answers="the first address that sends as this vehicle"),),

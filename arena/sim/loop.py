@@ -52,7 +52,7 @@ MakeLinks = Callable[[ProcessContext, Mapping[str, Any], float], LinkInterface]
 
 
 class Loop:
-    """Runs the world and owns its sockets and files.
+    """Runs the world step by step. Opens its sockets and shared memory pages, and removes them at the end.
 
     `run` returns if a stop is requested, or when the `ShutdownPolicy` ends the process.
 
@@ -350,7 +350,7 @@ class Loop:
 
 
 def serve(make_autopilots: MakeAutopilots, argv: list[str] | None = None) -> None:
-    """Run the world until a stop is requested. Raises ArenaError.
+    """Run the world as a process of its own, with UDP sockets as its MAVLink links, until a stop is requested. Raises ArenaError.
 
     argv: command line; it names the JSON configuration (slice) of the process
     """
@@ -361,7 +361,10 @@ def serve(make_autopilots: MakeAutopilots, argv: list[str] | None = None) -> Non
 def run(
     context: ProcessContext, settings: dict[str, Any], make_autopilots: MakeAutopilots, make_links: MakeLinks
 ) -> None:
-    """Run the world in this process until a stop is requested. Raises ArenaError. The arguments are those of `Loop`."""
+    """Run the world with the links that `make_links` opens, until a stop is requested. Raises ArenaError.
+
+    The arguments are those of `Loop`.
+    """
     try:
         loop = Loop(context, settings, make_autopilots, make_links)
     except KeyError as error:

@@ -254,7 +254,8 @@ def _dynamics(fleet: Fleet, step_s: float) -> Dynamics:
     models = {model.name: model for model in map(vehicle_model, fleet.profiles)}
     if len(models) > 1:
         raise InputError(
-            f"all vehicles of one world must have the same vehicle_class: got {', '.join(sorted(models))}"
+            f"all vehicles of one world must have the same vehicle_class: got {', '.join(sorted(models))}. "
+            "Give each class an arena.yaml of its own."
         )
     (model,) = models.values()
     return model.dynamics(fleet.profiles, step_s=step_s)

@@ -57,7 +57,7 @@ def test_hardware_port_on_every_address_is_listed(tmp_path):
     }
     lines = open_lines(plan_of(tmp_path, vehicles=real, mocap={"source": "natnet", "server": "127.66.40.9"}))
     assert lines == [
-        "open: udp 0.0.0.0:14540 the wire (link.uav1) answers the first address that sends as this vehicle"
+        "open: udp 0.0.0.0:14540 flight controller (link.uav1) answers the first address that sends as this vehicle"
     ]
 
 
