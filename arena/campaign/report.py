@@ -21,10 +21,10 @@ _SHOWN = ("tracking_rms_m", "setpoint_error_m", "landing_error_m", "crashes")
 
 
 def in_campaign(listing: Listing, records: Iterable[Record]) -> list[Record]:
-    """Return the records of the flights that the sweep file has now, in the order of the list of flights.
+    """Return the records of the flights in the list of flights of a campaign, in the order of this list.
 
-    Records of flights that have been removed from the sweep file are left out. Each record gets the number that its flight has
-    in the list.
+    A record whose flight is no longer in the list, because the sweep file was changed, is left out. Each record gets the number
+    that its flight has in the list.
     """
     known = {record.id: record for record in records}
     return [

@@ -89,10 +89,10 @@ class LandingTask:
         return False
 
     def _land(self, flying: Sequence[str], now: float, *, world_gone: bool, armed: Collection[str]) -> bool:
-        """Start the land task if a vehicle is flying and the time for the next attempt has come. Return True when the landing
+        """Start the land task if a vehicle may be flying and the time for the next attempt has come. Return True when the landing
         has ended.
 
-        flying: vehicles in the air that the land task must command to land: no pilot flies them.
+        flying: vehicles that may be in the air and that no pilot flies, so that the land task must land them.
         """
         if not flying and world_gone and self._tries and not self._confirmed:
             return self._give_up("the world ended before the vehicles were on the ground")

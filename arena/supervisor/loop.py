@@ -222,8 +222,8 @@ class Supervisor:
     def _report_operator(self, now: float) -> None:
         """Report to the router that an operator is present. Called once a second.
 
-        Without this report, and without a ground station, the router stops the GCS heartbeat to real vehicles, so that the
-        data-link failsafe of PX4 can react. Nothing is reported while no operator is present.
+        Without this report, and without a ground station, the router sends no GCS heartbeat to real vehicles with a data-link
+        failsafe, so that this failsafe can react. Nothing is reported while no operator is present.
         """
         if all(v.simulated for v in self.plan.vehicles):
             return

@@ -66,7 +66,7 @@ def blocked(vehicle: str, facts: Mapping[str, Any]) -> str:
 def _blocked_in_world(plan: Plan, stats: Mapping[str, Mapping[str, Any]], vehicle: str) -> bool:
     """Return whether the built-in autopilot of a vehicle, which runs in the world, refuses the commands of programs.
 
-    `land-all` can command this autopilot directly. The router then reports no refusal, but the autopilot refuses programs.
+    `land-all` can command this autopilot directly. The router may then report no refusal, although the autopilot refuses programs.
     """
     worlds = [stats.get(spec.name, {}) for spec in plan.processes if spec.kind == "world"]
     return any(world.get("autopilot", {}).get(vehicle, {}).get("blocked") for world in worlds)

@@ -1,9 +1,9 @@
 """Execution of `arena release`: sends the release to the router, links and world, and waits until they confirm it.
 
 After `land-all`, for example, these processes refuse all commands that programs send to a vehicle. The release of the vehicle
-ends this: programs may fly the vehicle again. Either all of these processes release the vehicle, or none: hardware link and
-world get the request first. The router gets it when they have confirmed, so until then the router refuses the programs. A
-process that reads its request later than CONFIRM_S ignores it.
+ends this: programs may fly the vehicle again. Hardware link and world get the release first. The router gets it when they have
+confirmed, so no command of a program passes before all processes accept it. A process that reads the release later than CONFIRM_S
+after `arena release` ignores it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The end of a run: lands the vehicles, then stops the processes. Processes that an armed vehicle needs are stopped last.
 
 A process serves a vehicle if the vehicle needs it to fly and to land: world, motion capture, PX4, link, pose forwarder, router.
-In the phase LAND, a serving process that crashes or hangs is restarted. In the phase STOP, programs, tools, loggers and the
-copilot are stopped first. The processes that serve a real vehicle are stopped SETTLE_S after them, and only while the vehicle
-is disarmed. If a vehicle becomes armed in STOP, the run returns to LAND.
+In the phase LAND, motion capture, links, pose forwarders and router are restarted if they crash or hang. In the phase STOP,
+programs, tools, loggers and the copilot are stopped first. The processes that serve a real vehicle are stopped SETTLE_S after
+them, and only while the vehicle is disarmed. If a vehicle becomes armed in STOP, the run returns to LAND.
 """
 
 from __future__ import annotations
