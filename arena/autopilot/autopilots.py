@@ -1,10 +1,8 @@
 """The built-in autopilots of all simulated vehicles, stepped together. No sockets, no clock.
 
-Their behaviour as seen from outside is PX4's; docs/builtin-autopilot.md lists the differences. One step runs,
-in
-this order: fusion of external vision, estimator, (every 0.02 s) land detector, commanders and flight
-    modes,
-then controllers, control allocation and telemetry.
+Their behaviour as seen from outside is PX4's; docs/builtin-autopilot.md lists the differences. One step runs, in this order:
+fusion of external vision, estimator, then every 0.02 s land detector, commanders and flight modes, then controllers, control
+allocation and telemetry.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from arena.authority import CommandGate
 from arena.autopilot.commander import Commander, Mode
 from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams
 from arena.autopilot.control.control_allocator import ControlAllocator
-from arena.autopilot.control.controllers import Cascade, steps_within
+from arena.autopilot.control.controllers import Cascade, steps_per_period
 from arena.autopilot.control.flight_tasks import FlightTask, stop_motors
 from arena.autopilot.control.setpoints import Level, Setpoints
 from arena.autopilot.estimation.estimator import Estimator
@@ -94,8 +92,10 @@ class Autopilots:
         self._telemetry: TelemetryState | None = None
         self._packer = TelemetryPacker(self.est, self.sp, self.cascade, self.allocator.rows.shape[1])
         self.tasks = [FlightTask(i) for i in range(n)]
-        self._decide_every = steps_within(_DECISION_PERIOD_S, dt)
-        self._realign_every = self._decide_every * steps_within(_REALIGN_PERIOD_S, dt * self._decide_every)
+        self._decide_every = steps_per_period(_DECISION_PERIOD_S, dt)
+        self._realign_every = self._decide_every * steps_per_period(
+            _REALIGN_PERIOD_S, dt * self._decide_every
+        )
         self.auto = AutoModes(self.params, self.est, n, dt * self._decide_every)
         self.armed = np.zeros(n, bool)
         self.motors = np.zeros((n, self.allocator.rows.shape[1]))
@@ -212,7 +212,7 @@ class Autopilots:
         est, sp = self.est, self.sp
         self._consumed_mah += self._sensors["battery_current_a"] * (self.auto.dt / 3.6)
         climbing = climb_requested(sp, est, self.params) & self.armed
-        sink = np.where(sp.at(Level.POSITION), self.cascade.position.v_sp_n[:, 2], np.nan)
+        sink = np.where(sp.has_level(Level.POSITION), self.cascade.position.v_sp_n[:, 2], np.nan)
         self.land.update(now, est, self.thrust, climbing, sink)
         self.takeoff.update(now, self._armed_since, self.land.landed, climbing)
         self._sense(now)
@@ -221,14 +221,14 @@ class Autopilots:
         for v in self.vehicles:
             self._decide_one(v)
         flying, begun = self.takeoff.flying, np.isfinite(self.takeoff.begun)
-        self.cascade.position.speed_up[:] = self.takeoff.speed_up(now, full)
+        self.cascade.position.speed_up[:] = self.takeoff.climb_rate_limit(now, full)
         self.cascade.position.tilt_max[:] = np.where(
             flying, np.inf, np.radians(self.params["MPC_TILTMAX_LND"])
         )
         self.cascade.reset(~(flying | begun))
         self.armed = np.array([v.commander.armed for v in self.vehicles])
         self._armed_since = np.array([v.commander.armed_since for v in self.vehicles])
-        on = self.armed & ~sp.at(Level.NONE)
+        on = self.armed & ~sp.has_level(Level.NONE)
         # Armed on the ground without a setpoint to climb: the motors idle, whatever the controllers command.
         running = on & (flying | begun)
         self._up_from = np.where(running, self._armed_since + self.params["COM_SPOOLUP_TIME"], np.inf)

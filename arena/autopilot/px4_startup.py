@@ -1,4 +1,4 @@
-"""Reader of PX4 startup scripts. It supports the lines that the PX4 stand-in needs.
+"""Reader of PX4 startup scripts, for the PX4 stand-in. It supports only the lines that the stand-in needs.
 
 Supported lines: `. FILE`, `param set NAME VALUE`, `param set-default NAME VALUE`, `simulator_mavlink start`
 and `mavlink start`. `mavlink stream` is ignored, because the built-in autopilot has its own rates. Every
@@ -28,7 +28,7 @@ class UdpLink:
     """MAVLink link over UDP that the startup script opens.
 
     local: local port
-    remote: address of the only partner
+    remote: address to which the link sends
     """
 
     name: str
@@ -67,7 +67,8 @@ def read_startup(script: Path, env: Mapping[str, str]) -> Startup:
         _run_line(found, line)
     if found.simulator is None:
         raise InputError(
-            f"{script}: the line `simulator_mavlink start` is missing, so the world's address is unknown"
+            f"{script}: the line `simulator_mavlink start` is missing, so the address of the simulator "
+            "is unknown. Add the line to the script."
         )
     return found
 

@@ -184,7 +184,7 @@ class StandIn:
 
 
 class Shell:
-    """Sockets of the stand-in: TCP to the world, and one UDP socket per link.
+    """Sockets of the stand-in: TCP to the simulator, and one UDP socket per MAVLink link.
 
     The sensor samples are the only clock of the stand-in.
     """

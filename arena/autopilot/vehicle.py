@@ -52,9 +52,9 @@ class Vehicle:
     system_id: MAVLink system id (MAV_SYS_ID)
     mav_type: MAV_TYPE of the heartbeats
     now: time of the last datagram [s]
-    booted: True after the first decision; before it commands are rejected
-    inputs, commander_params: inputs of the commander's last decision
-    aligned, ready_to_arm, landed_state: results of the last decision; landed_state is a MAV_LANDED_STATE
+    booted: True after the commander has run once; before, commands are rejected
+    inputs, commander_params: inputs of the commander's last run
+    aligned, ready_to_arm, landed_state: results of the commander's last run; landed_state is a MAV_LANDED_STATE
     vision: newest sample of external vision that is not fused yet
     offboard_setpoint, offboard_setpoint_at: newest offboard setpoint and its time [s]
     takeoff_target_d: height requested by NAV_TAKEOFF [m] [NED down], NaN for MIS_TAKEOFF_ALT

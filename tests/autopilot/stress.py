@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot import Autopilots
-from arena.autopilot.estimation.covariance import samples_per_prediction
 from arena.autopilot.estimation.estimator import VisionSample
+from arena.autopilot.estimation.prediction_period import samples_per_prediction
 from arena.autopilot.mavlink.offboard_setpoints import from_position_target
 from arena.geometry import quat_conj, quat_exp, quat_from_euler, quat_log, quat_multiply
 from arena.sim.world import World

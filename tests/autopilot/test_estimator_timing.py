@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from arena.autopilot.estimation.covariance import samples_per_prediction
 from arena.autopilot.estimation.estimator import Estimator
+from arena.autopilot.estimation.prediction_period import samples_per_prediction
 from arena.autopilot.param_table import Params
 from arena.builtin_parameters import SPECS
 from arena.constants import GRAVITY_M_S2

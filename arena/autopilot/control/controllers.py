@@ -75,7 +75,7 @@ class PositionControl:
     def prepare(self, sp: Setpoints, est: Estimator) -> None:
         """Read changed parameters, and copy the estimates to the inputs of `law`, the compiled controller.
 
-        sp: setpoints; those at position level are used
+        sp: setpoints; only those for the position controller are used
         est: estimator of all vehicles
         """
         if self._version != self.params.version:
@@ -180,8 +180,8 @@ class RateControl:
         return array(self.law.torque)
 
 
-def steps_within(period_s: float, dt: float) -> int:
-    """Return how many steps of `dt` [s] have a total duration nearest to `period_s` [s]; at least 1."""
+def steps_per_period(period_s: float, dt: float) -> int:
+    """Convert a period [s] to a number of steps of `dt` [s], rounded to the nearest integer; at least 1."""
     return max(1, round(period_s / dt))
 
 
@@ -199,7 +199,7 @@ class Cascade:
     """
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
-        self._position_every = steps_within(_POSITION_PERIOD_S, dt)
+        self._position_every = steps_per_period(_POSITION_PERIOD_S, dt)
         self.position = PositionControl(params, vehicles, dt * self._position_every)
         self.attitude = AttitudeControl(params, vehicles)
         self.rate = RateControl(params, vehicles, dt)

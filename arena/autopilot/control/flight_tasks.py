@@ -18,7 +18,7 @@ class FlightTask:
     """Writes the setpoints of one vehicle in HOLD, TAKEOFF, LAND and DESCEND.
 
     row: row of the vehicle in the arrays over all vehicles
-    mode: the mode that this task flies, None if another module flies the vehicle
+    mode: mode that this task flies; None while the vehicle flies in a mode that is not one of these four
     target, yaw: target position [m] [NED] and heading [rad]
     reached: True if the climb of TAKEOFF is complete
     """

@@ -24,15 +24,15 @@ class Level(IntEnum):
     NONE = 0  # motors off
     RATE = 1  # omega_b and thrust
     ATTITUDE = 2  # q_nb and thrust
-    POSITION = 3  # position, velocity and acceleration, each axis where finite
+    POSITION = 3  # position, velocity and acceleration; axes with NaN are not controlled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OffboardSetpoint:
     """Setpoint for one vehicle, received by MAVLink from a program that uses OFFBOARD mode.
 
-    level: POSITION uses p_n, v_n, a_n, yaw, yaw_rate; ATTITUDE uses q_nb, yaw_rate, thrust; RATE uses
-        omega_b, thrust
+    level: controller that receives the setpoint. POSITION uses p_n, v_n, a_n, yaw, yaw_rate; ATTITUDE uses q_nb, yaw_rate,
+        thrust; RATE uses omega_b, thrust
     p_n, v_n, a_n: position [m], velocity [m/s], acceleration [m/s2] [NED]
     yaw, yaw_rate: heading [rad] and its rate [rad/s]
     q_nb: attitude [-] wxyz
@@ -59,7 +59,7 @@ class OffboardSetpoint:
 class Setpoints:
     """Setpoints of V vehicles, one row per vehicle.
 
-    level: `Level` (V,)
+    level: controller that receives the setpoint, a `Level` (V,)
     p_n, v_n, a_n: position [m], velocity [m/s], acceleration [m/s2] [NED] (V, 3)
     yaw, yaw_rate: heading [rad] and its rate [rad/s] (V,)
     q_nb: attitude [-] wxyz (V, 4)
@@ -81,8 +81,8 @@ class Setpoints:
         self.thrust = np.zeros(v)
         self.yaw_rate_ff = np.zeros(v)
 
-    def at(self, level: Level) -> Bool:
-        """Return a mask (V,) of the vehicles whose setpoint has the given level."""
+    def has_level(self, level: Level) -> Bool:
+        """Return a mask (V,) of the vehicles whose setpoint is for the given controller, for example `Level.RATE`."""
         return np.asarray(self.level == level.value)  # as int: numpy is slow with enums
 
     def clear(self, i: int) -> None:
@@ -102,7 +102,7 @@ class Setpoints:
         yaw: float = np.nan,
         yaw_rate: float = np.nan,
     ) -> None:
-        """Set a position-level setpoint for vehicle i. Axes and values left as NaN are not controlled."""
+        """Set a setpoint for the position controller of vehicle i. Axes and values left as NaN are not controlled."""
         self.level[i] = Level.POSITION
         self.p_n[i], self.v_n[i], self.a_n[i] = p_n, v_n, a_n
         self.yaw[i], self.yaw_rate[i] = yaw, yaw_rate

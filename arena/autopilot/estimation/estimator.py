@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.autopilot.estimation.covariance import samples_per_prediction
+from arena.autopilot.estimation.prediction_period import samples_per_prediction
 from arena.autopilot.param_table import Params
 from arena.builtin_parameters import SPECS
 from arena.constants import GRAVITY_M_S2
@@ -173,7 +173,7 @@ class Estimator:
     # -- prediction ------------------------------------------------------------------------------------------
 
     def predict(self, accel_b: Array, gyro_b: Array) -> None:
-        """Advance the estimated state by one IMU period, by accelerometer and gyroscope.
+        """Advance the estimated state by one IMU period, from the measurements of accelerometer and gyroscope.
 
         accel_b: specific force [m/s2] [FRD] (V, 3)
         gyro_b: body rates [rad/s] [FRD] (V, 3)
@@ -244,7 +244,9 @@ class Estimator:
         self._state.correct(i, covariance.error, int(self._delay_s[i] / self.dt) + 3)
 
     def realign(self, idx: Index) -> None:
-        """Mark vehicles as not aligned, so that the next vision sample aligns them again. IMU biases are kept. Use on the ground only."""
+        """Let the next vision sample set tilt, heading and position of these vehicles again. IMU biases are kept. Use on the
+        ground only.
+        """
         self.aligned[idx] = False
         self.reset_counter[idx] += 1
 

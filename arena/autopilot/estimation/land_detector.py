@@ -1,11 +1,12 @@
 """Land detector and take-off ramp, batched over vehicles, with PX4's conditions and parameters (LNDMC_*).
 
 A vehicle is landed if its thrust is low and it neither moves nor turns for LNDMC_TRIG_TIME. As in PX4, an
-invalid horizontal velocity is not compared with its limit. After a collision without external vision it can
-be wrong by several metres per second for minutes. The vertical velocity comes from the barometer then.
+invalid horizontal velocity is not compared with its limit: after a collision without external vision, the
+estimated velocity can be wrong by several metres per second for minutes. The vertical velocity then comes
+from the barometer.
 
 An armed vehicle takes off when its setpoint is a climb. After COM_SPOOLUP_TIME the allowed climb rate grows
-for MPC_TKO_RAMP_T, from no thrust to its full value (MPC_Z_VEL_MAX_UP in OFFBOARD, else MPC_TKO_SPEED).
+during MPC_TKO_RAMP_T, from no thrust to its full value (MPC_Z_VEL_MAX_UP in OFFBOARD, else MPC_TKO_SPEED).
 """
 
 from __future__ import annotations
@@ -105,11 +106,13 @@ class TakeoffRamp:
         self._armed_since[...], self._landed[...], self._climbing[...] = armed_since, landed, climbing
         self._law.update(now)
 
-    def speed_up(self, now: float, full: Array) -> Array:
-        """Return the greatest climb rate [m/s] (V,) that the take-off ramp allows now. During the ramp this rate
-        rises from a negative value (no thrust) to `full`. The next call changes the array.
+    def climb_rate_limit(self, now: float, full: Array) -> Array:
+        """Return the limit of the climb rate now [m/s] (V,). The next call overwrites the array.
 
-        full: climb rate at the end of the ramp [m/s] (V,)
+        Before the ramp the limit is so negative that the position controller commands no thrust. During the ramp the
+        limit rises to `full`. After the take-off it is infinite.
+
+        full: limit at the end of the ramp, MPC_Z_VEL_MAX_UP in OFFBOARD, else MPC_TKO_SPEED [m/s] (V,)
         """
         self._full[...] = full
         self._law.limit(now)
@@ -123,4 +126,6 @@ def climb_requested(sp: Setpoints, est: Estimator, params: Params) -> Bool:
     )  # NaN compares false, so axes without a setpoint are ignored
     by_speed = sp.v_n[:, 2] < -0.1
     by_thrust = sp.thrust > params["MPC_THR_MIN"] + 0.5 * (params["MPC_THR_HOVER"] - params["MPC_THR_MIN"])
-    return np.asarray(np.where(sp.at(Level.POSITION), by_height | by_speed, ~sp.at(Level.NONE) & by_thrust))
+    return np.asarray(
+        np.where(sp.has_level(Level.POSITION), by_height | by_speed, ~sp.has_level(Level.NONE) & by_thrust)
+    )

@@ -1,8 +1,7 @@
 """Flight in AUTO.MISSION, in AUTO.RTL and to reposition targets, for all vehicles.
 
-Checks missions and geofences, and runs one navigator per vehicle that needs one.
-
-A vehicle that uses none of these costs one comparison per decision.
+Checks missions and geofences, and runs a `Navigator` for each vehicle that flies a mission, a return or to a
+reposition target. All other vehicles cost almost no computing time.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ _MODES = (Mode.MISSION, Mode.RTL)
 class _Checked:
     """Mission and geofence of one vehicle as last checked, with the values that the check depends on.
 
-    key: the values that the result depends on; when they change, the lists are checked again
-    fence_id: identifier of the fence list that `fence.areas` was read from
+    key: the values that the check depends on; when they change, mission and geofence are checked again
+    fence_id: identifier of the uploaded geofence that `fence.areas` was read from
     """
 
     key: object = None
@@ -41,7 +40,7 @@ class _Checked:
 class AutoModes:
     """Flies the vehicles that are in AUTO.MISSION, in AUTO.RTL or on the way to a reposition target.
 
-    dt: time between two decisions [s]
+    dt: time between two calls of `fly` [s]
     """
 
     def __init__(self, params: Params, est: Estimator, vehicles: int, dt: float) -> None:
@@ -64,7 +63,7 @@ class AutoModes:
             s.fence = checked.fence.breach(self.est.p_n[v.row].tolist()) if s.xy_valid else ""
 
     def is_flying(self, v: Vehicle) -> bool:
-        """Return whether the vehicle's current mode is one that this module handles."""
+        """Return whether `AutoModes` flies the vehicle in its present mode: MISSION, RTL, or HOLD with a reposition target."""
         mode = v.commander.mode
         return mode in _MODES or (mode is Mode.HOLD and self._is_repositioned(v))
 
@@ -86,7 +85,9 @@ class AutoModes:
         return n.requested_mode
 
     def leave(self, v: Vehicle, *, armed: bool) -> None:
-        """Stop navigating a vehicle that is disarmed, or that another module flies from now on."""
+        """End a vehicle's mission flight, return or flight to a reposition target. Call this for every vehicle that is disarmed,
+        or for which `is_flying` is false.
+        """
         n = self._navigators.get(v.row)
         if n is not None:
             n.leave(armed=armed)
@@ -129,7 +130,7 @@ class AutoModes:
         )
 
     def _check_lists(self, v: Vehicle, s: CommanderInputs, checked: _Checked, home: Point | None) -> None:
-        """Check geofence and mission again, because a list, the home position or a parameter has changed."""
+        """Check geofence and mission again, because an upload, the origin, the home position or a parameter has changed."""
         store, p, i = v.missions, self.params, v.row
         horizontal, vertical = float(p["GF_MAX_HOR_DIST"][i]), float(p["GF_MAX_VER_DIST"][i])
         kept = checked.fence.areas

@@ -29,8 +29,8 @@ class Navigator:
     """Flies one vehicle along its mission, its return to home, or to a reposition target.
 
     row: row of the vehicle in the arrays over all vehicles
-    mode: the mode that is navigated, None if another module flies the vehicle
-    running: True while a mission is flown and not finished
+    mode: MISSION, RTL, or HOLD for a reposition target; None while the navigator does not fly the vehicle
+    running: True while the vehicle flies a mission that is not finished
     requested_mode: flight mode that the mission requests, None if it requests none
     """
 
@@ -74,7 +74,11 @@ class Navigator:
         self._follower.cruise = speed
 
     def leave(self, *, armed: bool) -> None:
-        """Stop navigating, because the vehicle is disarmed or another module flies the vehicle."""
+        """End the mission flight, the return or the flight to a reposition target.
+
+        armed: False if the vehicle is disarmed. The cruise speed is then reset, and a mission that has reached its last
+            item begins again at the first item
+        """
         if self.mode is Mode.MISSION:
             self.missions.set_progress(reached=-1)
         self.mode, self.running = None, False
@@ -105,7 +109,7 @@ class Navigator:
             self._load(s)
 
     def _start_current_item(self, s: Situation) -> None:
-        """Check the mission and load its current item, at the start or after a client changed the item."""
+        """Check the mission. If a client has selected another item during the flight, begin this item."""
         begun, self._seen_changes = self._seen_changes < 0, self.missions.current_changes
         if not (self.missions.items[MISSION] and self.missions.valid):
             rest = "refusing takeoff" if s.landed else "loitering"
