@@ -248,7 +248,10 @@ class _Client:
         connection.setblocking(True)
 
     def limit_wait(self, timeout_s: float) -> None:
-        """Set the longest time for which `recv` waits [s]. The kernel measures this time, so one wait is a single system call."""
+        """Set the longest time for which `recv` waits [s], as the socket's SO_RCVTIMEO.
+
+        A timeout set with `settimeout` would cost one more system call for each wait.
+        """
         if timeout_s != self._limit_s:
             self._limit_s = timeout_s
             timeval = _TIMEVAL.pack(int(timeout_s), int(1e6 * (timeout_s % 1.0)))
@@ -355,8 +358,9 @@ class ClockServer:
             self._epoll.register(connection, select.EPOLLIN)
 
     def _read(self, client: _Client, flags: int = 0) -> bool:
-        """Read one packet of a client. Return False if there was none. flags: flags for `recv`, such as MSG_DONTWAIT to return
-        at once.
+        """Read one packet of a client. Return False if there was none.
+
+        flags: flags for `recv`, such as MSG_DONTWAIT to return at once
         """
         try:
             packet = client.connection.recv(_MAX_PACKET_BYTES, flags)

@@ -93,7 +93,7 @@ class NotConfirmedError(VehicleError):
 
 
 class OffboardLostError(VehicleError):
-    """The vehicle left OFFBOARD mode or was disarmed, and not by the user program. It is not armed again automatically."""
+    """The vehicle left OFFBOARD mode or was disarmed without a command of the user program. It is not armed again automatically."""
 
 
 class StaleDataError(VehicleError):

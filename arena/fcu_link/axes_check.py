@@ -64,8 +64,9 @@ class AxesCheck:
         return self._check is not None
 
     def reasons(self, uid: str) -> list[str]:
-        """Return why the vehicle must not be armed because of its axes check; empty if arming is allowed. uid: hardware uid of
-        the vehicle's autopilot.
+        """Return why the vehicle must not be armed because of its axes check; empty if arming is allowed.
+
+        uid: hardware uid of the vehicle's autopilot
         """
         if self.running:
             return ["the axes check is running"]
@@ -85,8 +86,9 @@ class AxesCheck:
     def on_request(
         self, request: Mapping[str, Any], now: float, refusal: str, uid: str, *, armed: bool
     ) -> None:
-        """Process a request of the supervisor to start or stop the vehicle's axes check. refusal: why no check may start now,
-        or "". uid: hardware uid of the autopilot.
+        """Process a request of the supervisor: start or stop the vehicle's axes check, or store the definition of its body.
+
+        refusal: why no check may start now; "" if it may. uid: hardware uid of the autopilot.
         """
         match request.get("do"):
             case "body":
@@ -98,8 +100,10 @@ class AxesCheck:
                 self.stop(f"stopped by {request.get('by')}")
 
     def start(self, by: str, now: float, refusal: str, uid: str) -> None:
-        """Start an axes check. by: person who requested the check. refusal: why the check must not run, or "". uid: hardware
-        uid of the autopilot.
+        """Start an axes check, or refuse it.
+
+        by: person who requested the check. refusal: why the check must not run; "" if it may. uid: hardware uid of the
+        autopilot.
         """
         if not self._s.preflight.poses:
             refusal = refusal or "the vehicle gets no poses (forward: false), so there is nothing to compare"

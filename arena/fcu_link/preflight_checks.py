@@ -28,9 +28,7 @@ Vector = tuple[float, float, float]
 
 
 def sentence(text: str) -> str:
-    """Return "Preflight: " and the text, with at most 50 bytes, so that it fits in one STATUSTEXT. A text that is too long
-    loses the prefix first, then its end.
-    """
+    """Return "Preflight: " and the text, if both fit in one STATUSTEXT (50 bytes). Else return the first 50 bytes of the text."""
     full = f"Preflight: {text}"
     return full if len(full.encode()) <= TEXT_BYTES else text.encode()[:TEXT_BYTES].decode(errors="ignore")
 

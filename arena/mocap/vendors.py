@@ -67,7 +67,7 @@ class VendorSettings(Protocol):
         """
 
     def problems(self, keys: Settings) -> Iterator[tuple[str, str]]:
-        """Yield (YAML key, what is wrong and what to do) for values that contradict each other."""
+        """Yield (YAML key, message) for values under `mocap:` that contradict each other. The message says what to do."""
 
     def client_settings(self, keys: Settings) -> dict[str, Any]:
         """Return the settings of a client of the vendor's real server. The caller adds the requested `bodies`."""

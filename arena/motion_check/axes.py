@@ -18,7 +18,7 @@ class Axes:
     """Rotation of a captured body relative to the vehicle's inertial sensors, as found by `fit_axes`.
 
     turned_rad: vector of the rotation from captured body axes to the axes of the sensors [rad] [FRD] (3,)
-    agreement: of captured and measured directions after this rotation, -1 to 1 [-]
+    agreement: agreement of captured and measured vectors after this rotation, -1 to 1 [-]
     mirrored: a reflection fits better than every rotation
     """
 

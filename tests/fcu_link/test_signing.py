@@ -88,7 +88,7 @@ def test_source_of_invalid_frames_gets_one_signed_heartbeat_a_second(tmp_path) -
     assert check.check(signed, parse_frames(signed).frames[0], timestamp_at(WALL_S)) is Verdict.VALID
 
 
-def test_source_of_valid_frames_gets_no_greeting(tmp_path) -> None:
+def test_source_of_valid_frames_gets_no_timestamp_heartbeat(tmp_path) -> None:
     rig = Rig(tmp_path)
     rig.receive(rig.signed())
     assert rig.link.timestamp_heartbeats() == []

@@ -105,8 +105,9 @@ class Lateness:
         return 0.5 * (self._low + self._high) if isfinite(self._low) else self._high
 
     def _drift(self, now: float) -> float:
-        """Extend the limits of the clock offset by the drift that is possible since the last call. Return the
-        time since the last call [s].
+        """Extend the limits of the clock offset by the greatest possible drift of the clocks since the last call.
+
+        Return the time since the last call [s].
         """
         elapsed_s = now - self._now if isfinite(self._now) and now > self._now else 0.0
         self._now = max(self._now, now)

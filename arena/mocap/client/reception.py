@@ -95,8 +95,9 @@ class Reception:
         return now - self._started < _GRACE_S
 
     def body_status(self, served: Counter[str], wanted: Collection[str], now: float) -> BodyStatus:
-        """Return which requested bodies have no pose. served: name -> how many bodies of the server have that
-        name.
+        """Return which requested bodies have no pose, by cause.
+
+        served: name -> number of bodies of the server with this name. wanted: names of the requested bodies.
         """
         return BodyStatus(
             names=tuple(served),

@@ -43,8 +43,10 @@ _SIZED_TAIL_BYTES = (
 
 
 class Body(NamedTuple):
-    """A rigid body in a frame. position: [m] [capture axes]. quat_xyzw: [-]. tracked: NatNet's tracking-valid
-    bit.
+    """A rigid body in a frame.
+
+    position: [m] [capture axes]. quat_xyzw: attitude [-] [capture axes]. mean_error_m: NatNet's mean marker error [m].
+    tracked: NatNet's tracking-valid bit.
     """
 
     streaming_id: int
