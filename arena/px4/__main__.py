@@ -243,7 +243,7 @@ def _is_locked(lock: Path) -> bool:
 
 
 def _holder(port: int) -> str:
-    """Return the end of a message, ` by process ...`, which names the process that has bound a UDP port; "" if this process is unknown."""
+    """Return which process has bound a UDP port, as text for a message: ` by process 123 (px4) on 0.0.0.0`; "" if unknown."""
     import psutil
 
     with contextlib.suppress(psutil.Error):
@@ -254,7 +254,10 @@ def _holder(port: int) -> str:
 
 
 def _lock_owner(instance: int) -> str:
-    """Return the end of a message, ` as process ...`, which names the running PX4 with this instance number; "" if it is not found."""
+    """Return which process is the PX4 with this instance number, as text for a message: ` as process 123 (px4 -i 0)`.
+
+    Return "" if there is no such process.
+    """
     import psutil
 
     for process in psutil.process_iter(["name", "cmdline", "pid"]):

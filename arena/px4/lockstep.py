@@ -54,7 +54,7 @@ class _Server:
 
     @property
     def awaited(self) -> bool:
-        """True while the world must wait for this vehicle's PX4 to reply to the last sensor sample."""
+        """True while the world (the simulator process) must wait until this vehicle's PX4 replies to the last sensor sample."""
         return (
             self.connection is not None
             and self.late_since is None
@@ -105,8 +105,9 @@ class Px4Links:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors, such as `gps`, that have a MAVLink message of their own and must send it at the next `begin`.
-        The caller must sample these sensors first.
+        """Names of the sensors that the next `begin` sends in a MAVLink message of their own, such as `gps` in HIL_GPS.
+
+        The caller must sample these sensors before `begin`.
         """
         return tuple(x.name for x in self._messages if self._steps % x.every == 0)
 
@@ -114,7 +115,7 @@ class Px4Links:
         """Do nothing: `AutopilotSet` requires this method, but PX4 receives MAVLink by its own sockets, not through the world."""
 
     def on_request(self, request: Mapping[str, Any]) -> None:
-        """Ignore a request of the supervisor, such as to refuse arming. For a vehicle with PX4, the router carries out the request."""
+        """Do nothing: `AutopilotSet` requires this method, but for vehicles with PX4 the router carries out the supervisor's requests."""
 
     def sticks(self, vehicle: int, on: bool) -> None:
         """Switch a vehicle's simulated radio control on (with centred sticks) or off."""
@@ -277,9 +278,9 @@ class Px4Links:
                 return
 
     def _sleep_for_most(self) -> None:
-        """Wait for most replies in a single sleep if there are many vehicles, because waking up for each reply would cost more CPU time.
+        """Wait in one sleep until most PX4s have replied, and read their replies. Do nothing if few replies are awaited.
 
-        The time of the sleep is adjusted at each step.
+        With many vehicles, waking up for each reply would cost more CPU time. Each step adjusts the duration of the sleep.
         """
         awaited = [s for s in self._servers if s.awaited]
         if len(awaited) < _SLEEP_FROM:

@@ -114,7 +114,7 @@ def test_signals_reach_only_the_recorded_process(plan: Plan, run: RunFolder):
     try:
         member = Member(pid=child.pid, pgid=child.pid, start_s=proc_fs.start_time(child.pid) or 0.0)
         run.write_state(plan, {"router": replace(member, start_s=member.start_s - 1.0)})
-        with pytest.raises(RunError, match="router is not running"):
+        with pytest.raises(RunError, match="cannot kill router: this process has ended"):
             runner_of(plan, run).do(action("kill", processes=("router",)))
         run.write_state(plan, {"router": member})
         hand = runner_of(plan, run)
@@ -123,7 +123,7 @@ def test_signals_reach_only_the_recorded_process(plan: Plan, run: RunFolder):
         assert os.WIFSTOPPED(status)
         hand.do(action("kill", processes=("router",)))
         assert child.wait(20) == -signal.SIGKILL
-        with pytest.raises(RunError, match="router is not running"):
+        with pytest.raises(RunError, match="cannot resume router: this process has ended"):
             hand.do(action("resume", processes=("router",)))
         hand.do(
             action("hang", processes=("router",), undo=True)

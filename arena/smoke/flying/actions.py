@@ -68,7 +68,7 @@ class ActionRunner:
             return
         member = self._run_log.member(process)
         if member is None or not member.alive:
-            raise RunError(f"{process} is not running")
+            raise RunError(f"cannot {verb} {process}: this process has ended or was not started")
         # Every process except the supervisor has its own process group. PX4 is in the group of its process `px4.<v>`.
         for pid in [member.pid] if process == "supervisor" else proc_fs.group_members(member.pgid):
             with contextlib.suppress(ProcessLookupError):
@@ -116,7 +116,7 @@ class ActionRunner:
             path = self._slices.get(room, {}).get("faults")
             if not path:
                 raise RunError(
-                    f"{room} cannot inject faults, because its configuration file slices/{room}.json has no key `faults`"
+                    f"cannot inject a fault into {room}: slices/{room}.json has no key `faults`. Are all vehicles simulated?"
                 )
             inject(path, fault)
 

@@ -83,9 +83,9 @@ class Observer:
         self._actions.do(action)
 
     def idle(self, wall_s: float) -> None:
-        """Wait at least `wall_s` seconds of wall time. During this wait, the simulation is not faster than real time.
+        """Wait at least `wall_s` seconds of wall time. Meanwhile, let the simulation advance by at most `wall_s` seconds.
 
-        The simulation advances by at most `wall_s` seconds meanwhile, even if it can be faster.
+        Without this limit, a simulation at full speed would use the CPU that other processes need.
         """
         with contextlib.suppress(RunError):
             self._clock.request_wake(self._clock.now() + wall_s)
@@ -112,9 +112,9 @@ class Observer:
         return Observation(time_s=time_s, vehicles=vehicles, processes=states, events=events, wall_s=wall_s)
 
     def _wait_for_time(self) -> float | None:
-        """Wait until the simulation reaches the requested time. Return the time [s], or None if the simulation stands still.
+        """Wait until the simulation reaches the time that `observe` has requested. Return the simulation time [s].
 
-        Raises RunError if the world has ended.
+        Returns None if this takes more than CLOCK_TIMEOUT_S of wall time. Raises RunError if the world has ended.
         """
         deadline = time.monotonic() + CLOCK_TIMEOUT_S
         while (time_s := self._clock.wait_for_wake(_POLL_S)) is None and time.monotonic() < deadline:

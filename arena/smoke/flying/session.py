@@ -1,4 +1,4 @@
-"""A running arena for one flight: started with `arena up`, like a user does, and ended completely."""
+"""A running arena for one flight: started with `arena up`, as a user does it. At the end, all its processes are ended."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class LaunchOptions:
     arguments: Sequence[str] = ()
 
     def argv(self, address: str) -> list[str]:
-        """Return the command line of `arena up` on this address."""
+        """Return the command line of `arena up`. address: loopback address for the ports of the arena."""
         seeds = [] if self.seed is None else [f"world.seed={self.seed}", f"mocap.seed={self.seed}"]
         sets = [
             part for value in (*self.overrides, f"address={address}", *seeds) for part in ("--set", value)
@@ -170,7 +170,9 @@ class Session:
         state = self._until(lambda: open_run(run), "wrote no state.json")
         plan = plan_of(state)
         if plan is None:
-            raise RunError(f"cannot read {run}/plan.json, the list of processes that `arena up` has written")
+            raise RunError(
+                f"cannot read {run}/plan.json, in which `arena up` lists the processes: {self._last_output()}"
+            )
         if real := [v.name for v in plan.vehicles if not v.simulated]:
             raise RunError(
                 f"got real vehicles ({', '.join(real)}), expected simulated ones: scenarios inject faults"

@@ -1,4 +1,6 @@
-"""Receiver of the telemetry of each vehicle for the referee, on the router's port for tools.
+"""Receiver of the telemetry of each vehicle for the referee.
+
+The telemetry comes from each vehicle's tools port: a UDP port of the router that replies to any program on this computer.
 
 The listener requests messages, but sends no commands to the vehicles unless the scenario requires one. The rate of
 HEARTBEAT cannot be configured, so each HEARTBEAT is requested. The rates of the other messages are set in the autopilot,
@@ -119,7 +121,7 @@ class TelemetryListener:
 
 
 def _open(vehicle: VehiclePlan) -> socket.socket:
-    """Return a socket connected to the router's port for tools, so that it receives from the router only."""
+    """Return a UDP socket connected to the tools port of a vehicle. A connected socket receives datagrams from this port only."""
     sock = open_udp((vehicle.router.partner_host, 0))
     sock.connect((vehicle.router.partner_host, vehicle.tools_port))
     return sock

@@ -181,7 +181,7 @@ def _of_vehicle(tokens: TokenReader, names: Names, vehicle: str, what: str) -> d
     quantity = next((q for q in QUANTITIES if q.partition(" ")[0] == what), None)
     if quantity is None:
         near = [f"{vehicle}.{w}" for w in (*STATES, "mode", *(q.partition(" ")[0] for q in QUANTITIES))]
-        raise tokens.error("expected a state or quantity of a vehicle", near)
+        raise tokens.error(f"expected a state or quantity of a vehicle, such as {vehicle}.airborne", near)
     tokens.advance()
     if more := quantity.partition(" ")[2]:
         tokens.expect(more)
@@ -317,8 +317,8 @@ def _part_rotor(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
         made["number"] = float(tokens.advance().text)
 
 
-def _nothing(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
-    """Do nothing. This function is for a part of an action that was already parsed together with the part before it."""
+def _part_already_parsed(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
+    """Do nothing, because the function for the part before has parsed this part, too. Example: `N E D` is parsed at `N`."""
 
 
 _READ_PART: dict[str, Callable[[TokenReader, Names, dict[str, object]], None]] = {
@@ -328,12 +328,12 @@ _READ_PART: dict[str, Callable[[TokenReader, Names, dict[str, object]], None]] =
     "M": _part_mode,
     "T": _part_time,
     "X": _part_share,
-    "%": _nothing,
+    "%": _part_already_parsed,
     "N": _part_vector,
-    "E": _nothing,
-    "D": _nothing,
+    "E": _part_already_parsed,
+    "D": _part_already_parsed,
     "[rotor": _part_rotor,
-    "K]": _nothing,
+    "K]": _part_already_parsed,
 }
 
 

@@ -185,10 +185,10 @@ class Trigger:
 
 @dataclass(frozen=True, kw_only=True)
 class Expectation:
-    """An expectation, from an entry `expect`. Either `within_s` or `for_s` is set.
+    """An expectation, from an entry `expect`: a condition and a time. One of the two times is set, the other is None.
 
-    within_s: time within which the condition must be true at least once [s].
-    for_s: time during which the condition must be true at every observation [s].
+    within_s: the condition must be true at least once within this time [s].
+    for_s: the condition must be true at every observation during this time [s].
     """
 
     place: Place

@@ -63,9 +63,9 @@ def _with_rest(tokens: TokenReader, vehicles: tuple[str, ...]) -> list[str]:
 
 
 def read_process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
-    """Parse a process, such as `program uav1`, and return its name in the plan. Raises WrongWordError for an unknown process.
+    """Parse a process, such as `program uav1`, and return the name of the process, such as `program.uav1`.
 
-    Several names are returned for `program each`.
+    Returns several names for `program each`. Raises WrongWordError for an unknown process.
     """
     word = tokens.next.text
     if word in VEHICLE_PROCESSES:
@@ -81,9 +81,9 @@ def read_process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
         tokens.advance()
         tools = [name.removeprefix("tool.") for name in names.processes if name.startswith("tool.")]
         if not tools:
-            raise tokens.error("expected another process, because the arena has no tools")
+            raise tokens.error("expected another process, because the arena's YAML has no key `tools`")
         if tokens.next.text not in tools:
-            raise tokens.error("expected a tool of the arena", tools)
+            raise tokens.error("expected the name of a tool from a key `tools` of the arena's YAML", tools)
         found = (f"tool.{tokens.next.text}",)
     elif word in names.processes or word in UNPLANNED_PROCESSES:
         found = (word,)

@@ -253,7 +253,10 @@ class _Reader:
         return path
 
     def _at_scenario(self, problem: Problem) -> Problem:
-        """Return the problem with its place in the scenario file if an entry of the scenario (such as `set`) caused it, else unchanged."""
+        """Return a problem of the arena with the place of the scenario entry that caused it, such as an entry of `set`.
+
+        If no entry of the scenario caused the problem, return the problem unchanged.
+        """
         if problem.file.startswith("--set"):
             text = problem.file.removeprefix("--set").strip()
             for i, given in enumerate(self._model.set):
@@ -269,10 +272,11 @@ class _Reader:
         return problem
 
     def _overrode(self, given: str, field: str) -> bool:
-        """Return whether an override (an entry of `set`) has set the YAML key `field`: directly, or through
-        `defaults` for all vehicles.
+        """Return whether an entry of `set` has set the key `field` of the arena's YAML.
 
-        given: `key=value` text of the override.  field: dotted YAML key.
+        An entry for a key of `defaults` sets this key for all vehicles.
+
+        given: text of the entry, such as `defaults.autopilot=px4`.  field: dotted YAML key.
         """
         key = given.partition("=")[0].strip()
         sets = [one.partition("=")[0].strip() for one in self._overrides]
@@ -282,7 +286,7 @@ class _Reader:
     # -- the steps and rules
 
     def _steps(self, names: Names) -> Iterator[Step]:
-        """Yield the steps. An entry that has only `expect` is added to the step before."""
+        """Yield the steps of the scenario. The expectations of an entry with only `expect` are added to the step before."""
         last: Step | None = None
         for i, entry in enumerate(self._model.steps):
             step = self._step(("steps", i), entry, names)

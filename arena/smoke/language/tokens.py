@@ -119,7 +119,7 @@ class TokenReader:
             raise self.error(f"expected {what}")
         value = float(self.next.text)
         if abs(value) > 1e6:
-            raise self.error(f"expected {what} of at most a million")
+            raise self.error(f"expected {what} between -1000000 and 1000000")
         self.advance()
         return value
 
@@ -159,9 +159,10 @@ def _token(found: re.Match[str]) -> Token:
 
 
 def _instead(token: Token, expected: str, known: Sequence[str]) -> str:
-    """Return a hint for a wrong token: the valid operator, the most similar known word, or the list of known words; else "".
+    """Return a hint for a wrong token, or "" if there is no hint.
 
-    The list of known words is left out if `expected` already contains all of them.
+    For an operator that scenarios do not have, such as `>=`, the hint is what to write instead. For another token, the hint is
+    the most similar known word. Without a similar word, the hint is the list of known words, unless `expected` contains them.
     """
     if token.text in _SIGNS_INSTEAD:
         return f"Write {_SIGNS_INSTEAD[token.text]} instead."

@@ -1,1 +1,4 @@
-"""The referee of a smoke flight: receives observations, returns the actions to carry out and a verdict. Pure."""
+"""The referee of a smoke flight: receives observations, returns the actions to carry out, and decides whether the flight passed.
+
+Pure: without sockets, files and clocks.
+"""

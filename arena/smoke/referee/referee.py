@@ -104,7 +104,7 @@ class Referee:
 
     @property
     def _current(self) -> StepTracker | None:
-        """The first step that has not passed, because it has failed, is not complete or has not begun. None if all steps have passed."""
+        """The first step that has failed, is not complete or has not begun. None if all steps have passed."""
         return next((step for step in self._steps if not step.settled or step.failed), None)
 
     def _update_expectations(self) -> None:
