@@ -244,8 +244,8 @@ class Estimator:
         self._state.correct(i, covariance.error, int(self._delay_s[i] / self.dt) + 3)
 
     def realign(self, idx: Index) -> None:
-        """Let the next vision sample set tilt, heading and position of these vehicles again. IMU biases are kept. Use on the
-        ground only.
+        """Request that the next vision sample sets tilt, heading and position of these vehicles again. IMU biases are kept. Use on
+        the ground only.
         """
         self.aligned[idx] = False
         self.reset_counter[idx] += 1
