@@ -1,8 +1,8 @@
 """The command `arena`, with one module per subcommand. Each module contains only the options and the output of its subcommand.
 
-The module of a verb defines `register(app)`. Only the module of the requested verb is imported; the list of verbs
-(`arena --help`) is made from the table `VERBS` and imports none. For `land-all` and
-`kill-all`, `arena.emergency` parses the command line, because importing typer takes time. Typer shows only their help.
+The module of a subcommand defines `register(app)`. Only the module of the requested subcommand is imported. `arena --help`
+imports none of these modules: its list is made from the table `VERBS`. For `land-all` and `kill-all`, `arena.emergency`
+parses the command line, because importing typer takes time. Typer shows only their help.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, ArenaError
 if TYPE_CHECKING:
     import typer
 
-# The lines of `arena --help`, equal to the docstrings of the verbs: with them the list needs no verb's module.
+# Subcommand -> its line in `arena --help`. A line repeats the docstring of the subcommand, so that `--help` imports no module.
 VERBS = {
     "init": "Create a folder with an example: arena.yaml, a ten-line program, a scenario, a README and a .gitignore.",
     "doctor": "Check whether this computer has everything that arenas need. Exit code 0: arenas can fly; 2: something is missing.",

@@ -76,10 +76,10 @@ def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, versi
 
 
 def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:
-    """Return the record of an interrupted push. Raises InputError if the push cannot be resumed.
+    """Return the record of an interrupted push, which `arena params push --resume` continues.
 
-    This is so if there is no record, if the record has none of the chosen vehicles, or if a vehicle has another
-    address now.
+    Raises InputError if there is no record, if the record has none of the chosen vehicles, or if a vehicle now has another
+    address or hardware uid.
     """
     from arena.params.transfer.push_record import PushRecord
 
@@ -227,8 +227,8 @@ def refuse_beyond_limits(
 def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarget]:
     """Return the address for parameter transfers of each vehicle, as vehicle name -> address.
 
-    Vehicles of a running arena are reached through its router, and the hardware link signs. Without a running arena,
-    hardware is reached directly, with the signing key of the YAML.
+    Vehicles of a running arena are reached through its MAVLink router, and the arena signs the messages if the vehicle has
+    a key. Without a running arena, real vehicles are reached directly, with the signing key of the YAML.
     """
     from arena.params.transfer.transports import ParamTarget
 
@@ -274,7 +274,7 @@ def _run_of(arena: Arena) -> RunState | None:
 
     If the YAML has an `address`, return the arena at this address. Else prefer the arena that was started
     from this YAML to the arena at the default address.
-    Raises InputError if several arenas were started from it.
+    Raises InputError if several arenas were started from this YAML.
     """
     from arena.supervisor.run_folder import active_runs, started_from
 

@@ -27,7 +27,9 @@ def find(run: Path | None, *, stale: bool = False) -> RunState:
     if run is not None:
         state = open_run(run.resolve())
         if state is None:
-            raise InputError(f"{run}: no arena is running from this folder")
+            raise InputError(
+                f"{run}: no arena is running from this folder. `arena runs` lists the run folders"
+            )
         if not (state.live or stale):
             raise RunError(
                 f"{run}: its supervisor has died. Use `arena down --run {run}` to land the vehicles and end the processes"
@@ -35,7 +37,7 @@ def find(run: Path | None, *, stale: bool = False) -> RunState:
         return state
     found = [state for state in active_runs() if state.live or stale]
     if not found:
-        raise RunError("no arena is up")
+        raise RunError("no arena is up. Start one with `arena up`")
     if len(found) > 1:
         choices = "\n".join(f"  --run {state.run}   ({state.name} on {state.address})" for state in found)
         raise InputError(f"{len(found)} arenas are up; choose one:\n{choices}")
@@ -43,7 +45,7 @@ def find(run: Path | None, *, stale: bool = False) -> RunState:
 
 
 def connect(state: RunState) -> Control:
-    """Connect to the supervisor of a run."""
+    """Connect to the supervisor of a run, which starts, monitors and ends its processes."""
     return Control(Path(state.rt) / "control.sock")
 
 

@@ -59,7 +59,7 @@ def register(app: typer.Typer) -> None:
 def vehicle_line(vehicle: str, stats: Mapping[str, Any]) -> str:
     """Return one line that shows the user which vehicle gets a permit: uid, address, battery and failing checks.
 
-    stats: measurements of the vehicle's link process.
+    stats: statistics that the process link.<vehicle> has reported.
     """
     battery = stats.get("battery")
     charge = "battery unknown" if battery is None else f"battery {battery:.0f} %"
@@ -70,6 +70,6 @@ def vehicle_line(vehicle: str, stats: Mapping[str, Any]) -> str:
 
 
 def _links(status: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return vehicle -> statistics that its link process has reported."""
+    """Return vehicle -> statistics that the process link.<vehicle> has reported; only vehicles with a flight controller."""
     processes = status["processes"].values()
     return {row["vehicle"]: row["stats"] for row in processes if row["kind"] == "link"}

@@ -114,7 +114,9 @@ def show(
     store = Store(folder)
     listing = store.listing()
     if listing is None:
-        raise InputError(f"{folder}: has no campaign.json, so it is not the folder of a campaign")
+        raise InputError(
+            f"{folder}: has no campaign.json, expected the folder of a campaign, such as campaigns/NAME"
+        )
     write_all(listing, in_campaign(listing, store.records().values()), folder)
     if not has_pyarrow():
         print(WITHOUT_PYARROW, file=sys.stderr)

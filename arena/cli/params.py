@@ -195,9 +195,7 @@ def pull(
 
 def diff(
     a: Annotated[str, typer.Argument(help="a vehicle, a .params file, a ULog, `yaml:VEHICLE` or `defaults`")],
-    b: Annotated[
-        str, typer.Argument(help="second set of parameters: given in the same ways as the first set A")
-    ],
+    b: Annotated[str, typer.Argument(help="second set of parameters, in one of the forms of A")],
     arena: ArenaOption = Path("arena.yaml"),
     px4_version: VersionOption = "",
     all_: Annotated[bool, typer.Option("--all", help="also compare calibrations and counters")] = False,

@@ -79,7 +79,7 @@ def _started(arena: Control, vehicle: str, before: object) -> Mapping[str, Any]:
 
 
 def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Print each instruction to the person until the axes check has ended. Return the last status of the check."""
+    """Print each instruction to the person until the check has ended. Return the last status of the check."""
     number, shown, since = status["number"], "", time.monotonic()
     while status["state"] == "running":
         if status["text"] != shown:
@@ -100,7 +100,7 @@ def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[s
 
 
 def _status(arena: Control, vehicle: str) -> Mapping[str, Any]:
-    """Return the status of the vehicle's last axes check; empty before its link process has reported one."""
+    """Return the status of the vehicle's last check, as link.<vehicle> has reported it; {} before the first check."""
     for row in arena.ask(do="ps")["processes"].values():
         if row["kind"] == "link" and row["vehicle"] == vehicle:
             return row["stats"].get("axes_check") or {}

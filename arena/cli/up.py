@@ -173,7 +173,7 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
     """Prepare a run and return its plan: load the YAML, end the processes of crashed earlier runs, and make all checks.
 
     A crashed run is a run on the same address whose supervisor has died.
-    Raises InputError for problems of the YAML or of this computer, RunError if another arena is in the way.
+    Raises InputError for problems of the YAML or of this computer, RunError if another arena uses the same address or ports.
     """
     from arena.plan import make_plan
     from arena.plan.machine import check_machine
@@ -267,7 +267,7 @@ class _Piped(Lines):
             self._pipe = -1
 
     def started(self, failed: list[str]) -> None:
-        """Report to the parent process that the start is complete. failed: texts that each name a process that did not start."""
+        """Report to the parent process, `arena up --detach`, that the start is complete. failed: one text per failed process."""
         self.report(started=True, failed=failed)
 
 

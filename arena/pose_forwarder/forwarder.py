@@ -61,8 +61,8 @@ class Autopilot:
 class Forwarder:
     """Converts the captured poses of one vehicle to ODOMETRY messages, and sets the autopilot's origin.
 
-    settings: configuration of the `forward` process.
-    wait_s: maximum time for which the first pose waits for a message of the autopilot [s].
+    settings: configuration (slice) of the process `forward.<vehicle>`.
+    wait_s: longest time for which the first pose is held back if the autopilot has sent no message [s].
     """
 
     def __init__(self, settings: Mapping[str, Any], wait_s: float = 0.0) -> None:
@@ -84,7 +84,7 @@ class Forwarder:
         self.garbled = self._codec.counts
         self.poses = 0
         self.last_pose = -math.inf
-        self.late_s = 0.0  # lateness of the last frame
+        self.late_s = 0.0  # delay of the last frame compared with the fastest frames [s]
         self._order, self.lateness = FrameOrder(), Lateness(self._stale_s)
         self._slot: int | None = None
         self._last: Pose | None = None
@@ -137,7 +137,7 @@ class Forwarder:
         if reason:
             self.counts[reason] += 1
             return None
-        # One pose of each `every` frames, by their numbers: when the first of a slot is lost, the second replaces it.
+        # Each group of `_every` frame numbers sends one pose. If its first frame is lost, its second frame is used.
         slot = frame.number // self._every
         if slot == self._slot:
             return None
@@ -147,7 +147,7 @@ class Forwarder:
     def _drop_reason(self, frame: CapturedFrame, pose: Pose | None, late: float) -> str:
         """Return why the pose of a frame must be dropped; "" if it may be forwarded.
 
-        late: lateness of the frame [s].
+        late: delay of the frame compared with the fastest frames [s].
         """
         if pose is None:
             return "untracked" if self._body in frame.untracked else "body not in frame"

@@ -40,7 +40,7 @@ class ForwarderShell:
 
     clock, capture, link: clock, motion-capture client, and socket to the autopilot (the vision link); None: opened as the
         configuration says.
-    wall: the present time, by the clock of the argument `wall` of `tick` [s]; None: monotonic time.
+    wall: present time, by the same clock as the argument `wall` of `tick` [s]; None: `time.monotonic()`.
     """
 
     def __init__(

@@ -35,8 +35,8 @@ class Logger:
     """Logger of one vehicle, which writes `<folder>/<vehicle>.csv` with `rate_hz` rows per second.
 
     The log begins at the first message of the vehicle. All settings come from the JSON configuration (slice) of the process.
-    clock, capture, source, truth: clock, motion-capture client, source of datagrams and reader of the truth page; None: opened as
-    the configuration says.
+    clock, capture, source, truth: clock, motion-capture client, source of the vehicle's MAVLink datagrams, and reader of the
+        ground truth in shared memory; None: opened as the configuration says.
     """
 
     def __init__(
@@ -68,7 +68,9 @@ class Logger:
         self._airborne_unix_s: float | None = None
 
     def run(self) -> None:
-        """Write the log until SIGTERM arrives or the world ends. If the supervisor has died, stop when the vehicle is disarmed."""
+        """Write the log until SIGTERM arrives or the simulated world ends. If the supervisor has died, end when the vehicle is
+        disarmed.
+        """
         rate = self._clock.rate(self._rate_hz)
         while not self._room.stopping:
             try:

@@ -119,8 +119,8 @@ class Recorder:
     def _take_measurements(self, now: float) -> None:
         """Add the measurements that have arrived since the last call. Measurements that were added before are skipped.
 
-        Objects are compared, not times, because the clock of the logger may not have advanced since the last call. A second
-        copy would have the time of its reception.
+        A measurement is new if it is another object than at the last call. Times cannot show this, because the clock of the
+        logger may not have advanced since the last call.
         """
         telemetry, before = self.telemetry, self._taken
         newest = (telemetry.local, telemetry.attitude, telemetry.imu, telemetry.mag, telemetry.baro)
