@@ -85,7 +85,7 @@ class Loop:
         self._expected = frozenset(settings.get("expected", ()))
         self._ended: set[str] = set()  # programs that have ended, as the supervisor reports
         self._ready = False
-        self._until_done = False
+        self._until_done = self._last_steps = False
         self._done_at = math.inf  # simulation time [s]
         self._stop_by = math.inf  # wall time [s]
         self._faults = self._listen(settings.get("faults"))
@@ -243,7 +243,7 @@ class Loop:
         """Return whether the step loop must end because a stop signal has arrived.
 
         If all programs have ended before the signal, the loop first runs until the simulation time at which `_is_over` is true,
-        so that repeated flights end at the same time. This takes at most 3 s of wall time.
+        for at most 3 s of wall time. With `--until-done` the supervisor sends the signal only after this simulation time.
         """
         if not self._context.stopping:
             return False
@@ -255,6 +255,7 @@ class Loop:
         """Return whether simulation time must stand still, because all programs have ended and 2 s have passed since.
 
         Only with `arena up --until-done`, in a world that waits for its programs: repeated flights then end at the same time.
+        The supervisor reads from `last_steps` whether this time is still to come.
         """
         if not (self._until_done and self._expected):
             return False
@@ -262,8 +263,15 @@ class Loop:
             self._done_at = math.inf if np.any(self._autopilots.armed) else self._world.now
         if self._world.now < self._done_at + _AFTER_DONE_S:
             return False
+        self._report_last_steps(False)
         self._clock.poll(_MILLI_S)
         return True
+
+    def _report_last_steps(self, to_come: bool) -> None:
+        """Report to the supervisor whether the simulation time at which repeated flights end is still to come."""
+        if to_come != self._last_steps:
+            self._last_steps = to_come
+            self._context.stats({"last_steps": to_come})
 
     def _is_finished(self, program: str) -> bool:
         """Return whether this program has disconnected from the simulation clock, or has ended without ever using the clock."""
@@ -321,6 +329,7 @@ class Loop:
         match request.get("do"):
             case "until_done":
                 self._until_done = True
+                self._report_last_steps(bool(self._expected))
             case "program_ended":
                 self._ended.add(str(request.get("program")))
 

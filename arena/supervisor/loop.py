@@ -26,22 +26,17 @@ from typing import Any
 from arena.background_writer import BackgroundWriter
 from arena.plan.model import Plan
 from arena.supervisor import child_process, run_end
-from arena.supervisor.arm_permit import (
-    Confirmation,
-    check_permit,
-    check_vehicle,
-    permit_request,
-    real_vehicles,
-)
-from arena.supervisor.axes_check import body_requests, check_request
+from arena.supervisor.arm_permit import Confirmation
+from arena.supervisor.axes_check import body_requests
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
 from arena.supervisor.messages import Level, Message, no_such_process
 from arena.supervisor.meters import RealTimeMeter
 from arena.supervisor.operator_presence import OperatorPresence, at_terminal
+from arena.supervisor.permits import Permits
 from arena.supervisor.process_set import Orders, ProcessSet
 from arena.supervisor.process_state import ENDED, State
-from arena.supervisor.release_task import CONFIRM_S, ReleaseTask
+from arena.supervisor.release_task import ReleaseTask
 from arena.supervisor.run_end import Cause, End
 from arena.supervisor.run_folder import Member, RunFolder
 from arena.supervisor.run_options import Options, Show
@@ -49,7 +44,6 @@ from arena.supervisor.run_result import RunResult
 from arena.supervisor.shutdown import Shutdown
 from arena.supervisor.signals import SignalQueue
 
-SETTLE_S = 0.5
 _BUSY_ROUND_S, _CALM_ROUND_S = 0.05, 0.25
 _MAX_WRITES, _FLUSH_S = 20000, 5.0
 
@@ -91,7 +85,8 @@ class Supervisor:
         self._operator = OperatorPresence()
         self._end: End | None = None
         self._began = time.monotonic()
-        self._confirmation = Confirmation(options.permit_by, self._began)
+        confirmation = Confirmation(options.permit_by, self._began)
+        self._permits = Permits(plan, self._processes, confirmation, self._show_line)
         self._quiet_since: float | None = None
         self._next_round = self._next_sample = 0.0
         self._recorded: set[int] | None = None
@@ -120,6 +115,11 @@ class Supervisor:
             self._files.flush(_FLUSH_S)
         return self._result.exit_code
 
+    def _require_run(self, refusal: str) -> None:
+        """Raise ValueError with this refusal if the end of the run has begun."""
+        if self.phase is not Phase.RUN:
+            raise ValueError(f"{refusal}: the arena is {self.phase}, so no vehicle may arm")
+
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """Return the reply to one request of the control socket. Raises ValueError when the request is refused."""
         now = time.monotonic()
@@ -130,16 +130,19 @@ class Supervisor:
             case "restart":
                 return self._restart(str(request.get("name")), in_flight=request.get("yes") is True)
             case "release":
-                if self.phase is not Phase.RUN:
-                    raise ValueError(f"nothing is released: the arena is {self.phase}, so no vehicle may arm")
+                self._require_run("nothing is released")
                 self._release.begin(
                     [str(v) for v in request.get("vehicles") or ()], str(request.get("by")), now
                 )
                 return {"ok": True}
             case "arm_permit":
-                return self._permit([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
+                self._require_run("no arm permit")
+                self._permits.grant([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
+                return {"ok": True}
             case "preflight":
-                return self._preflight(request)
+                vehicle, stop = str(request.get("vehicle")), request.get("stop") is True
+                self._permits.check_axes(vehicle, str(request.get("by")), stop=stop)
+                return {"ok": True}
             case "forget":
                 self._shutdown.forget(str(request.get("vehicle")), str(request.get("by")), now)
                 return {"ok": True}
@@ -244,7 +247,7 @@ class Supervisor:
             self._begin_end(Cause.DONE, "every program has ended and every vehicle is disarmed")
         else:
             self._report_started(now)
-            self._permit_connected(now)
+            self._permits.use_confirmation(now, self._all_started)
 
     def _report_started(self, now: float) -> None:
         statuses = self._processes.statuses
@@ -259,22 +262,6 @@ class Supervisor:
         self._show_line(f"{ready} {noun} ready in {now - self._began:.1f} s")
         self._show.started(failed)
 
-    def _permit_connected(self, now: float) -> None:
-        """Give an arm permit to the connected real vehicles if a person has confirmed this at `arena up`. Report the vehicles
-        that are not connected, and so get no permit.
-        """
-        real = real_vehicles(self.plan, self._processes.statuses)
-        connected, missing = self._confirmation.use(now, self._all_started, real)
-        if connected:
-            try:
-                self._permit(connected, self._confirmation.by)
-            except ValueError as error:
-                self._show_line(str(error))
-        for name in missing:
-            self._show_line(
-                f"{name}: not connected, so it has no arm permit; later run `arena arm-permit {name}`"
-            )
-
     def _is_quiet(self, now: float) -> bool:
         done = run_end.is_done(
             self.plan,
@@ -287,7 +274,7 @@ class Supervisor:
             self._quiet_since = None
             return False
         self._quiet_since = now if self._quiet_since is None else self._quiet_since
-        return now - self._quiet_since >= SETTLE_S
+        return now - self._quiet_since >= run_end.settle_s(self.plan, self._processes.stats)
 
     def _restart(self, name: str, *, in_flight: bool) -> dict[str, Any]:
         specs = self._processes.specs
@@ -299,27 +286,6 @@ class Supervisor:
             raise ValueError(refusal)
         self._processes.request_restart(name)
         self._log.event(time.monotonic(), name, "restart requested by `arena restart`")
-        return {"ok": True}
-
-    def _permit(self, vehicles: list[str], by: str) -> dict[str, Any]:
-        if self.phase is not Phase.RUN:
-            raise ValueError(f"no arm permit: the arena is {self.phase}, so no vehicle may arm")
-        check_permit(real_vehicles(self.plan, self._processes.statuses), vehicles)
-        for vehicle in vehicles:
-            packet = {**permit_request(vehicle, by), "expires": time.monotonic() + CONFIRM_S}
-            if self._processes.request(packet, to=[f"link.{vehicle}"]):
-                raise ValueError(
-                    f"{vehicle}: no arm permit: link.{vehicle} has ended or hangs, so it did not receive the permit. Wait until "
-                    f"`arena ps` shows it as READY, then repeat `arena arm-permit {vehicle}`"
-                )
-        return {"ok": True}
-
-    def _preflight(self, request: dict[str, Any]) -> dict[str, Any]:
-        vehicle, stop = str(request.get("vehicle")), request.get("stop") is True
-        check_vehicle(real_vehicles(self.plan, self._processes.statuses), vehicle)
-        self._processes.request(
-            check_request(vehicle, str(request.get("by")), stop=stop), to=[f"link.{vehicle}"]
-        )
         return {"ok": True}
 
     # -- the end

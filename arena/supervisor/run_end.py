@@ -24,6 +24,7 @@ Statuses = Mapping[str, ProcessStatus]
 Stats = Mapping[str, Mapping[str, Any]]
 
 _NO_STATS: Stats = {}
+_SETTLE_S, _LAST_STEPS_S = 0.5, 60.0
 # State of a PX4 that sends no motor commands, as the world reports it -> text. The motors of such a vehicle do not turn.
 _ABSENT = {
     "never connected": "its PX4 has never connected to the world",
@@ -139,6 +140,15 @@ def is_done(
     still = {*grounded(plan, statuses, stats), *forgotten}
     disarmed = all(facts.get(f"{v.name}.armed") is False for v in plan.vehicles if v.name not in still)
     return programs and settled and disarmed
+
+
+def settle_s(plan: Plan, stats: Stats) -> float:
+    """Return how long a run stays done before its end [s].
+
+    A world that repeats flights first runs to the simulation time at which each of them ends, so it gets more time.
+    """
+    worlds = (stats.get(s.name, {}) for s in plan.processes if s.kind == "world")
+    return _LAST_STEPS_S if any(world.get("last_steps") for world in worlds) else _SETTLE_S
 
 
 def is_world_gone(plan: Plan, statuses: Statuses) -> bool:

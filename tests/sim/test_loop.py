@@ -225,6 +225,14 @@ def test_world_does_not_wait_for_a_program_that_ended_before_its_first_sleep():
         assert time_begins(run, 20.0)
 
 
+def test_world_reports_when_the_last_steps_of_a_repeatable_flight_are_over():
+    with running(expected=["uav1"], speed="max") as run:
+        run.line.send(json.dumps({"do": "until_done"}).encode())
+        assert run.packet("stats", lambda stats: "last_steps" not in stats)["last_steps"] is True
+        run.line.send(json.dumps({"do": "program_ended", "program": "uav1"}).encode())
+        assert run.packet("stats", lambda stats: "last_steps" not in stats)["last_steps"] is False
+
+
 def test_a_command_on_a_panic_link_ends_the_wait_for_programs():
     with running(expected=["uav1"], speed="max", link="panic") as run:
         run.packet("ready")

@@ -19,6 +19,7 @@ from arena.supervisor.run_end import (
     may_fly,
     may_stop,
     restart_refusal,
+    settle_s,
 )
 
 from .conftest import plan_of, program, spec, vehicle, world
@@ -120,6 +121,11 @@ def test_run_is_done_when_programs_ended_and_vehicles_disarmed():
     assert not is_done(PLAN, {"world": READY, "p": DONE}, {"uav1.armed": False})
     assert not is_done(PLAN, {"world": READY, "p": DONE}, {**disarmed, "uav2.armed": True})
     assert not is_done(PLAN, {"world": ProcessStatus(state=State.BACKOFF), "p": DONE}, disarmed)
+
+
+def test_world_has_time_for_the_last_steps_of_a_repeatable_flight():
+    assert settle_s(PLAN, {"world": {"last_steps": True}}) == 60.0
+    assert settle_s(PLAN, {"world": {"last_steps": False}}) == settle_s(PLAN, {}) == 0.5
 
 
 def test_run_is_lost_only_with_a_process_that_all_need():

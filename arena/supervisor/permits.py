@@ -1,0 +1,65 @@
+"""Permission of real vehicles to arm: asks the link processes for it, and for the axes check before it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from arena.plan.model import Plan
+from arena.supervisor.arm_permit import (
+    Confirmation,
+    check_permit,
+    check_vehicle,
+    permit_request,
+    real_vehicles,
+)
+from arena.supervisor.axes_check import check_request
+from arena.supervisor.process_set import ProcessSet
+from arena.supervisor.release_task import CONFIRM_S
+
+
+class Permits:
+    """Arm permits and axes checks of the real vehicles of a run.
+
+    confirmation: what a person has confirmed at `arena up`. show: prints a line for the user.
+    """
+
+    def __init__(
+        self, plan: Plan, processes: ProcessSet, confirmation: Confirmation, show: Callable[[str], None]
+    ) -> None:
+        self._plan, self._processes = plan, processes
+        self._confirmation, self._show = confirmation, show
+
+    def use_confirmation(self, now: float, all_ready: bool) -> None:
+        """Give an arm permit to the connected real vehicles if a person has confirmed this at `arena up`.
+
+        The user reads which vehicles are not connected, and so get no permit. now: monotonic [s].
+        all_ready: whether all processes of the arena are ready.
+        """
+        connected, missing = self._confirmation.use(now, all_ready, self._real())
+        if connected:
+            try:
+                self.grant(connected, self._confirmation.by)
+            except ValueError as error:
+                self._show(str(error))
+        for name in missing:
+            self._show(f"{name}: not connected, so it has no arm permit; later run `arena arm-permit {name}`")
+
+    def grant(self, vehicles: Sequence[str], by: str) -> None:
+        """Give an arm permit to vehicles. Raises ValueError if one of them cannot get it. by: who permits it."""
+        check_permit(self._real(), vehicles)
+        for vehicle in vehicles:
+            packet = {**permit_request(vehicle, by), "expires": time.monotonic() + CONFIRM_S}
+            if self._processes.request(packet, to=[f"link.{vehicle}"]):
+                raise ValueError(
+                    f"{vehicle}: no arm permit: link.{vehicle} has ended or hangs, so it did not receive the permit. Wait until "
+                    f"`arena ps` shows it as READY, then repeat `arena arm-permit {vehicle}`"
+                )
+
+    def check_axes(self, vehicle: str, by: str, *, stop: bool) -> None:
+        """Start the axes check of a vehicle, or stop it. Raises ValueError if it cannot be checked. by: who checks it."""
+        check_vehicle(self._real(), vehicle)
+        self._processes.request(check_request(vehicle, by, stop=stop), to=[f"link.{vehicle}"])
+
+    def _real(self) -> dict[str, bool]:
+        return real_vehicles(self._plan, self._processes.statuses)
