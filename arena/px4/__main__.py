@@ -1,8 +1,7 @@
 """The process `px4.<vehicle>`: `python -m arena.px4 FILE.json`. It runs one PX4 SITL in a folder of its own.
 
-PX4 has no supervisor of its own, and without its simulator it would use one core forever. This process starts
-PX4, logs its output, reports when it is ready, and ends it if the world has ended or the supervisor requests
-a stop.
+This process starts PX4, logs PX4's output, and reports when PX4 is ready. It ends PX4 if the world has ended or the
+supervisor requests a stop. Without its simulator, PX4 would use one CPU core forever.
 """
 
 from __future__ import annotations

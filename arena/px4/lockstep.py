@@ -1,9 +1,9 @@
 """The simulator's side of PX4's simulator API for several vehicles, stepped together in lockstep.
 
-Each vehicle has one TCP server. The module implements the world's `ExternalAutopilots`: `begin` sends each
-vehicle in lockstep its sample, and `finish` waits for the replies of all of them together.
+Each vehicle has one TCP server. The module implements the world's `ExternalAutopilots`: `begin` sends a sensor
+sample to each vehicle, and `finish` waits for the replies of all vehicles in lockstep.
 
-A vehicle that does not reply in time is reported, and the world stops waiting for it until it replies again.
+If a vehicle does not reply in time, this is reported, and the world does not wait for this vehicle until it replies again.
 If a vehicle closes its connection, this is reported and its motors stop. The other vehicles fly on in both
 cases. A flight controller in the loop (HITL) never sets the lockstep flag, so the world never waits for it.
 """
@@ -230,8 +230,8 @@ class Px4Links:
     def _send(self, server: _Server, now: float, sensors: Mapping[str, Array]) -> None:
         """Send one vehicle the sensor readings of this step.
 
-        A late PX4 still gets samples, because without a sample to reply to it would stay frozen. It gets them
-        no faster than in real time. Otherwise it could never catch up with a world that does not wait for it.
+        A late PX4 still gets samples, because PX4 runs only when a sample arrives. The samples are sent at most in real time.
+        Otherwise a slow PX4 could never catch up, because the world does not wait for a late PX4.
         """
         if server.connection is None:
             return
