@@ -1,4 +1,4 @@
-"""MAVLink channel of a vehicle: its queue of frames and its stream schedule. No sockets, no clock."""
+"""MAVLink link of a vehicle: the queue of frames to send, and the schedule of the streams. No sockets, no clock."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ _ROUNDING_S = 1e-6
 
 @dataclass(slots=True)
 class MavlinkLink:
-    """MAVLink channel of a vehicle (`router`, `vision` or `panic`): frames to send and stream schedule.
+    """MAVLink link of a vehicle: the frames to send, and the schedule of its streams.
 
+    name: `router` (to the MAVLink router), `vision` (to the pose forwarder) or `panic` (reserved for land-all, kill-all and
+        the copilot)
     queue: frames to send; an entry may contain several
     intervals: period of each scheduled message [s], by message id
     schedule: heap of (time [s], message id), one entry per scheduled message
@@ -68,7 +70,7 @@ class MavlinkLink:
         """Queue several frames, or drop them if the queue is full.
 
         count: number of frames
-        pack: function that returns the frames as bytes, with this sequence number and the next ones
+        pack: function of the first frame's sequence number; returns all frames as bytes
         """
         if len(self.queue) < _QUEUE_LIMIT:
             self.queue.append(pack(self.codec.take_sequence(count)))

@@ -42,9 +42,10 @@ _PHASE_S, _PHASES = 0.004, 5  # phase shift between the streams of neighbouring 
 
 
 class MavlinkInterface:
-    """Receives and sends the MAVLink messages of one vehicle on its links `router`, `vision` and `panic`.
+    """Receives and sends the MAVLink messages of one vehicle on its links `router`, `vision` and `panic` (see `MavlinkLink`).
 
-    telemetry: function that returns the state of all vehicles at the last step and its packer, None before the first step
+    telemetry: function that returns the state of all vehicles at the last step, and the packer of its frequent messages;
+        None before the first step
     gate: decides who may command the vehicle; None obeys every sender, as PX4 does
     """
 
@@ -83,8 +84,8 @@ class MavlinkInterface:
         link = self.links[link_name]
         self.vehicle.now = now
         for frame in link.codec.frames(data):
-            if frame.msgid in _RECORDS:
-                self._receive_record(data, frame)
+            if frame.msgid in _DECODED_FAST:
+                self._receive_fast(data, frame)
             elif frame.msgid in MESSAGES and self._refuses(link, data, frame):
                 self.counts["refused: another has control"] += 1
             elif (message := link.codec.decode(data, frame)) is not None:
@@ -106,10 +107,11 @@ class MavlinkInterface:
             link.queue.append(reply)
         return True
 
-    def _receive_record(self, data: bytes, frame: Frame) -> None:
-        """Process the bytes of an ODOMETRY or SET_POSITION_TARGET_LOCAL_NED, because this is faster than with a message object.
+    def _receive_fast(self, data: bytes, frame: Frame) -> None:
+        """Process an ODOMETRY or SET_POSITION_TARGET_LOCAL_NED, which arrive many times a second.
 
-        The same rules of addressing apply as for all messages.
+        They are decoded without pymavlink, whose message objects are slow to create. As for all messages, one that
+        addresses another vehicle or was sent by this vehicle is only counted.
         """
         vehicle = self.vehicle
         if frame.target_sys not in (0, vehicle.system_id) or frame.target_comp not in (0, 1):
@@ -328,7 +330,7 @@ class MavlinkInterface:
         return sum((link.codec.counts for link in self.links.values()), self.vehicle.counts + self.counts)
 
 
-_RECORDS = (mavlink_records.ODOMETRY, mavlink_records.SET_POSITION_TARGET)
+_DECODED_FAST = (mavlink_records.ODOMETRY, mavlink_records.SET_POSITION_TARGET)
 _MISSION_COMPONENTS = (0, 1, mavlink.MAV_COMP_ID_MISSIONPLANNER)
 _HANDLERS: dict[int, Callable[[MavlinkInterface, MavlinkLink, Any], None]] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: MavlinkInterface._on_heartbeat,
