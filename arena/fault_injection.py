@@ -82,9 +82,9 @@ class FaultReceiver:
         return found
 
     def apply(self, function: Callable[[Fault], str]) -> list[str]:
-        """Pass each received fault to `function`. Return one text per fault, for the event log.
+        """Apply each received fault. Return one line per fault for the event log: `fault: ...` or `fault refused: ...`.
 
-        function: applies a fault and returns its description, or raises InputError
+        function: applies one fault and returns its description; raises InputError if the fault is invalid
         """
         return [_event(fault, function) for fault in self.take()]
 

@@ -48,7 +48,7 @@ class Backlog:
         self.dropped = 0
 
     def tick(self, now: float) -> None:
-        """Compare the wall clock with the monotonic clock, because the kernel stamps datagrams by the wall clock.
+        """Measure the offset between wall clock and monotonic clock. The kernel stamps datagrams by the wall clock, which may jump.
 
         Call this method a few times a second. now: monotonic [s].
         """

@@ -1,4 +1,6 @@
-"""Filter of the router for commands of clients: only senders that may command a vehicle now (`arena.authority`) reach the vehicle."""
+"""Filter of the router for commands to vehicles. A command is forwarded only if its sender may command the vehicle now
+(`arena.authority`).
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,7 @@ class CommandFilter:
         return gate.authority.passes_program_setpoint(self._time(gate, now))
 
     def take_replies(self) -> list[Out]:
-        """Return the replies to refused commands since the last call."""
+        """Return the replies to send to clients whose commands were refused since the last call."""
         if not self._replies:
             return []
         found, self._replies = self._replies, []
@@ -63,15 +65,19 @@ class CommandFilter:
             self._news.add(vehicle)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request of the supervisor (see `process_context`), such as a release of a vehicle. now: monotonic [s]."""
+        """Process a request that the supervisor has sent to the router (see `process_context`). now: monotonic [s].
+
+        An example is `release`: the operator ends the control that land-all or the copilot has taken, so that programs may command
+        the vehicle again.
+        """
         for gate in self._gates.values():
             gate.on_request(request, self._time(gate, now))
         self._news |= set(self._gates)
 
     def changes(self) -> tuple[list[str], dict[str, Any]]:
-        """Return the events of simulated vehicles since the last call, and the facts of these vehicles that have changed.
+        """Return lines for the event log, and the facts (values for the supervisor) that have changed, since the last call.
 
-        The hardware links report those of real vehicles.
+        The hardware link of a real vehicle reports its events and who has control of it, so both are left out here.
         """
         events: list[str] = []
         facts: dict[str, Any] = {}
@@ -85,7 +91,10 @@ class CommandFilter:
         return events, facts
 
     def take_audit(self) -> list[dict[str, Any]]:
-        """Return the recorded requests of clients since the last call (see `arena.authority.audit`)."""
+        """Return one entry for each request that a client has made to a vehicle since the last call.
+
+        `arena audit` shows the entries. Setpoints have none (see `arena.authority.audit`).
+        """
         return [entry for gate in self._gates.values() for entry in gate.audit.take()]
 
     def _time(self, gate: CommandGate, now: float) -> float:

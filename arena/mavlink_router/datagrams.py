@@ -9,8 +9,11 @@ NO_TARGET = -1
 
 
 def join_frames(frames: list[Frame], targets: list[int]) -> list[tuple[int, int, int, int]]:
-    """Join adjacent frames with the same target, so that they are sent as one datagram. Return a list of
-    (target, first byte, end byte, number of frames). Frames with target `NO_TARGET` are omitted.
+    """Group adjacent frames with the same target. Each group is sent as one datagram.
+
+    frames: all frames of a received datagram, in order
+    targets: target of each frame; frames with the target `NO_TARGET` are not forwarded
+    Returns a list of (target, offset of the first byte, offset after the last byte, number of frames).
     """
     if len(frames) == 1:
         return [(targets[0], frames[0][0], frames[0][1], 1)] if targets[0] != NO_TARGET else []

@@ -1,4 +1,4 @@
-"""Data of the router about its vehicles and clients: addresses, senders, cached routes and counters."""
+"""Data of the router about its vehicles and clients: addresses, MAVLink senders, receivers that were found, and counters."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ Out = tuple[Buffer, Destinations]
 
 @dataclass(kw_only=True)
 class Endpoint:
-    """A receiver of messages (client, tool or ground station): its address, and the MAVLink senders that use
-    this address.
+    """Address of a client, tool or ground station, to which the router sends messages.
+
+    The MAVLink senders that have sent from this address are recorded, so that replies to them are sent to it.
 
     socket: index in `Router.sockets`
     role: role of its senders; None at a tools port, where the system id determines the role
@@ -36,7 +37,7 @@ class Endpoint:
     last: float = 0.0
 
     def serves(self, target: int) -> bool:
-        """Return whether this client must receive a message to `target`.
+        """Return whether this client must receive a vehicle's message that is addressed to `target`.
 
         target: system << 8 | component; component 0 means every component of the system
         """
@@ -47,13 +48,13 @@ class Endpoint:
 
 @dataclass(kw_only=True)
 class VehicleRoutes:
-    """Data that the router keeps about one vehicle: its sockets, status, clients and cached routes.
+    """Data that the router keeps about one vehicle: its sockets, status, clients and the receivers of its messages.
 
     number: index in the routing table
     serve_socket, tool_socket: indices in `Router.sockets`
     up: the autopilot's end of the router link
     tools: clients that have sent to the tool socket
-    routes: target -> receivers; cleared whenever an endpoint changes
+    routes: MAVLink target of a message -> its receivers, kept so that they are searched once; cleared when an endpoint changes
     """
 
     number: int

@@ -1,5 +1,5 @@
-"""Router process with fault injection: receives faults from a socket, and loses or delays datagrams
-accordingly. Delays are measured in simulation time if there is a simulation clock.
+"""Router process with fault injection: receives faults from a socket. A fault makes a link lose or delay datagrams.
+Delays are measured in simulation time, or in wall time if there is no simulation clock.
 
 While no fault is active, datagrams are routed as in `RouterShell`. While a datagram is delayed, the router is
 a client of the simulation clock, so that simulation time waits for the router.
@@ -57,7 +57,7 @@ class FaultInjectionShell(RouterShell):
             self._send(self.impaired.outgoing(out, self._delay_time(now)))
 
     def _update(self, now: float) -> None:
-        """Apply received faults, send datagrams whose delay has ended, and request the next wake-up.
+        """Apply received faults, send datagrams whose delay has ended, and request a wake-up at the end of the next delay.
 
         now: monotonic [s].
         """
@@ -67,7 +67,9 @@ class FaultInjectionShell(RouterShell):
             self._join_clock()
             at = self._delay_time(now)
         except RunError as error:
-            self._process.event(f"fault injection: loss and delay of all links are set to 0 ({error})")
+            self._process.event(
+                f"fault injection: delays cannot be measured any more, so loss and delay of all links are set to 0 ({error})"
+            )
             self.impaired.clear()
             self._leave_clock()
             self._clock_path, at = None, math.inf
@@ -87,8 +89,9 @@ class FaultInjectionShell(RouterShell):
         return now if self._clock is None else self._clock.now()
 
     def _join_clock(self) -> None:
-        """Connect to the simulation clock if a link is delayed. Raises RunError if the clock's process has
-        ended.
+        """Connect to the simulation clock if a link delays datagrams, because delays are measured in simulation time.
+
+        Raises RunError if the process that serves the clock has ended.
         """
         if self._clock is None and self.impaired.delaying and self._clock_path is not None:
             self._clock = SimClock(self._clock_path, self._process.name)

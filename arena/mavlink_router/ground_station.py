@@ -15,7 +15,7 @@ _HEARTBEAT = mavlink.MAVLink_heartbeat_message(
 
 
 class GroundStation:
-    """Ground station as which the router sends heartbeats, because PX4's data-link failsafe monitors them."""
+    """Encoder of the router's heartbeats as a ground station. While they arrive, PX4's data-link failsafe does not act."""
 
     def __init__(self) -> None:
         self._codec = Codec(SYSTEM, COMPONENT)

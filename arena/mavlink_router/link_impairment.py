@@ -35,8 +35,10 @@ class _Direction:
 
 @dataclass(kw_only=True)
 class _ImpairedLink:
-    """Loss and delay that are set for the link of one vehicle. share: share of datagrams that are lost, 0 to
-    1 [-].
+    """Loss and delay that are set for the link of one vehicle.
+
+    share: probability that a datagram is lost, 0 to 1 [-]. delay_s: delay of each datagram [s].
+    up: state of the direction to the autopilot. down: state of the direction from the autopilot.
     """
 
     share: float = 0.0
@@ -118,8 +120,9 @@ class ImpairedRouter:
         return []
 
     def outgoing(self, out: list[Out], at: float) -> list[Out]:
-        """Return the datagrams of `out` that must be sent at once. The other datagrams are discarded or
-        delayed.
+        """Apply loss and delay to the datagrams that the router is about to send. Return those that must be sent at once.
+
+        out: (datagram, receivers) pairs, as returned by `Router.on_datagram`.
         """
         return [
             (data, left)
@@ -128,7 +131,7 @@ class ImpairedRouter:
         ]
 
     def release(self, now: float, at: float) -> list[Out]:
-        """Return the datagrams whose delay has ended and that must be sent now."""
+        """Return the datagrams whose delay has ended. They must be sent now."""
         out: list[Out] = []
         for key, link in self._links.items():
             for _, sender, data in _take_until(link.down, at - link.delay_s):

@@ -90,7 +90,7 @@ class Router:
 
     @property
     def links(self) -> dict[str, int]:
-        """Return vehicle name -> index of the socket (in `sockets`) that is linked to this vehicle's autopilot."""
+        """Vehicle name -> index in `sockets` of the socket that exchanges messages with this vehicle's autopilot."""
         return {v.vehicle.name: v.up[0][0] for v in self._vehicles}
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
@@ -110,8 +110,9 @@ class Router:
         return self._handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
-        """Remove programs that have sent nothing to a tools port for `TOOL_TIMEOUT_S`, and mark vehicles
-        without heartbeat as not connected. now: monotonic [s].
+        """Remove tools that have sent nothing for `TOOL_TIMEOUT_S`, and mark vehicles without heartbeat as not connected.
+
+        A tool is any program on this computer that sends to the `tools` address of a vehicle. now: monotonic [s].
         """
         for v in self._vehicles:
             v.status.tick(now)
@@ -201,10 +202,10 @@ class Router:
     def _serve(
         self, local: Address, handler: Handler, clients: Iterable[Address], role: Role = Role.PROGRAM
     ) -> dict[Address, Endpoint]:
-        """Add the socket that exchanges messages with `clients`, and a second socket if some clients are on
-        other computers. Return the endpoint of each client. role: role of the clients.
+        """Add the socket that exchanges messages with `clients`. Return the endpoint of each client.
 
-        A socket that is bound to loopback cannot send to other computers.
+        If this socket is bound to loopback, it cannot send to other computers: clients on other computers get a second socket.
+        local: address to bind. handler: processes the received datagrams. role: role of the clients.
         """
         near = self._add(local, handler)
         far = {c for c in clients if _is_loopback(local) and not _is_loopback(c)}
@@ -236,8 +237,8 @@ class Router:
         return out
 
     def _target_of(self, v: VehicleRoutes, data: Buffer, frame: Frame, now: float) -> int:
-        """Return the MAVLink target of a frame from a vehicle, as system << 8 | component. Also read the
-        vehicle's status and telemetry from the frame.
+        """Return the MAVLink target of a frame from a vehicle, as system << 8 | component. Also update
+        the vehicle's status and telemetry if the frame contains them.
         """
         _, _, _, _, sysid, compid, msgid, target_sys, target_comp = frame
         if sysid != v.vehicle.id:
@@ -311,7 +312,7 @@ class Router:
         self._counts.frames_from_clients += len(frames)
         out: list[Out] = []
         for target, start, end, count in join_frames(
-            frames, [self._vehicle_of(v, endpoint, data, f, now) for f in frames]
+            frames, [self._receivers_key(v, endpoint, data, f, now) for f in frames]
         ):
             destinations = self._up_routes[target]
             self._counts.frames_to_vehicles += count * len(destinations)
@@ -320,13 +321,13 @@ class Router:
             out += replies
         return out
 
-    def _vehicle_of(
+    def _receivers_key(
         self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
     ) -> int:
-        """Return the receivers of a client's frame, as a key of `_up_routes`.
+        """Return the key in `_up_routes` of the vehicles that must receive a client's frame.
 
         The key is the system id of a vehicle, 0 for all vehicles, -1 for no vehicle, or a number below -1 for a set of
-        vehicles (see `_allowed`).
+        vehicles (see `_allowed_key`).
         """
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
@@ -342,10 +343,10 @@ class Router:
         elif v is not None or (target and target not in self._ids):
             self._counts.dropped["target is not a vehicle of this client"] += 1
             return NO_TARGET
-        return self._allowed(target, endpoint, data, frame, now) if msgid in MESSAGES else target
+        return self._allowed_key(target, endpoint, data, frame, now) if msgid in MESSAGES else target
 
-    def _allowed(self, target: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> int:
-        """Return the vehicles to which a client's command may be sent, as a key of `_up_routes`.
+    def _allowed_key(self, target: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> int:
+        """Return the key in `_up_routes` of those target vehicles that the client may command now.
 
         target: system id of the command's target, 0 for all vehicles.
         """
@@ -371,7 +372,7 @@ class Router:
         self.shortcut.set_senders(endpoint)
 
     def _forget_routes(self, v: VehicleRoutes) -> None:
-        """Find the receivers of the vehicle's messages again, because an endpoint has changed."""
+        """Forget the receivers that were found for the vehicle's messages, because an endpoint has changed."""
         v.routes.clear()
         self.shortcut.set_receivers(v, ())
 

@@ -64,8 +64,10 @@ class Table:
                 simulated=bool(raw["simulated"]),
             )
         except (KeyError, TypeError) as error:
+            missing = isinstance(error, KeyError)
+            what = f"the key {error} is missing" if missing else f"a value has the wrong type: {error}"
             raise InputError(
-                f"configuration of the router: missing or wrong key: {type(error).__name__} {error} (docs/reference/slices.md)"
+                f"configuration of the router: {what} (docs/reference/slices.md lists the keys)"
             ) from error
 
 
@@ -94,5 +96,5 @@ def _address(raw: Any) -> Address:
         return str(ipaddress.IPv4Address(host)), int(port)
     except ValueError as error:
         raise InputError(
-            f"configuration of the router: got {raw!r}, expected [numeric IPv4 host, port]: {error}"
+            f"configuration of the router: got the address {raw!r}, expected [numeric IPv4 address, port]: {error}"
         ) from error

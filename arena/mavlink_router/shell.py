@@ -65,8 +65,10 @@ class RouterShell:
         self._in_loop = True  # a derived class may route datagrams in another way for some time
 
     def run(self) -> None:
-        """Route datagrams until a stop is requested and no real vehicle is armed. If the supervisor dies, route
-        datagrams until all vehicles are disarmed.
+        """Route datagrams until the process must end.
+
+        If a stop is requested, the process ends as soon as no real vehicle is armed. If the supervisor dies, the process ends
+        when all vehicles are disarmed; it waits 60 s at most for simulated vehicles.
         """
         process, router = self._process, self._router
         self._take_requests(
@@ -193,9 +195,10 @@ class RouterShell:
             self._process.stats(self._stats())
 
     def _heartbeat(self, now: float) -> None:
-        """Send the heartbeat of a ground station to all vehicles. Called once a second of wall time and of simulation time.
+        """Send the heartbeat of a ground station to all vehicles.
 
-        With both, no autopilot misses the heartbeat in a world that runs faster than real time. Real vehicles with a data-link
+        Called once a second of wall time and, in addition, once a second of simulation time, because an autopilot in a world
+        that runs faster than real time would miss heartbeats. Real vehicles with a data-link
         failsafe receive it only while an operator is present, because it would disable this failsafe.
         """
         if self._world_time is not None:
@@ -207,7 +210,10 @@ class RouterShell:
             self._send_heartbeat(self._router.heartbeat(self._station.heartbeat(), operator=operator), now)
 
     def _report_operator(self, operator: bool, now: float) -> None:
-        """Log when the operator appears or is missing, if a vehicle receives heartbeats only while an operator is present."""
+        """Log when the operator disappears or returns.
+
+        Nothing is logged if no vehicle needs an operator (receives heartbeats only while an operator is present).
+        """
         names = ", ".join(v.name for v in self._router.table.vehicles if v.needs_operator)
         if not names or operator == self._operator or now - self._began < OPERATOR_TIMEOUT_S:
             return
@@ -216,7 +222,7 @@ class RouterShell:
             self._process.event(f"operator present: {names} receives the heartbeat of a ground station")
         else:
             self._process.event(
-                f"no operator: {names} receives no heartbeat of a ground station, so the failsafe data_link_loss acts. "
+                f"no operator: {names} receives no heartbeat of a ground station, so its failsafe `data_link_loss` will act. "
                 "As the operator, run `arena up` in a terminal, connect a ground station, or run `arena ps` at least once a minute"
             )
 
@@ -238,7 +244,10 @@ class RouterShell:
 
 
 def _world_time(path: str | None) -> SimTime | None:
-    """Open the file `path`, from which the simulation time is read. Return None if there is no simulated world."""
+    """Return a reader of the simulation time. Return None if no process serves a simulation clock.
+
+    path: path of the simulation clock; None without a simulated world.
+    """
     if path is not None:
         with contextlib.suppress(RunError):
             return SimTime(path)

@@ -150,7 +150,7 @@ class Connection:
 
 
 def _open(url: str) -> tuple[socket.socket, Address | None]:
-    """Open the program's socket. Return the socket, and the vehicle's address if the URL contains one.
+    """Open the program's socket. Return the socket and the vehicle's address; None if only a message of the vehicle will show it.
 
     Raises InputError.
     """

@@ -180,7 +180,7 @@ class BaroSensor:
 
 
 class EmulatedSensor:
-    """Positions and velocities of the neighbours relative to the vehicle, computed from motion capture."""
+    """Emulated onboard sensor for neighbours: their relative positions and velocities, computed from motion capture."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -311,7 +311,7 @@ class Info:
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """All data groups of a vehicle (`ekf`, `sen`, `act`, `info`), whose values belong to one instant."""
+    """All data groups of a vehicle. In the object that `UAV.snapshot` returns, all values are those of one instant."""
 
     ekf: Ekf
     sen: Sensors
@@ -320,7 +320,7 @@ class Snapshot:
 
     @classmethod
     def of(cls, source: Source, body: Body) -> Snapshot:
-        """Return a snapshot, whose data groups read their values from `source`."""
+        """Create the data groups, which read their values from `source`. body: constants of the vehicle."""
         return cls(
             ekf=Ekf(source),
             sen=Sensors(source),

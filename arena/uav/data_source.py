@@ -1,4 +1,6 @@
-"""Storage of received telemetry and poses, with the age limits of their values; the data groups read it."""
+"""Storage of the telemetry and poses that a user program has received. The data groups (`uav.ekf`, ...) read their values
+from it; values that are older than their age limit raise StaleDataError.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ _AGE_LIMITS = {
 
 
 class Stamped(Protocol):
-    """Interface of all received values: every value has its time of arrival [s]."""
+    """Interface of a received value that contains its time of arrival [s]."""
 
     @property
     def received_at(self) -> float: ...
@@ -63,7 +65,7 @@ class Source:
     refresh: Callable[[], None]
 
     def fixed(self) -> Source:
-        """Return a copy of this source for a snapshot. The values and the time of the copy do not change any more."""
+        """Return a copy of this storage, for `UAV.snapshot`. The values and the time of the copy stay those of this instant."""
         self.refresh()
         instant = self.now()
         return Source(

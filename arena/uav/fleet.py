@@ -24,7 +24,7 @@ _FOREVER_S = 1e9
 
 
 class FleetVehicle(Protocol):
-    """The methods of `UAV` that a fleet calls."""
+    """Interface of the vehicles in a `Fleet`. `UAV` implements it."""
 
     ekf: Ekf
     info: Info
@@ -52,8 +52,8 @@ class Fleet(Sequence[V]):
     """Vehicles that one program flies. A list of `UAV`, in the order of the YAML.
 
     clock: clock of the program. Use it instead of the module `time`.
-    lost: vehicle -> the error that ended its part of the program. No more setpoints are sent to these vehicles, so that their
-    autopilots act; the others fly on. At the end of the `with` block an error with all lost vehicles is raised.
+    lost: vehicle -> VehicleError that one of its methods has raised. No more setpoints are sent to a lost vehicle, so its
+    autopilot's offboard failsafe acts; the other vehicles fly on. At the end of the `with` block an error with all lost vehicles is raised.
     """
 
     def __init__(self, uavs: Sequence[V], threads: GroupThreads) -> None:
@@ -122,7 +122,7 @@ class Fleet(Sequence[V]):
         self._check_any_left()
 
     def set_pos_yaw(self, pos: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a position setpoint to each vehicle, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
+        """Send a position setpoint to each vehicle, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
 
         pos: [m] [NED] (V, 3). yaw: [rad], one for all or (V,). freq: [Hz]. Rows of lost vehicles are not used.
         """
@@ -130,7 +130,7 @@ class Fleet(Sequence[V]):
         self._send(lambda row, uav, now: uav.encoder.pos_yaw(p[row], y[row], now), freq)
 
     def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint to each vehicle, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
+        """Send a velocity setpoint to each vehicle, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
 
         vel: [m/s] [NED] (V, 3). yaw: [rad], one for all or (V,). freq: [Hz].
         """
@@ -140,7 +140,7 @@ class Fleet(Sequence[V]):
     def set_pos_vel_yaw(
         self, pos: ArrayLike, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike, *, acc: ArrayLike | None = None
     ) -> None:
-        """Send a trajectory setpoint to each vehicle, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
+        """Send a trajectory setpoint to each vehicle, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
 
         pos: [m] [NED] (V, 3). vel: [m/s] [NED] (V, 3). yaw: [rad], one for all or (V,). freq: [Hz].
         acc: [m/s2] [NED] (V, 3), without gravity; None sends no acceleration.
@@ -179,9 +179,7 @@ class Fleet(Sequence[V]):
         self.clock.sleep_until(self._due)
 
     def _flown(self) -> Iterator[tuple[int, V]]:
-        """Yield (index in the fleet, vehicle) of the vehicles that are not lost. A vehicle is lost when one of its methods has
-        raised a VehicleError.
-        """
+        """Yield (index in the fleet, vehicle) of the vehicles that are not in `lost`."""
         yield from ((row, uav) for row, uav in enumerate(self._uavs) if self.names[row] not in self.lost)
 
     def _guarded(self, uav: V, action: Callable[[], object]) -> None:
@@ -197,7 +195,7 @@ class Fleet(Sequence[V]):
             raise
         except VehicleError as error:
             self.lost[name] = error
-            print(f"{name}: lost: {error}", file=sys.stderr, flush=True)
+            print(f"{name}: lost, no more setpoints are sent to it: {error}", file=sys.stderr, flush=True)
 
     def _check_any_left(self) -> None:
         if len(self.lost) == len(self):
@@ -211,13 +209,17 @@ class Fleet(Sequence[V]):
     def _rows(self, value: ArrayLike, what: str) -> Array:
         found = np.asarray(value, dtype=np.float64)
         if found.shape != (len(self), 3):
-            raise SetpointError(f"{what}: got shape {found.shape}, expected ({len(self)}, 3)")
+            raise SetpointError(
+                f"{what}: got shape {found.shape}, expected ({len(self)}, 3), one row for each vehicle"
+            )
         return found
 
     def _yaws(self, value: ArrayLike) -> Array:
         found = np.asarray(value, dtype=np.float64)
         if found.shape not in ((), (1,), (len(self),)):
-            raise SetpointError(f"yaw: got shape {found.shape}, expected () or ({len(self)},)")
+            raise SetpointError(
+                f"yaw: got shape {found.shape}, expected one number or ({len(self)},), one for each vehicle"
+            )
         return np.broadcast_to(found, (len(self),))
 
     def _chores(self) -> None:

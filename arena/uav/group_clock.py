@@ -33,7 +33,7 @@ class GroupClock:
         self._failed: RunError | None = None
 
     def sleep(self, t: float) -> float:
-        """Run the other threads until the time t [s]. Return the time after the sleep [s]."""
+        """Sleep until the time t [s]; the other threads run meanwhile. Return the time after the sleep [s]."""
         turn = self._ask_for_turn(max(t, self.now()))
         self._pass_turn()
         turn.acquire()
@@ -104,7 +104,7 @@ class MemberClock(LockstepClock):
 
 
 class GroupThreads:
-    """The threads of a group's user programs, and their clocks.
+    """Runner of a group's user programs in threads, which also gives each thread its clock.
 
     path: name of the simulation clock; None for the wall clock.
     name: name of the group's process, under which it joins the simulation clock.
@@ -122,8 +122,9 @@ class GroupThreads:
         return self._group is not None
 
     def clock(self, name: str) -> Clock:
-        """Return a clock for one thread. name: name of the thread as a client of the simulation clock; not used if all threads
-        share one client.
+        """Return a clock for one thread.
+
+        name: name under which the thread joins the simulation clock. It is not used in lockstep, where only the process joins.
         """
         if self._group is not None:
             return MemberClock(self._group)

@@ -1,4 +1,7 @@
-"""Data with which a thread of a group finds the vehicles that its program flies. `UAV.from_args` reads these data."""
+"""Vehicles that the program in the running thread flies, in a process that runs the programs of a whole group.
+
+Such programs have no command line of their own, so `UAV.from_args` reads their arguments from `MEMBERSHIP`.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +15,18 @@ from arena.uav.receiver import Receiver
 
 
 class Closable(Protocol):
-    """Connection that can be closed."""
+    """Interface of a vehicle that a program has opened. `UAV` implements it, but cannot be imported here (circular import)."""
 
     def close(self) -> None: ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Membership:
-    """The vehicles that one user program of a group flies, with their command lines and clocks.
+    """Vehicles that one user program of a group flies, and what it shares with the other programs of the group.
 
     argv: command line for each vehicle: vehicle -> arguments without the program's name.
     once: whether the program flies all vehicles.
-    threads: threads and clocks of the group. receiver: background thread of all its connections.
+    threads: threads and clocks of all programs of the group. receiver: background thread for all connections of the group.
     opened: vehicles that the program has opened; they are closed when it ends.
     """
 

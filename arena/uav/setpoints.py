@@ -105,7 +105,7 @@ def attitude(att: ArrayLike, kind: AttitudeKind) -> Array:
 
 
 class Encoder:
-    """Encoder of MAVLink messages for one vehicle.
+    """Encoder of setpoints and commands as MAVLink messages to one vehicle.
 
     system_id: MAV_SYS_ID. now, in every method: the program's time [s].
     """

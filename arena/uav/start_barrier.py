@@ -30,14 +30,14 @@ class Arrivals:
 
     @property
     def start_s(self) -> float | None:
-        """Common start time [s]; None until all programs have arrived."""
+        """Start time of all programs [s], on the clock that they share; None until all have arrived."""
         if len(self.times) < self.count:
             return None
         return sorted(self.times.values())[self.count - 1] + START_DELAY_S
 
 
 class StartBarrier:
-    """Access of one program to the start barriers of its run. At a barrier, programs wait for each other, so that they start together.
+    """Start barriers of a run, as one program uses them. At a barrier, programs wait for each other, so that they start together.
 
     vehicle: name of the program's vehicle.
     folder: folder for the files of all programs of the run; None if `arena up` did not start the program.
@@ -49,8 +49,9 @@ class StartBarrier:
         self._uses: Counter[str] = Counter()
 
     def arrive(self, name: str, now: float, count: int | None = None) -> _Waiting:
-        """Record that this program has arrived at the barrier `name`. If programs use a name several times, the k-th arrival of
-        one program meets the k-th arrival of the others.
+        """Record that this program has arrived at the barrier `name`.
+
+        A name may be used again: a program's second arrival waits for the second arrivals of the others.
 
         count: number of programs that take part, including this program; None for all programs of the run.
         Raises InputError if the run has fewer programs, or if `arena up` did not start this program.
@@ -80,9 +81,7 @@ class StartBarrier:
 
 
 class _Waiting:
-    """State of one program that waits at a barrier. It reads which other programs have arrived, and withdraws this program if
-    it stops waiting.
-    """
+    """Wait of one program at a barrier: finds out which other programs have arrived, and can be withdrawn after a timeout."""
 
     def __init__(self, vehicle: str, folder: Path, count: int, programs: Sequence[str]) -> None:
         self._vehicle, self._folder, self._count, self._programs = vehicle, folder, count, programs

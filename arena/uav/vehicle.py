@@ -129,7 +129,10 @@ class UAV:
 
     @classmethod
     def all_from_args(cls) -> Fleet[UAV]:
-        """Return all vehicles of the group that this program flies (`program: {group: NAME, run: once}` in the YAML)."""
+        """Return all vehicles of a group, for one program that flies them all.
+
+        The YAML of these vehicles has `program: {path: FILE.py, group: NAME, run: once}`.
+        """
         from arena.uav.arguments import read_group
 
         member = MEMBERSHIP.get()
@@ -142,9 +145,7 @@ class UAV:
         return Fleet(made, member.threads)
 
     def snapshot(self) -> Snapshot:
-        """Return the data groups with the values of this instant, so that values of several groups belong
-        together.
-        """
+        """Return a copy of the data groups (`ekf`, `sen`, `act`, `info`). Its values stay those of this instant."""
         return Snapshot.of(self._source.fixed(), self._body)
 
     def arm_drone(self) -> None:
@@ -195,7 +196,7 @@ class UAV:
         self.clock.sleep_until(end)
 
     def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
+        """Send a velocity setpoint, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
 
         vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
         """
@@ -211,7 +212,7 @@ class UAV:
         acc: ArrayLike | None = None,
         yaw_rate: ArrayLike | None = None,
     ) -> None:
-        """Send a trajectory setpoint, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
+        """Send a trajectory setpoint, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
 
         The autopilot flies to `pos` with `vel` and `acc` as feed-forward, so that it does not lag behind a moving position.
         pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
@@ -223,8 +224,9 @@ class UAV:
     def reference(
         self, p: ArrayLike | None = None, v: ArrayLike | None = None, yaw: ArrayLike | None = None
     ) -> None:
-        """Send the program's own reference trajectory to the logger. Use it if the setpoints do not contain
-        the reference, as with rate setpoints. Returns at once.
+        """Send the position, velocity and yaw that the program wants to follow to the vehicle's logger. Return at once.
+
+        Call this method if the setpoints do not contain these values: a controller that sends rate setpoints, for example.
 
         p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. Omit values that the reference does not have.
         The log repeats the values for 0.5 s, in `pos_ref`, `vel_ref` and `pos_ref.yaw`. Without a logger
@@ -257,18 +259,17 @@ class UAV:
         return start
 
     def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity in level axes that turn with the yaw, then wait. A loop that calls this method in
-        each cycle runs at the rate `freq`.
+        """Send a velocity setpoint in vehicle axes, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
 
-        vel_body: forward, right, down [m/s] (3,). The axes stay level when the vehicle tilts. yaw_rate: [rad/s].
-        freq: [Hz].
+        vel_body: forward, right, down [m/s] (3,). The axes turn with the vehicle's yaw and stay level when the vehicle tilts.
+        yaw_rate: [rad/s]. freq: [Hz].
         """
         self._send(self._control.encoder.vel_body_yaw_rate(vel_body, yaw_rate, self.clock.now()), freq)
 
     def set_att_thrust(
         self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
     ) -> None:
-        """Send an attitude setpoint, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
+        """Send an attitude setpoint, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
 
         att: roll, pitch, yaw [rad] (3,) for att_type "euler"; q_nb wxyz (4,) for att_type "quaternion".
         thrust: [N], clamped to the thrust that the vehicle can produce. freq: [Hz].
@@ -277,7 +278,7 @@ class UAV:
         self._send(self._control.encoder.att_thrust(q_nb, self._normalised(thrust), self.clock.now()), freq)
 
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a rate setpoint, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
+        """Send a rate setpoint, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
 
         ang_vel: body rates [rad/s] [FRD] (3,). thrust: [N], clamped to the thrust that the vehicle can
         produce. freq: [Hz].
@@ -288,10 +289,10 @@ class UAV:
         )
 
     def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
-        """Send an actuator setpoint for PX4 up to v1.13, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
+        """Send an actuator setpoint, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
 
         group: mixer group 0..3. output: up to 8 numbers -1..1 [-]. freq: [Hz].
-        Raises CommandRefusedError for other autopilots.
+        Only PX4 up to v1.13 accepts such setpoints. Raises CommandRefusedError for other autopilots.
         """
         message = self._control.encoder.act(group, output, self.clock.now())
         period_s(freq)
@@ -318,12 +319,17 @@ class UAV:
         self._control.send(message)
 
     def hold_until(self, done: Callable[[], bool], timeout: ArrayLike) -> bool:
-        """Wait until `done` returns true, and return whether it did within `timeout` [s]. A vehicle in OFFBOARD holds its position."""
+        """Wait until `done` returns true, at most `timeout` [s]. Return False after the timeout, else True.
+
+        In OFFBOARD the vehicle holds its position while it waits.
+        """
         return bool(self._control.wait_until(done, duration_s(timeout)))
 
     def chores(self) -> None:
-        """Receive data, and send the heartbeat if it is due. `Fleet` calls this method, because one thread sleeps for all its
-        vehicles.
+        """Receive data, and send the heartbeat to the vehicle if it is due.
+
+        In lockstep a vehicle does so while the program sleeps on the vehicle's clock. A program of a `Fleet` sleeps on the
+        fleet's clock instead, so the fleet calls this method.
         """
         self._connection.chores()
 

@@ -149,7 +149,7 @@ class VehicleControl:
             self.arm(until=end)
 
     def wait_until(self, done: Callable[[], T], timeout_s: float) -> T | None:
-        """Wait until done() returns a true value, and return that value; None after `timeout_s`.
+        """Call `done` until it returns a true value, and return this value. Return None after `timeout_s`.
 
         In OFFBOARD the vehicle holds its position while it waits. Raises OffboardLostError if the program
         loses control.
@@ -179,7 +179,7 @@ class VehicleControl:
             )
 
     def request_version(self) -> tuple[int, int, int] | None:
-        """Return the autopilot's release, None if the autopilot does not report one."""
+        """Request the version of the autopilot's software. Return (major, minor, patch); None if the autopilot does not report it."""
         telemetry = self._source.telemetry
         if telemetry.version is None:
             request = (float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),)
@@ -236,7 +236,10 @@ class VehicleControl:
         )
 
     def _answer(self, number: int) -> int | None:
-        """Return 1 + MAV_RESULT of the received acknowledgement, so that ACCEPTED (0) counts as true; None before it arrives."""
+        """Return 1 + MAV_RESULT of the acknowledgement; None before it arrives.
+
+        1 is added because `_wait` waits for a true value, and MAV_RESULT_ACCEPTED is 0.
+        """
         for ack in list(self._source.telemetry.acks):
             for_us = ack.command == number and ack.target == self._own_address
             if for_us and ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
@@ -264,9 +267,9 @@ class VehicleControl:
         self._connection.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
 
     def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> T | None:
-        """Wait until done() returns a true value, and return that value; None after `timeout_s`. stream: send setpoints during
-        the wait.
+        """Call `done` until it returns a true value, and return this value. Return None after `timeout_s`.
 
+        stream: during the wait, send setpoints that hold the position.
         Raises OffboardLostError if the program loses control of the vehicle.
         """
         rate = self._clock.rate(STREAM_HZ)

@@ -133,7 +133,7 @@ Sensors = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class HilFields:
-    """Description of the HIL_SENSOR fields that one simulated sensor fills.
+    """Conversion of one simulated sensor's readings to the fields of HIL_SENSOR that they fill.
 
     bits: bits of fields_updated. PX4 rejects a group if only some of its bits are set.
     every: number of sensor periods between two updates
@@ -149,7 +149,7 @@ class HilFields:
 
 @dataclass(frozen=True, kw_only=True)
 class HilMessage:
-    """Description of a message of the simulator API that one simulated sensor sends, such as HIL_GPS.
+    """Conversion of one simulated sensor's readings to a message of its own, such as HIL_GPS.
 
     name: key in the vehicle's row of the world's configuration; its value says whether the vehicle has the
     sensor

@@ -33,6 +33,16 @@ _READ, _LIST, _VALUE, _SET, _ERROR, _COMMAND = (
     struct.Struct(s) for s in ("<hBB16s", "<BB", "<4sHH16sB", "<4sBB16sB", "<hBB16sB", "<7fHBBB")
 )
 _WIDTH = {1: 1, 2: 1, 3: 2, 4: 2}  # MAV_PARAM_TYPE -> bytes; 4 for the others. Odd integer types are unsigned
+_TYPE_NAMES = {
+    1: "UINT8",
+    2: "INT8",
+    3: "UINT16",
+    4: "INT16",
+    5: "UINT32",
+    6: "INT32",
+    7: "UINT64",
+    8: "INT64",
+}
 _SAME = 1e-6
 _ERRORS = {
     1: "it does not exist",
@@ -109,13 +119,16 @@ def fitted(value: float, kind: int) -> float:
     it. Raises ValueError with the reason if the type cannot store the value.
     """
     if not math.isfinite(value):
-        raise ValueError("the value must be a finite number")
+        raise ValueError(f"got {value}, expected a finite number")
     if kind in INTEGERS and value != int(value):
-        raise ValueError("the value must be an integer")
+        raise ValueError(f"got {value:.9g}, expected an integer")
     try:
         return _from_bytes(_to_bytes(value, kind), kind)
     except (OverflowError, struct.error):
-        raise ValueError("the value is too large for the parameter's type") from None
+        type_name = _TYPE_NAMES.get(kind, "REAL32")
+        raise ValueError(
+            f"got {value:.9g}, too large or too small for the parameter's type {type_name}"
+        ) from None
 
 
 def alike(a: float, b: float, kind: int) -> bool:

@@ -180,7 +180,7 @@ def is_signed(data: Buffer, frame: Frame) -> bool:
 
 
 def has_signature(key: bytes, data: Buffer, frame: Frame) -> bool:
-    """Return whether a frame has the signature of this key. The timestamp is not checked."""
+    """Return whether a frame was signed with this key. A replayed frame passes, too; `SignatureCheck` refuses it."""
     if not is_signed(data, frame):
         return False
     found = bytes(data[frame.end - _HASH : frame.end])

@@ -59,12 +59,13 @@ _SLOTS = {
     )
 } | {mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: _SERVOS}
 """Messages that are decoded when their value is read: message id -> slot, in which a newer frame replaces an older one. The
-frames of HIGHRES_IMU do not all have new values of magnetometer and barometer: the newest of each combination waits."""
+frames of HIGHRES_IMU do not all have new values of magnetometer and barometer: the newest frame of each combination waits."""
 
 
 class _Newest(Generic[T]):
-    """Attribute of `Telemetry` with the newest value of a group of data. slot: number of the frames that are decoded only when
-    the value is read; None: decoded at once.
+    """Attribute of `Telemetry`: the newest value of one kind of data, such as the attitude.
+
+    slot: key in `Telemetry.waiting` of the frames that are decoded when the value is read; None: frames are decoded on arrival.
     """
 
     def __init__(self, slot: int | None = None) -> None:
@@ -92,13 +93,13 @@ class _Newest(Generic[T]):
 
 
 class Telemetry:
-    """Decoder that keeps the newest value of each group, such as `local` or `attitude`; None before the first message.
+    """Decoder that keeps the newest value of each kind of data, such as `local` or `attitude`; None before the first message.
 
-    A new message replaces the whole value of its group. Frequent messages are decoded when their value is read, and only the
+    A new message replaces the whole value. Frequent messages are decoded when their value is read, and only the
     newest one: a program that flies many vehicles reads few of the values.
     waiting: slot -> the newest frames that are not decoded yet, with their time of arrival [s]; see `_SLOTS`
     system_id, component_id: ids of the autopilot; messages of other senders are ignored
-    only: message ids to decode; None decodes all messages that belong to a group
+    only: message ids to decode; None decodes all messages in `_HANDLERS`
     refused: number of frames with a wrong checksum
     """
 
@@ -159,7 +160,7 @@ class Telemetry:
         return received
 
     def decode_waiting(self, slot: int) -> None:
-        """Decode the frames of one slot (group of data) that have arrived since its value was read, in the order of arrival."""
+        """Decode the frames that wait in one slot (see `_SLOTS`), in the order of arrival."""
         with self._lock:
             for datagram, frame, now in self.waiting.pop(slot, {}).values():
                 self._decode(datagram, frame, now)

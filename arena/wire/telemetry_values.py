@@ -1,4 +1,4 @@
-"""Values of the groups of telemetry, such as the estimated position. Units are SI and radians, frames NED and FRD, quaternions
+"""Values that telemetry messages contain, such as the estimated position. Units are SI and radians, frames NED and FRD, quaternions
 wxyz.
 """
 
@@ -161,7 +161,10 @@ class Text:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ack:
-    """Reply to a command, from COMMAND_ACK. target: (system, component) that sent the command."""
+    """Reply of the autopilot to a command, from COMMAND_ACK.
+
+    command: MAV_CMD. result: MAV_RESULT. target: (system, component) to which the reply is addressed, the command's sender.
+    """
 
     received_at: float
     command: int

@@ -116,7 +116,8 @@ class TruthReader:
         width = 1 + vehicles * _PER_VEHICLE
         if self._all.size != _HEAD + ring * width:
             raise WireError(
-                f"{path} is not a truth page: got {self._all.size} numbers, expected {_HEAD + ring * width} for {vehicles} vehicles"
+                f"{path} is not a truth page of this version: the file contains {self._all.size} numbers, but {vehicles} vehicles and "
+                f"{ring} samples, as in its header, need {_HEAD + ring * width}"
             )
         self._rows, self._ring = self._all[_HEAD:].reshape(ring, width), ring
         self._last: tuple[float, Truth | None] = (math.nan, None)

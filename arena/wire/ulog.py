@@ -55,7 +55,10 @@ def parse_ulog(data: bytes) -> Log:
     incomplete.
     """
     if not data.startswith(MAGIC) or len(data) < _START:
-        raise WireError("byte 0: not a ULog header, expected 55 4C 6F 67 01 12 35")
+        raise WireError(
+            f"byte 0: got {data[:7].hex(' ').upper()} in a file of {len(data)} bytes,"
+            f" expected a ULog header of {_START} bytes that begins with 55 4C 6F 67 01 12 35"
+        )
     return _Reader(data).read()
 
 
@@ -80,8 +83,8 @@ class _Reader:
                 self._take(kind, body, place)
             elif self.defining:
                 raise WireError(
-                    f"byte {place}: got a message of type {kind} and {len(body)} bytes in the definitions section,"
-                    f" expected one of {_KNOWN.decode()}"
+                    f"byte {place}: got a message of type {chr(kind)!r} and {len(body)} bytes in the definitions section,"
+                    f" expected 1 byte or more and one of the types {', '.join(_KNOWN.decode())}: is the file damaged?"
                 )
             elif not self._recover(place):
                 break

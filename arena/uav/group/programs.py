@@ -27,7 +27,8 @@ class Group:
     """Runs the user program of a group of vehicles in this process: once for all vehicles, or once per vehicle in a thread
     each.
 
-    settings: slice of the process. report: function that is called with vehicle, exit code and reason when a program has ended.
+    settings: JSON configuration of the process (slice).
+    report: function that is called with vehicle, exit code and reason when a program has ended.
     """
 
     def __init__(self, settings: Mapping[str, Any], report: Report) -> None:
@@ -89,7 +90,10 @@ def _exit_of(end: SystemExit) -> tuple[int, str]:
 
 
 def _print_failure(who: str, error: BaseException) -> None:
-    """Print the traceback of a program, each line with the vehicle's name. The lines of the runner are left out."""
+    """Print the traceback of a program that failed, each line after the name `who`.
+
+    The first entry of the traceback is left out, because it shows this module and not the program.
+    """
     trace = error.__traceback__.tb_next if error.__traceback__ is not None else None
     lines = "".join(traceback.format_exception(type(error), error, trace)).splitlines()
     print("\n".join(f"{who}: {line}" for line in lines), file=sys.stderr, flush=True)
