@@ -25,7 +25,7 @@ class Endpoint:
     The MAVLink senders that have sent from this address are recorded, so that replies to them are sent to it.
 
     socket: index in `Router.sockets`
-    role: role of its senders; None at a tools port, where the system id determines the role
+    role: role of the senders; None for a tool, whose role follows from its MAVLink system id
     senders: system << 8 | component of every sender that has used this address, oldest first
     last: time of the last frame, monotonic [s]
     """
@@ -71,7 +71,11 @@ class VehicleRoutes:
 
 @dataclass(kw_only=True)
 class Counts:
-    """Number of frames and bytes since the start. A frame that is sent to n receivers counts n times."""
+    """Number of frames and bytes since the start. A frame that is sent to n receivers counts n times.
+
+    unknown: frames of messages that are not in the table of CRC seeds
+    dropped: reason -> number of frames that were not forwarded
+    """
 
     frames_from_vehicles: int = 0
     frames_from_clients: int = 0

@@ -55,8 +55,8 @@ class ImpairedRouter:
     """Routes datagrams in place of a `Router` while a fault is active, and loses or delays some of these
     datagrams.
 
-    at: time for measuring delays [s], by any clock that never goes backwards
-    now: monotonic [s], as in `Router`
+    at, in every method: time for measuring delays [s], by any clock that never goes backwards
+    now, in every method: monotonic [s], as in `Router`
     muted: the ground station's heartbeat must not be sent
     """
 

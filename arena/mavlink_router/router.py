@@ -55,8 +55,9 @@ class Router:
     sockets: the addresses to bind, in the order of their indices
     commands: decides which commands of clients reach the vehicles
     sim_now: returns the simulation time [s]; None without a simulated world
-    shortcut: finds the receivers of ordinary datagrams. They are the same without it
-    use_shortcut: false if the kernels are not compiled, because their Python source is slower than the other methods
+    shortcut: finds the receivers of ordinary datagrams (telemetry to all clients, setpoints, ...) in compiled code
+    use_shortcut: the receivers are the same without it; false by default if the kernels are not compiled, because their Python
+        source is slower than the other methods
     kernel: class of the shortcut's kernel
     """
 

@@ -133,11 +133,11 @@ class RouterShell:
         loop.bytes_out = loop.unsent = 0
 
     def _on_other_datagram(self, key: int, sender: Address, data: memoryview, now: float) -> None:
-        """Route a datagram that the loop has received and that is not ordinary."""
+        """Route a datagram that the compiled loop has received but cannot route."""
         self._send(self._router.on_other_datagram(key, sender, data, now))
 
     def _on_event(self, fd: int) -> None:
-        """Read a file descriptor that the loop leaves to Python: datagrams that may be old, or no socket of the router."""
+        """Read a file descriptor that the compiled loop does not: a socket with datagrams that may be old, or a file of a derived class."""
         if fd in self._receive:
             self._read_old(fd, time.monotonic())
         else:

@@ -69,7 +69,7 @@ class Shortcut:
         return [(data, self.ordinary.receivers[found])] if found >= 0 else None
 
     def set_receivers(self, v: VehicleRoutes, receivers: Destinations) -> None:
-        """Set the receivers of a vehicle's messages to all; () until they are found."""
+        """Set the receivers of those messages of a vehicle that are addressed to all; () until the router has found them."""
         self.ordinary.set_receivers(v.number, receivers)
 
     def set_senders(self, endpoint: Endpoint) -> None:

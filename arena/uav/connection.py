@@ -1,8 +1,8 @@
 """Sockets of a user program. They receive telemetry and motion capture, and send setpoints and commands.
 
-Data are received, and a heartbeat is sent at 1 Hz, which announces an onboard computer to the vehicle. On the wall clock a
-background thread does this. On a simulation clock in lockstep the program's own thread does it while it sleeps on this
-clock, because a second thread would make flights not repeatable. Setpoints are sent only in a call of the user program, so
+The sockets are read regularly, and a heartbeat at 1 Hz announces an onboard computer to the vehicle. On the wall clock a
+background thread does both. On a simulation clock in lockstep the program's own thread does both while it sleeps on this
+clock, because with a second thread flights would not be repeatable. Setpoints are sent only in a call of the user program, so
 that the offboard failsafe acts if the program hangs.
 """
 

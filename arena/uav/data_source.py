@@ -53,8 +53,10 @@ class Body:
 class Source:
     """Storage of one vehicle's received telemetry and poses. All data groups (`uav.ekf`, `uav.sen`, ...) read from it.
 
-    refresh: function that reads the received data. now: function that returns the time for computing ages
-    [s].
+    ns: name of the vehicle.
+    stale_s: age limit of most values [s]. Values that PX4 sends at a low rate have a multiple of it.
+    refresh: function that reads the received data.
+    now: function that returns the time by which ages are computed [s].
     """
 
     ns: str

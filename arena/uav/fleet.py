@@ -99,8 +99,8 @@ class Fleet(Sequence[V]):
     def each(self, action: Callable[[V], object]) -> None:
         """Call `action` with each vehicle, for all at the same time. Return when all calls have ended.
 
-        A vehicle in OFFBOARD whose call has ended holds its position until all calls have ended. A VehicleError ends the part
-        of this vehicle only (`lost`). Other errors are raised after all calls have ended.
+        A vehicle in OFFBOARD whose call has ended holds its position until all calls have ended. If a call raises
+        a VehicleError, its vehicle is recorded in `lost`, and the other calls continue. Other errors are raised after all calls have ended.
         """
         flown = list(self._flown())
         ended, errors = set[str](), list[BaseException]()

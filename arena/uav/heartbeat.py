@@ -1,6 +1,6 @@
 """Heartbeat of a user program to the copilot.
 
-It is sent only inside calls of the program. So a program that hangs stops sending, even if threads of its SDK
+The heartbeat is sent only inside calls of the program. So a program that hangs stops sending, even if threads of its SDK
 continue.
 """
 

@@ -2,8 +2,8 @@
 disarmed.
 
 The autopilot reports its own failsafes. Commands of other senders do not pass through the program, but the
-run folder records those of the supervisor, of the copilot and of `arena land-all`, and who has authority over the vehicle. If
-none of these records fits, a pilot or a ground station sent the command.
+run folder records the commands of the supervisor, of the copilot and of `arena land-all`, and who has control of the vehicle. If
+no record fits, a pilot or a ground station sent the command.
 """
 
 from __future__ import annotations

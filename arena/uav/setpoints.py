@@ -139,7 +139,7 @@ class Encoder:
         """Return a trajectory setpoint: a position, and a velocity as feed-forward.
 
         pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad].
-        acc: [m/s2] [NED] (3,). yaw_rate: [rad/s]. None leaves either to the autopilot.
+        acc: [m/s2] [NED] (3,). yaw_rate: [rad/s]. None: the autopilot must ignore the field.
         """
         mask = (Ignore.ACCELERATION if acc is None else Ignore(0)) | (
             Ignore.YAW_RATE if yaw_rate is None else Ignore(0)

@@ -44,7 +44,7 @@ _MAX_SILENCE = 2.0  # in multiples of stale_s: 1 s by default, as the autopilot'
 
 
 class VehicleControl:
-    """Commands and setpoints of one vehicle. They are sent only while the user program calls a method.
+    """Commands and setpoints of one vehicle. Setpoints are sent only while the user program calls a method.
 
     heartbeat: sender of the program's heartbeat, called in each method.
     run: the run folder, which records who took control of the vehicle; None without one.

@@ -43,7 +43,11 @@ class Entry(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """A line of a .params file that cannot be read. message: the text found and the text expected."""
+    """A line of a .params file that cannot be read.
+
+    name: name of the parameter, "" if the line contains no valid name
+    message: the text found and the text expected
+    """
 
     line: int
     name: str

@@ -1,8 +1,8 @@
 """Telemetry of a PX4-style autopilot: decodes datagrams and keeps the newest values, such as the attitude. No sockets,
 no clocks.
 
-Only the messages in `_HANDLERS` are decoded. Of all other messages, more than half of an onboard stream, only
-the checksum is checked. Units are SI and radians, frames NED and FRD, quaternions wxyz. Each value contains
+Only the messages in `_HANDLERS` are decoded. Other messages are more than half of an
+onboard stream; only their checksum is checked. Units are SI and radians, frames NED and FRD, quaternions wxyz. Each value contains
 the time at which it was received.
 """
 
