@@ -1,15 +1,13 @@
-"""Core of the link to a flight controller: routes frames between the vehicle and its UDP links. No sockets,
-no clocks.
+"""Core of the link to a flight controller: routes frames between the vehicle and its UDP links. Pure.
 
 vehicle -> router     everything
 vehicle -> vision     the messages that the pose forwarder reads
 vehicle -> panic      everything, while land-all sends
 vehicle -> simulator  HIL_ACTUATOR_CONTROLS only, for hardware in the loop (HITL)
-links -> vehicle      everything except TIMESYNC replies, which would shift the time stamps of poses, refused
-requests to arm, and commands of senders that must not command the vehicle now (arena.authority)
+links -> vehicle      everything except TIMESYNC replies, which would shift the time stamps of poses, refused requests to arm,
+and commands of senders that must not command the vehicle now (arena.authority)
 Nothing is carried to or from an autopilot that has not sent the hardware uid of the vehicle (identity.py).
-simulator -> vehicle  the sensors, but not HIL_STATE_QUATERNION, which PX4 in HITL would use as its own
-estimate (mavlink_receiver)
+simulator -> vehicle  the sensors, but not HIL_STATE_QUATERNION, which PX4 in HITL would use as its own estimate
 """
 
 from __future__ import annotations
@@ -81,10 +79,9 @@ class FcuLink:
         self.identity = Identity(s.id, s.uid or uid, last_source, needs_uid=not s.simulated)
         self.permit = ArmPermit(s.vehicle, needed=not s.simulated)
         self.checks = PreflightChecks(s.preflight)
-        display_path = "/".join(s.params_file.split("/")[-2:])
         self.radio = RadioCheck(s.preflight.radio)
         self.axes = AxesCheck(s, axes_record)
-        self.params = ParamCheck(s.params, display_path, self.radio.params)
+        self.params = ParamCheck(s.params, "/".join(s.params_file.split("/")[-2:]), self.radio.params)
         wide = s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD
         self._streams = StreamRequests(wide=wide, radio=self.radio.required)
         self._codec, self._autopilot_codec = Codec(s.id, COMPONENT), Codec(s.id, AUTOPILOT)
@@ -118,8 +115,7 @@ class FcuLink:
     def from_vehicle(
         self, data: Buffer, found: ParsedFrames, now: float, source: Source = "the vehicle"
     ) -> Out:
-        """Process data that `source` has sent. Return (receiver, datagram) for each receiver: "router", "vision", "panic" or
-        "simulator".
+        """Process received data. Return (receiver, datagram) for each receiver: "router", "vision", "panic" or "simulator".
 
         source: UDP address or serial device of the sender. The result is empty if the sender is not the vehicle.
         """
@@ -295,10 +291,8 @@ class FcuLink:
                 self.counts["from the simulator: not for a controller in the loop"] += 1
 
     def next_out(self, now: float) -> bytes | None:
-        """Return the next frame for the vehicle; None if there is none.
-
-        A pose counts for the preflight checks only when it is returned here, because older poses in the queue
-        may be dropped.
+        """Return the next frame for the vehicle; None if there is none. Only a pose that is returned counts for the preflight
+        checks, because older poses in the queue may be dropped.
         """
         queued = self.queue.take(now)
         if queued is None:
@@ -312,10 +306,7 @@ class FcuLink:
         return queued.frame
 
     def _pass(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
-        """Queue a frame for the vehicle, or refuse it by the rules of command authority (see `_refuse`).
-
-        Return the refusal as (link, datagram); empty if there is nothing to reply.
-        """
+        """Queue a frame for the vehicle, or return its refusal by command authority as (link, datagram)."""
         if self.identity.source is None:
             self.counts[f"to the vehicle: not connected ({link})"] += 1
             return []
@@ -325,11 +316,9 @@ class FcuLink:
         return []
 
     def _refuse(self, link: str, data: Buffer, frame: Frame, now: float, *, sent: bool) -> Out | None:
-        """Return the reply to a frame that the rules of command authority (`arena.authority`) refuse, as (link, datagram);
-        None if the frame is allowed.
+        """Return the reply to a frame that command authority (`arena.authority`) refuses, as (link, datagram); None if allowed.
 
-        sent: False if the caller does not send the frame even if it is allowed. Command authority then does not count it
-            as a command of its sender.
+        sent: False if the caller does not send even an allowed frame, so that it does not count as a command of its sender.
         """
         role = role_on_link(link, frame.sysid, self.system)
         origin = "panic link" if link == "panic" else ""  # the router records its clients
@@ -344,8 +333,7 @@ class FcuLink:
     def _guard(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
         """Pass on a request that could arm the vehicle or spin a motor, or refuse it if a preflight check fails.
 
-        Return the refusal as (link, datagram): for the requesting link, and for the router, so that ground stations show
-        it. The result is empty if the request was passed on.
+        Return the refusal as (link, datagram), for the requesting link and for the router, whose ground stations show it.
         """
         reasons = self.reasons(now)
         if not reasons:
@@ -408,6 +396,5 @@ class FcuLink:
             for text in source.events:
                 self._say(text)
             source.events.clear()
-        found, self._events = self._events, []
-        gated = self.gate.events()
+        found, self._events, gated = self._events, [], self.gate.events()
         return found if self._s.simulated else [*found, *gated]  # the router reports simulated vehicles

@@ -150,11 +150,7 @@ def decode_server_info(data: bytes) -> ServerInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyModel:
-    """Description of a rigid body in a MODELDEF packet.
-
-    definition: all bytes of the description after the name; they change when the body is defined again
-    markers: number of markers of the body
-    """
+    """Rigid body in a MODELDEF packet. definition: all bytes after its name, which change when it is defined again."""
 
     name: str
     definition: bytes
@@ -324,9 +320,7 @@ def _ids(count: int) -> struct.Struct:
 
 
 def _skip_to_stamps(reader: _Reader) -> None:
-    """Skip the sections between the rigid bodies and the time stamps. Versions below 4.1 do not send their sizes, so their
-    content must be read.
-    """
+    """Skip the sections between rigid bodies and time stamps. Versions below 4.1 do not send their sizes, so they are read."""
     for _ in range(reader.count("skeletons")):
         reader.i32()
         reader.skip(_BODY.size * reader.count("bones"))

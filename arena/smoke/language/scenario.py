@@ -253,9 +253,8 @@ class _Reader:
         return path
 
     def _at_scenario(self, problem: Problem) -> Problem:
-        """Return a problem of the arena with the place of the scenario entry that caused it, such as an entry of `set`.
-
-        If no entry of the scenario caused the problem, return the problem unchanged.
+        """Return a problem of the arena with the place of the scenario entry that caused it, such as an entry of `set`. Without
+        such an entry, return the problem unchanged.
         """
         if problem.file.startswith("--set"):
             text = problem.file.removeprefix("--set").strip()
