@@ -133,7 +133,8 @@ def _parse_serial(rest: str, baud: int) -> ConnectionUrl:
 
 
 def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> ConnectionUrl:
-    """Return the UDP connection to a numeric IPv4 address. Raises ValueError for a host name or a port out of range.
+    """Return the parsed URL of a UDP connection to a numeric IPv4 address. Raises ValueError for a host name, and for a port that
+    is not between 1 and 65535.
 
     A host name is refused, because a name lookup could block or fail without a network.
     """

@@ -322,7 +322,7 @@ class Authority:
 
     @property
     def standing(self) -> dict[str, Any]:
-        """Return the refusals that must survive a restart of this process, as JSON values for `restore`; {} if there are none.
+        """Return why commands to the vehicle are refused at present, for `restore` after a restart of this process; {} if none are.
 
         latch: role that commanded the latched landing or motor stop, and its strength (3 landing, 4 motor stop).
         taken: text that says why programs cannot take OFFBOARD. until_disarmed: true if `taken` ends when the vehicle disarms.

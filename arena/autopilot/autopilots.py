@@ -157,7 +157,7 @@ class Autopilots:
         return [(x.vehicle.row, link, data) for x in active for link, data in x.take_datagrams()]
 
     def _read_telemetry(self) -> tuple[TelemetryState, TelemetryPacker] | None:
-        """Return the state of the last step and a packer of it, None before the first step."""
+        """Return the state of the last step and the packer that writes it into MAVLink messages; None before the first step."""
         if self._telemetry is None:
             return None
         self._packer.begin(self._telemetry)

@@ -21,7 +21,7 @@ _SHOWN = ("tracking_rms_m", "setpoint_error_m", "landing_error_m", "crashes")
 
 
 def in_campaign(listing: Listing, records: Iterable[Record]) -> list[Record]:
-    """Return the records of the flights in the list of flights of a campaign, in the order of this list.
+    """Return the records whose flights belong to the campaign, sorted as in its list of flights.
 
     A record whose flight is no longer in the list, because the sweep file was changed, is left out. Each record gets the number
     that its flight has in the list.

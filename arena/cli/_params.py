@@ -351,7 +351,8 @@ class ParamSources:
             return read_values(Path(name))
         if name not in (known := {v.name: v for v in self.arena.vehicles}):
             raise InputError(
-                f"got {name!r}, expected a vehicle ({', '.join(known)}), yaml:VEHICLE, defaults, or a file"
+                f"got {name!r}, expected a vehicle ({', '.join(known)}: reads the vehicle), `yaml:VEHICLE` (computes its "
+                "parameters from the YAML), `defaults` or a file"
             )
         vehicle = known[name]
         pulled = pull_now(targets_of(self.arena, [vehicle]))[name]

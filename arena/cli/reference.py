@@ -76,8 +76,8 @@ def yaml_page() -> str:
     ]  # fmt: skip
     if set(order) != set(defs):
         raise ValueError(
-            f"yaml_page: the list `order` lacks {sorted(set(defs) - set(order))} of the JSON schema, "
-            f"and contains {sorted(set(order) - set(defs))}, which the schema does not have: correct the list"
+            f"the list `order` of yaml_page must name all sections of the JSON schema: add {sorted(set(defs) - set(order))}, "
+            f"remove {sorted(set(order) - set(defs))}"
         )
     for name in order:
         text += f"\n## {name}\n\n{defs[name].get('description', '')}\n\n" + _keys(defs[name])

@@ -1,4 +1,4 @@
-"""Texts of a passed axes check: what was measured, and the proposed delay of the poses. Pure."""
+"""Texts that a person reads after a passed axes check: the measured values, and a value for EKF2_EV_DELAY. Pure."""
 
 from __future__ import annotations
 

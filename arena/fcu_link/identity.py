@@ -101,7 +101,7 @@ class Identity:
         return source == self.source
 
     def requests(self, now: float) -> list[tuple[Source, int]]:
-        """Return (source, MAV_CMD) for each request of a uid that is due now."""
+        """Return (address of a sender, MAV_CMD) for each sender that must be asked for its hardware uid now."""
         found = []
         for source, candidate in self._candidates.items():
             if candidate.uid is None and now >= candidate.next_request and self._is_active(candidate, now):

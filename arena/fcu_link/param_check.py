@@ -82,7 +82,7 @@ class ParamCheck:
         return {name: p.kind for name, p in self._params.items() if p.kind}
 
     def values(self) -> dict[str, float | None]:
-        """Return name -> value of the parameters that other preflight checks use: the names in `read`.
+        """Return name -> value of the parameters that other preflight checks use (argument `read` of this class).
 
         None: not read yet. NaN: the vehicle does not have the parameter.
         """

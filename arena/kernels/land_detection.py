@@ -94,7 +94,7 @@ class LandDetection:
 
 
 class RampLaw:
-    """Take-off ramp of V vehicles.
+    """Take-off ramp of V vehicles: after arming, the limit of the climb rate rises slowly.
 
     armed_since: input: time of arming [s], infinite while disarmed (V,)
     landed, climbing: input: whether on the ground, whether the setpoint is a climb (V,)

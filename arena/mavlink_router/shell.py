@@ -137,7 +137,7 @@ class RouterShell:
         self._send(self._router.on_other_datagram(key, sender, data, now))
 
     def _on_event(self, fd: int) -> None:
-        """Read a file descriptor that the compiled loop does not: a socket with datagrams that may be old, or a file of a derived class."""
+        """Read a file descriptor that the compiled loop leaves to Python: a socket whose datagrams may be too old, or another file."""
         if fd in self._receive:
             self._read_old(fd, time.monotonic())
         else:
@@ -219,7 +219,9 @@ class RouterShell:
             return
         self._operator = operator
         if operator:
-            self._process.event(f"operator present: {names} receives the heartbeat of a ground station")
+            self._process.event(
+                f"operator present: the router sends the heartbeat of a ground station to {names}"
+            )
         else:
             self._process.event(
                 f"no operator: {names} receives no heartbeat of a ground station, so its failsafe `data_link_loss` will act. "

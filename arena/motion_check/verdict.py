@@ -90,7 +90,7 @@ def judge(
 
 
 def _body_problem(own: BodyMatch, others: Mapping[str, BodyMatch]) -> str:
-    """Return why the captured body is not certainly the vehicle's; "" if it is."""
+    """Return why it is not certain that the captured body is this vehicle; "" if it is certain."""
     similar = similar_bodies(own, others)
     if not own.moves_with_vehicle:
         what = (

@@ -19,7 +19,7 @@ _SIGNS_FROM = "1.18"
 
 
 def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
-    """Check the parts of the YAML that depend on the plan: `needs` of tools, PX4 versions, PX4 parameters and rotors.
+    """Check keys of the YAML that can be checked only with the plan: `needs` of a tool, PX4 version, PX4 parameters, rotors.
 
     Raises InputError with every problem found.
 

@@ -48,7 +48,7 @@ class Job:
 
     @property
     def firmware(self) -> Firmware:
-        """Return the PX4 parameters that this process's vehicle must have."""
+        """Required PX4 parameters of this process's vehicle. They are called firmware because they depend on the PX4 version."""
         return self.fleet[self.v.name]
 
 

@@ -113,8 +113,8 @@ def required_copilot(arena: Arena) -> tuple[str, ...]:
 
 
 def _logger_needs(job: Job) -> tuple[str, ...]:
-    """Return the names of the processes that must be ready before a logger starts. The copilot is included
-    only if the vehicle has no program, because a program itself waits for the copilot.
+    """Return the names of the processes that must be ready before a logger starts. The logger of a
+    vehicle with a program does not wait for the copilot, because the program waits for both.
     """
     return ("router",) if job.v.program is not None else ("router", *required_copilot(job.arena))
 

@@ -271,8 +271,8 @@ class Forwarder:
         return 0.0 <= now - a.since < (_ORIGIN_WAIT_S if a.on_ground else _ORIGIN_WAIT_UNKNOWN_S)
 
     def tick(self, now: float) -> list[bytes]:
-        """Return the messages to send now: the heartbeat, a request for the autopilot's first heartbeat, and the origin until the
-        autopilot has it.
+        """Return the messages to send now: the own heartbeat; MAV_CMD_REQUEST_MESSAGE for HEARTBEAT until the autopilot's first one
+        has arrived; and the origin until the autopilot has it.
         """
         due = []
         if now - self._beat >= 1.0:

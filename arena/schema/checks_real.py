@@ -107,8 +107,8 @@ def _profiles(c: Check) -> Iterator[Problem]:
 
 
 def _hardware_only(c: Check) -> Iterator[Problem]:
-    """Check that `radio`, `measured` and `signing` are used only for hardware vehicles, and that `measured`
-    and `params` give the same values.
+    """Check that `radio`, `measured` and `signing` are used only for hardware vehicles, and that no parameter has different
+    values in `measured` and in `params`.
     """
     for v in c.arena.vehicles:
         for key in ("radio", "measured", "signing"):

@@ -41,7 +41,7 @@ class LowBattery(Strict):
     def _in_order(self) -> LowBattery:
         if self.land is not None and self.land >= self.warn:
             raise ValueError(
-                f"expected land to be less than warn, but land is {self.land:g} and warn is {self.warn:g}"
+                f"expected `land` (battery charge) below `warn`, got land: {self.land:g}, warn: {self.warn:g}"
             )
         return self
 

@@ -116,9 +116,9 @@ class Supervisor:
         return self._result.exit_code
 
     def _require_run(self, refusal: str) -> None:
-        """Raise ValueError with this refusal if the end of the run has begun."""
+        """Raise ValueError with this text if the end of the run has begun."""
         if self.phase is not Phase.RUN:
-            raise ValueError(f"{refusal}: the arena is {self.phase}, so no vehicle may arm")
+            raise ValueError(refusal)
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """Return the reply to one request of the control socket. Raises ValueError when the request is refused."""
@@ -130,13 +130,13 @@ class Supervisor:
             case "restart":
                 return self._restart(str(request.get("name")), in_flight=request.get("yes") is True)
             case "release":
-                self._require_run("nothing is released")
+                self._require_run(f"nothing is released: the arena is {self.phase}, so no vehicle may arm")
                 self._release.begin(
                     [str(v) for v in request.get("vehicles") or ()], str(request.get("by")), now
                 )
                 return {"ok": True}
             case "arm_permit":
-                self._require_run("no arm permit")
+                self._require_run(f"no arm permit: the arena is {self.phase}, so no vehicle may arm")
                 self._permits.grant([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
                 return {"ok": True}
             case "preflight":

@@ -95,7 +95,7 @@ def lost(plan: Plan, statuses: Statuses) -> str:
 
 
 def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[str, str]:
-    """Return simulated vehicle -> reason why this vehicle cannot fly, so that the run does not wait until it is disarmed.
+    """Return simulated vehicle -> reason why this vehicle can no longer fly. The run does not wait for its disarming.
 
     The autopilot of such a vehicle may never report `disarmed`: its PX4 has ended, or the vehicle is on the floor of the world and
     has crashed or gets no motor commands. Real vehicles are never listed, because for them only the report of their autopilot
@@ -112,7 +112,7 @@ def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[s
 
 
 def _down(vehicle: str, worlds: Sequence[Mapping[str, Any]]) -> str:
-    """Return the reason why a vehicle on the floor of the world cannot fly; "" if it is in the air or may take off."""
+    """Return why a vehicle that stands on the floor of the world can no longer fly; "" if it can, or if it is in the air."""
     for world in worlds:
         verdict, pilot = (world.get(key, {}).get(vehicle, {}) for key in ("vehicles", "autopilot"))
         if verdict.get("airborne") is False:
@@ -143,7 +143,7 @@ def is_done(
 
 
 def settle_s(plan: Plan, stats: Stats) -> float:
-    """Return how long a run stays done before its end [s].
+    """Return the time between the moment when nothing is left to do in a run and its end [s].
 
     A world that repeats flights first runs to the simulation time at which each of them ends, so it gets more time.
     """

@@ -224,7 +224,7 @@ class UAV:
     def reference(
         self, p: ArrayLike | None = None, v: ArrayLike | None = None, yaw: ArrayLike | None = None
     ) -> None:
-        """Send the position, velocity and yaw that the program wants to follow to the vehicle's logger. Return at once.
+        """Log the position, velocity and yaw that the program wants to follow: send them to the vehicle's logger. Return at once.
 
         Call this method if the setpoints do not contain these values: a controller that sends rate setpoints, for example.
 

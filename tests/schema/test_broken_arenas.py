@@ -422,7 +422,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "failsafe that comes before it warns": (
         "failsafe: {low_battery: {warn: 0.05, land: 0.1}}\nvehicles:\n" + V1,
         "1: failsafe.low_battery: ",
-        "expected land to be less than warn",
+        "expected `land` (battery charge) below `warn`",
     ),
     "geofence with an action of its own": (
         "geofence: {action: land}\nvehicles:\n" + V1,

@@ -395,5 +395,5 @@ def payload_of(data: bytes, expected: int) -> bytes:
     """Return the payload of a packet with the expected message number. Raises WireError."""
     message = message_of(data)
     if message != expected:
-        raise WireError(f"got NatNet message number {message}, expected {expected}")
+        raise WireError(f"got a NatNet message of type {message}, expected type {expected}")
     return data[_HEAD.size : _HEAD.size + _HEAD.unpack_from(data)[1]]

@@ -51,7 +51,7 @@ class Gps(Sensor):
         self._error: Array | None = None  # of the position [m] (V, 3)
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
-        """Return the GPS fix: lat_deg, lon_deg, alt_m (V,), and the velocity in true NED v_true_n [m/s] (V, 3).
+        """Return the GPS fix: lat_deg, lon_deg, alt_m (V,), and the velocity v_true_n [m/s] (V, 3) in NED with true (not arena) north.
 
         Each call returns the next fix of every receiver. Returns {} if the arena has no global origin.
         """

@@ -81,7 +81,9 @@ def read_process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
         tokens.advance()
         tools = [name.removeprefix("tool.") for name in names.processes if name.startswith("tool.")]
         if not tools:
-            raise tokens.error("expected another process, because the arena's YAML has no key `tools`")
+            raise tokens.error(
+                "expected a process that is not a tool, because the arena's YAML has no key `tools`"
+            )
         if tokens.next.text not in tools:
             raise tokens.error("expected the name of a tool from a key `tools` of the arena's YAML", tools)
         found = (f"tool.{tokens.next.text}",)

@@ -253,8 +253,8 @@ class _Reader:
         return path
 
     def _at_scenario(self, problem: Problem) -> Problem:
-        """Return a problem of the arena with the place of the scenario entry that caused it, such as an entry of `set`. Without
-        such an entry, return the problem unchanged.
+        """Return a problem of the arena's YAML, with file and line of the scenario's entry (such as `set`) if that caused it.
+        A problem with another cause is returned unchanged.
         """
         if problem.file.startswith("--set"):
             text = problem.file.removeprefix("--set").strip()
