@@ -5,7 +5,7 @@ Priority: pilot > emergency (land-all, kill-all) > copilot > program > setpoints
 A pilot commands with a radio, not through arena. The pilot has control when the vehicle enters a manual mode that no
 command requested, and when it leaves a landing of land-all or the copilot for a manual mode. A landing by land-all or the
 copilot is latched: until `release`, programs and ground stations cannot arm, cannot take OFFBOARD and cannot weaken the
-landing. docs/explanation/authority.md contains the table and a diagram.
+landing. docs/explanation/authority.md contains the tables of requests, states and locks.
 """
 
 from __future__ import annotations
