@@ -21,6 +21,7 @@ requests that it does not know, and requests that it reads later than `expires` 
     {"do": "until_done"}                   the run ends when all programs have ended (`arena up --until-done`)
     {"do": "release", "vehicle": "uav1", "by": "..."}  `arena release`: programs may fly the vehicle again
     {"do": "restore", "vehicle": "uav1", "standing": {...}}  after a restart: what the process must enforce again (arena.authority)
+    {"do": "was_armed", "vehicle": "uav1"}  after a restart of a hardware link: its vehicle was armed (link processes)
 End of file on the socket means that the supervisor has died. Without ARENA_FD a process runs alone and sends nothing.
 """
 

@@ -6,6 +6,7 @@ import sys
 
 from arena.errors import InputError
 from arena.plan.model import Plan, ProcessSpec
+from arena.supervisor.arm_permit import CONFIRMATION_S
 
 WORD = "yes"
 
@@ -35,8 +36,9 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
             )
     print(
         "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?\n"
-        "Your confirmation is valid for the vehicles that are connected when all processes are ready, until they are switched "
-        "off or reconnected. Vehicles that connect later need `arena arm-permit`.",
+        f"Your confirmation is valid for the vehicles that are connected when all processes are ready, or {CONFIRMATION_S:g} s "
+        "after the start. It ends when the vehicle is switched off or reconnected. Vehicles that connect later need "
+        "`arena arm-permit`.",
         flush=True,
     )
     if yes:

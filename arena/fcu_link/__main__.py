@@ -217,7 +217,11 @@ class FcuLinkShell:
             axes.stop(f"the other bodies of the room cannot be received: {self._room.error}")
         if axes.record != self._axes_record:
             self._axes_record = axes.record
-            effect = f", so the axes check is valid until link.{self._s.vehicle} ends"
+            effect = (
+                ". Delete this file: it records an earlier axes check, which would count after a restart"
+                if axes.record is None
+                else f", so the axes check is valid until link.{self._s.vehicle} ends"
+            )
             self._save(self._s.axes_file, partial(self._axes_file.write, axes.record), effect)
         if axes.status != self._axes_status:
             self._axes_status = axes.status

@@ -47,7 +47,7 @@ class AxesCheck:
 
     def __init__(self, settings: Settings, record: AxesRecord | None = None) -> None:
         self._s, self._required = settings, settings.preflight.axes_check
-        self.record = record
+        self.record, self._earlier = record, record
         self.events: list[str] = []
         self.status: dict[str, Any] = {"number": 0, "state": "idle", "text": "", "lines": []}
         self._check: GuidedCheck | None = None
@@ -116,6 +116,10 @@ class AxesCheck:
         if refusal:
             self.stop(refusal)
         else:
+            self._earlier, self.record = (
+                self.record,
+                None,
+            )  # no record of it remains if this process dies in the check
             self.events.append(f"axes check started by {by}")
             self._show()
 
@@ -249,8 +253,8 @@ class AxesCheck:
                 correlation=round(verdict.own.correlation, 3),
                 delay_ms=None if verdict.delay_s is None else round(1e3 * verdict.delay_s, 1),
             )
-        elif verdict.own is not None:  # the motion was complete and has shown something wrong
-            self.record = None
+        elif verdict.own is None:  # the motion was not complete, so it has shown nothing
+            self.record = self._earlier
         state = "passed" if verdict.passed else "failed"
         self.status = {**self.status, "state": state, "text": "", "lines": lines}
         self.events.append(f"axes check {state}: {'; '.join(line.strip() for line in lines)}")

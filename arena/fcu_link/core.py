@@ -88,7 +88,7 @@ class FcuLink:
         self.own = OwnRequests(s.id, self._codec, self.identity, self.params, self._streams, self.axes)
         self._events: list[str] = []
         self._panic_received_at = -math.inf
-        self._boot_ms = 0
+        self._boot_ms, self._was_armed = 0, False
         self.signing_problem = ""  # why messages of the vehicle are not used, if it has a signing key
         self._silence = SilenceReport(s.connection, s.id, COMPONENT, self.counts, now)
         self._reasons_sent_at: dict[str, float] = {}
@@ -105,12 +105,11 @@ class FcuLink:
         return now - self.checks.received_at <= CONNECTION_TIMEOUT_S
 
     def armed(self, now: float) -> bool:
-        """Return whether the vehicle is armed.
-
-        A real vehicle that is silent keeps its last state, because it may still fly after its radio has failed. A
-        simulated vehicle counts as disarmed after 5 s of silence, because its process has ended.
+        """Return whether the vehicle is armed. A silent real vehicle keeps its last state, because it may still fly: also that
+        before a restart of this process. A simulated one counts as disarmed after 5 s of silence: its process has ended.
         """
-        return self.checks.armed and (not self._s.simulated or now - self.checks.received_at < 5.0)
+        armed = self.checks.armed or (self._was_armed and not self.ever_connected)
+        return armed and (not self._s.simulated or now - self.checks.received_at < 5.0)
 
     def from_vehicle(
         self, data: Buffer, found: ParsedFrames, now: float, source: Source = "the vehicle"
@@ -157,7 +156,7 @@ class FcuLink:
         if self.identity.source != before:
             self.queue.clear()
         if self.identity.uid != uid:
-            self._boot_ms = 0
+            self._boot_ms, self._was_armed = 0, False
             self._restart_checks()
         if accepted and self.identity.source != before:  # its mode must be known before the first command
             for frame in parse_frames(self.identity.heartbeat).frames:
@@ -378,6 +377,7 @@ class FcuLink:
         self.axes.on_request(request, now, refusal, self.identity.uid, armed=self.armed(now))
         if self.axes.running:
             self.permit.on_interruption("somebody carries it for its axes check")
+        self._was_armed = self._was_armed or request.get("do") == "was_armed"
         if request.get("do") == "permit":
             self.permit.grant(str(request.get("by")), connected=connected)
             if self.permit.by:

@@ -80,7 +80,7 @@ class Clearance:
             for j in range(i):
                 spare = self._apart(i, j) - self._need[i] - self._need[j]
                 self._use(i, spare)
-                if spare <= 0.0:
+                if not spare > 0.0:  # NaN is not free either
                     self.free[j] = False
 
     def _use(self, i: int, spare: float) -> None:
@@ -89,7 +89,7 @@ class Clearance:
         spare: the distance minus the space that its bodies need [m]
         """
         self._spare = min(self._spare, spare)
-        if spare <= 0.0:
+        if not spare > 0.0:  # NaN is not free either
             self.free[i] = False
 
     def _apart(self, i: int, j: int) -> float:

@@ -15,6 +15,7 @@ class DatagramLoop:
         fds: Integers,
         index_of_fd: Integers,
         on_other: Callable[[int, tuple[str, int], memoryview, float], None],
+        on_late: Callable[[int, tuple[str, int], memoryview, float], None],
         on_event: Callable[[int], None],
     ) -> None: ...
     def run(self, until: float, world_s: Floats, world_until: float) -> None: ...

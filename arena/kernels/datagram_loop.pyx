@@ -93,7 +93,7 @@ cdef class DatagramLoop:
 
     cdef OrdinaryDatagrams ordinary
     cdef SocketWaits waits
-    cdef object on_other, on_event
+    cdef object on_other, on_late, on_event
     cdef public long bytes_out, unsent
     cdef int poll, most_events, timer
     cdef double timer_at
@@ -107,18 +107,19 @@ cdef class DatagramLoop:
     cdef epoll_event *events
 
     def __cinit__(self, OrdinaryDatagrams ordinary, SocketWaits waits, int poll, long[::1] fds, long[::1] index_of_fd,
-                  on_other, on_event):
+                  on_other, on_late, on_event):
         """Allocate the memory.
 
         poll: file descriptor of the epoll object. fds: file descriptors of the router's sockets, in their order
         index_of_fd: index of a socket by its file descriptor, -1 for others
         on_other: is called with (socket, sender, data, monotonic time [s]) for a datagram that is not ordinary
+        on_late: is called like on_other for a datagram that may have become old while the process was stalled
         on_event: is called with a file descriptor that is not a socket of the router, or whose datagrams may be old
         """
         cdef int i
         self.ordinary, self.waits, self.poll = ordinary, waits, poll
         self.fds, self.index_of_fd = fds, index_of_fd
-        self.on_other, self.on_event = on_other, on_event
+        self.on_other, self.on_late, self.on_event = on_other, on_late, on_event
         self.sets = [Receivers() for _ in ordinary.receivers]
         self.buffer = bytearray(BATCH * DATAGRAM)
         self.inbox = <mmsghdr *>calloc(BATCH, sizeof(mmsghdr))
@@ -171,7 +172,7 @@ cdef class DatagramLoop:
                 count = epoll_wait(self.poll, self.events, self.most_events, 0)
             now = monotonic()
             for i in range(count):
-                called = self._on_event(self.events[i].data.fd, now) or called
+                called = self._on_event(self.events[i].data.fd) or called
             PyErr_CheckSignals()
             if called or now >= until or world_s[0] >= world_until:
                 return
@@ -193,24 +194,35 @@ cdef class DatagramLoop:
         self.timer_at = at
         return 0
 
-    cdef bint _on_event(self, int fd, double now) except -1:
-        """Process a readable file descriptor. Return whether a function of Python was called."""
+    cdef bint _on_event(self, int fd) except -1:
+        """Process a readable file descriptor. Return whether a function of Python was called.
+
+        The process may have been stalled since the poll, so the time is read again.
+        """
+        cdef double now = monotonic()
         if fd == self.timer:
             return self._set_timer(0.0)
         cdef long socket = self.index_of_fd[fd] if fd < self.index_of_fd.shape[0] else -1
         if socket < 0 or self.waits.may_be_old(socket, now):
             self.on_event(fd)
             return True
-        return self._read(socket, now)
+        return self._read(socket)
 
-    cdef bint _read(self, long socket, double now) except -1:
+    cdef bint _read(self, long socket) except -1:
         cdef int i, count, first = 0
         cdef long number, last = -1
         cdef bint called = False
         for i in range(BATCH):
             self.inbox[i].msg_hdr.msg_namelen = sizeof(sockaddr_in)
         count = recvmmsg(<int>self.fds[socket], self.inbox, BATCH, MSG_DONTWAIT, NULL)
+        cdef double now = monotonic()  # after the reading: a stall before it has made the datagrams old
         for i in range(count):
+            if self.waits.is_old(socket, now):
+                self._send(last, first, i)
+                first, last = i + 1, -1
+                self._give(self.on_late, socket, i, now)
+                called, now = True, monotonic()
+                continue
             number = self.ordinary.find(
                 socket, self._sender(i), self.buffer, i * DATAGRAM, i * DATAGRAM + <long>self.inbox[i].msg_len, now
             )
@@ -218,8 +230,8 @@ cdef class DatagramLoop:
                 self._send(last, first, i)
                 first, last = i, number
             if number < 0:
-                self._give(socket, i, now)
-                called = True
+                self._give(self.on_other, socket, i, now)
+                called, now = True, monotonic()
         self._send(last, first, count)
         return called
 
@@ -227,12 +239,12 @@ cdef class DatagramLoop:
         """Return the address of the sender of datagram i as `ordinary_datagrams.address_number` does."""
         return <long>htonl(self.senders[i].sin_addr.s_addr) << 16 | htons(self.senders[i].sin_port)
 
-    cdef int _give(self, long socket, int i, double now) except -1:
+    cdef int _give(self, function, long socket, int i, double now) except -1:
         cdef unsigned int host = htonl(self.senders[i].sin_addr.s_addr)
         cdef long start = i * DATAGRAM
         data = memoryview(self.buffer)[start:start + <long>self.inbox[i].msg_len]
         name = f"{host >> 24}.{host >> 16 & 255}.{host >> 8 & 255}.{host & 255}"
-        self.on_other(socket, (name, htons(self.senders[i].sin_port)), data, now)
+        function(socket, (name, htons(self.senders[i].sin_port)), data, now)
         return 0
 
     cdef int _send(self, long number, int first, int end) except -1:

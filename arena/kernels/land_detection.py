@@ -102,7 +102,7 @@ class RampLaw:
     spoolup_s, ramp_s: COM_SPOOLUP_TIME, MPC_TKO_RAMP_T [s] (V,)
     start: climb rate at the begin of the ramp: no thrust [m/s] (V,)
     flying, begun: output, see `TakeoffRamp` (V,)
-    climb_rate: output of `step`: greatest climb rate now [m/s] (V,)
+    climb_rate: output of `limit`: greatest climb rate now [m/s] (V,)
     """
 
     def __init__(self, flying: Mask, landed: Mask, climbing: Mask) -> None:

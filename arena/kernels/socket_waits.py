@@ -54,4 +54,8 @@ class SocketWaits:
         if self._reported[i] != self._poll - 1:  # the last poll did not report the socket, so it was empty
             self.empty_at[i], self.empty_world_s[i] = self._last, self._last_world
         self._reported[i] = self._poll
+        return self.is_old(i, now)
+
+    def is_old(self, i: int, now: float) -> bool:
+        """Return the same as the last call of `may_be_old` for socket i, but for a later time. now: monotonic [s]."""
         return now - self.empty_at[i] > self.limit_s and self.limited[i] != 0

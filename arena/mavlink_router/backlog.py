@@ -67,6 +67,15 @@ class Backlog:
         self.dropped += dropped
         return young, sender
 
+    def young(self, key: int, data: Buffer, now: float) -> Buffer:
+        """Return a received datagram of a socket without the frames that may be too old, if `waits.is_old` returned True.
+
+        The time at which the datagram arrived is not known: it counts as the time at which the socket was last empty.
+        """
+        young, dropped = without_old_frames(data, self._age_s(key, None, now))
+        self.dropped += dropped
+        return young
+
     def _age_s(self, key: int, stamp_s: float | None, now: float) -> float:
         longest_s = now - self.waits.empty_at[key]
         age_s = longest_s

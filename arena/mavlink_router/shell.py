@@ -120,6 +120,7 @@ class RouterShell:
             memoryview(array("l", fds)),
             memoryview(index_of_fd),
             self._on_other_datagram,
+            self._on_late_datagram,
             self._on_event,
         )
 
@@ -135,6 +136,10 @@ class RouterShell:
     def _on_other_datagram(self, key: int, sender: Address, data: memoryview, now: float) -> None:
         """Route a datagram that the compiled loop has received but cannot route."""
         self._send(self._router.on_other_datagram(key, sender, data, now))
+
+    def _on_late_datagram(self, key: int, sender: Address, data: memoryview, now: float) -> None:
+        """Route a datagram that may have become old because the compiled loop was stalled after it had polled the socket."""
+        self._send(self._route(key, sender, self._backlog.young(key, data, now), now))
 
     def _on_event(self, fd: int) -> None:
         """Read a file descriptor that the compiled loop leaves to Python: a socket whose datagrams may be too old, or another file."""

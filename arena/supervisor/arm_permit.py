@@ -52,17 +52,11 @@ class Confirmation:
     def __init__(self, by: str, began: float) -> None:
         self.by, self._began, self._open = by, began, bool(by)
 
-    def use(self, now: float, all_ready: bool, real: Mapping[str, bool]) -> tuple[list[str], list[str]]:
-        """Use the confirmation, if it is time to use it. Return (connected real vehicles, other real vehicles).
+    def is_due(self, now: float, all_ready: bool) -> bool:
+        """Return whether the confirmation must be used now; True at most once.
 
-        The connected vehicles get an arm permit, the others get none. Both lists are empty before the confirmation is used and
-        after that, or if nobody has confirmed.
-
-        now: monotonic [s].  all_ready: whether all processes of the arena are ready.  real: result of `real_vehicles`.
+        now: monotonic [s].  all_ready: whether all processes of the arena are ready.
         """
-        if not self._open or not (all_ready or now - self._began >= CONFIRMATION_S):
-            return [], []
-        self._open = False
-        return [name for name, ready in real.items() if ready], [
-            name for name, ready in real.items() if not ready
-        ]
+        due = self._open and (all_ready or now - self._began >= CONFIRMATION_S)
+        self._open = self._open and not due
+        return due

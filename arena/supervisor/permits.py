@@ -36,13 +36,15 @@ class Permits:
         The user reads which vehicles are not connected, and so get no permit. now: monotonic [s].
         all_ready: whether all processes of the arena are ready.
         """
-        connected, missing = self._confirmation.use(now, all_ready, self._real())
-        if connected:
+        if not self._confirmation.is_due(now, all_ready):
+            return
+        real = self._real()
+        if connected := [name for name, ready in real.items() if ready]:
             try:
                 self.grant(connected, self._confirmation.by)
             except ValueError as error:
                 self._show(str(error))
-        for name in missing:
+        for name in (name for name, ready in real.items() if not ready):
             self._show(f"{name}: not connected, so it has no arm permit; later run `arena arm-permit {name}`")
 
     def grant(self, vehicles: Sequence[str], by: str) -> None:

@@ -49,13 +49,19 @@ def check_release(
 def restore_requests(plan: Plan, spec: ProcessSpec, facts: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the requests to a restarted world, router or link, so that it refuses the same commands as before its restart.
 
+    A link also learns that its vehicle was armed: it must not end before the vehicle is disarmed.
+
     facts: last values that the processes sent, also those that have ended. `<vehicle>.standing` lists what a process refuses.
     """
     if spec.kind not in GUARDS:
         return []
     names = [v.name for v in plan.vehicles if spec.vehicle in (None, v.name)]
     found = [(name, facts.get(f"{name}.standing{place}")) for name in names for place in ("", "_at_link")]
-    return [{"do": "restore", "vehicle": name, "standing": value} for name, value in found if value]
+    armed = [name for name in names if spec.kind == "link" and facts.get(f"{name}.armed") is True]
+    return [
+        *({"do": "restore", "vehicle": name, "standing": value} for name, value in found if value),
+        *({"do": "was_armed", "vehicle": name} for name in armed),
+    ]
 
 
 def blocked(vehicle: str, facts: Mapping[str, Any]) -> str:

@@ -115,3 +115,12 @@ def test_the_uid_is_fixed_by_the_permit():
     assert not rig.core.identity.fixed
     permit(rig)
     assert rig.core.identity.fixed
+
+
+def test_link_that_is_restarted_in_flight_serves_its_vehicle_until_that_is_disarmed():
+    rig = Rig(permit=False)
+    assert not rig.core.armed(rig.now)
+    rig.core.on_request({"do": "was_armed", "vehicle": "uav7"}, rig.now)
+    assert rig.core.armed(rig.now + 3600.0), "the vehicle may still fly"
+    rig.fly(2.0)
+    assert not rig.core.armed(rig.now), "its heartbeat says that it is disarmed"

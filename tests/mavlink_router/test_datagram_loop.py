@@ -9,14 +9,17 @@ import time
 
 import pytest
 from fleet import ack, attitude, command, heartbeat, slice_of
+from pymavlink.dialects.v20 import common as mavlink
 from test_shortcut import odometry
 
 from arena.mavlink_router.routing_table import Table
 from arena.mavlink_router.shell import RouterShell
 from arena.process_context import ProcessContext
+from arena.wire.age_limits import age_limit_s
 from tests.kernels.kernel_versions import needs_compiled
 
 HOST = "127.54.11.1"
+SETPOINT = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 BURST = 40  # more than the loop reads at a time
 
 
@@ -27,11 +30,19 @@ def udp(address):
     return s
 
 
+def setpoint(seq):
+    codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
+    codec.seq = seq
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 0, 0.0, 0, -1.0, 0, 0, 0, 0, 0, 0, 0, 0
+    ).pack(codec)
+
+
 class Running:
     """A router in this process with one vehicle, its clients and its logger."""
 
     def __init__(self, compiled):
-        settings = slice_of((1,), host=HOST, gcs=(HOST, 14550), heartbeat=False)
+        settings = slice_of((1,), host=HOST, gcs=(HOST, 14550), heartbeat=False, real=(1,))
         vehicle = settings["vehicles"][0]
         self.shell = RouterShell(ProcessContext("router", settings, None), Table.from_slice(settings))
         if not compiled:
@@ -138,3 +149,27 @@ def test_the_timer_of_the_loop_does_not_wake_the_poll_of_python():
         assert router.shell._poll.poll(0.3) == []
     finally:
         router.close()
+
+
+def test_setpoint_that_became_old_while_the_round_was_stalled_is_dropped(running, monkeypatch):
+    """The process stands still after the poll, while it sends the autopilot's heartbeat, as after SIGSTOP."""
+    send, stalled = running.shell._send, []
+
+    def stall(out):
+        if not stalled:
+            stalled.append(True)
+            time.sleep(2.0 * age_limit_s(SETPOINT))
+            running.program.sendto(setpoint(1), running.serve)
+        send(out)
+
+    running.autopilot.sendto(heartbeat(1), running.link)
+    running.program.sendto(setpoint(9), running.serve)
+    running.turn()
+    running.received()
+    monkeypatch.setattr(running.shell, "_send", stall)
+    running.autopilot.sendto(heartbeat(1), running.link)
+    running.program.sendto(setpoint(0), running.serve)
+    running.turn()
+    got = b"".join(running.received()[0])
+    assert stalled and setpoint(0) not in got, "the setpoint from before the stall"
+    assert setpoint(1) in got, "the setpoint from its end"

@@ -36,17 +36,16 @@ def test_only_connected_real_vehicles_are_permitted_at_the_start(plan):  # revie
 
 def test_a_battery_that_is_connected_long_after_the_confirmation_permits_nothing():  # review fault 3
     given = Confirmation("ada", began=100.0)
-    only_uav2 = {"uav2": True, "uav3": False}
-    assert given.use(99.9 + CONFIRMATION_S, False, only_uav2) == ([], [])
-    assert given.use(100.0 + CONFIRMATION_S, False, only_uav2) == (["uav2"], ["uav3"])
-    assert given.use(101.0 + CONFIRMATION_S, True, {"uav2": True, "uav3": True}) == ([], [])
+    assert not given.is_due(99.9 + CONFIRMATION_S, False)
+    assert given.is_due(100.0 + CONFIRMATION_S, False)
+    assert not given.is_due(101.0 + CONFIRMATION_S, True)
 
 
 def test_the_confirmation_is_used_once_when_all_processes_are_ready():
     given = Confirmation("ada", began=100.0)
-    assert given.use(102.0, True, {"uav2": True}) == (["uav2"], [])
-    assert given.use(103.0, True, {"uav2": True}) == ([], [])
-    assert Confirmation("", began=100.0).use(500.0, True, {"uav2": True}) == ([], [])
+    assert given.is_due(102.0, True)
+    assert not given.is_due(103.0, True)
+    assert not Confirmation("", began=100.0).is_due(500.0, True)
 
 
 @pytest.mark.parametrize(

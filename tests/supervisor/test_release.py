@@ -140,6 +140,14 @@ def test_restarted_process_gets_what_all_processes_enforced_before():
     assert restore_requests(plan(), specs["mocap"], facts) == []
 
 
+def test_restarted_link_learns_that_its_vehicle_was_armed():
+    specs = {s.name: s for s in plan().processes}
+    facts = {"uav1.armed": True, "uav2.armed": True}
+    assert restore_requests(plan(), specs["link.uav2"], facts) == [{"do": "was_armed", "vehicle": "uav2"}]
+    assert restore_requests(plan(), specs["link.uav2"], {"uav2.armed": False}) == []
+    assert restore_requests(plan(), specs["router"], facts) == []
+
+
 def test_killed_router_gets_its_standing_state_before_any_other_request(start):
     facts = json.dumps({**BLOCKED, "uav1.standing": STANDING})
     router = spec(
