@@ -86,6 +86,7 @@ class PybulletRoom:
         self.boxes: Array = np.stack(list(boxes.values()))
         self._things = {self._floor(): "floor"} | {self._box(box): name for name, box in boxes.items()}
         self._bodies: dict[int, int] = {}  # vehicle -> its body in pybullet
+        self._shapes: dict[int, int] = {}  # vehicle -> its collision shape in pybullet
         self._vehicles: dict[int, int] = {}  # body in pybullet -> vehicle
         self._no_contacts = Contacts(floor=np.zeros(fleet.size, bool), others={})
 
@@ -181,8 +182,14 @@ class PybulletRoom:
         )
         return int(body)
 
-    def _vehicle(self, i: int, motion: Motion) -> int:
-        bullet, client, fleet = self._bullet, self._client, self._fleet
+    def _shape(self, i: int) -> int:
+        """Return the collision shape of vehicle i. It is made once, because pybullet keeps the shape when a body is removed."""
+        if i not in self._shapes:
+            self._shapes[i] = self._cylinder(i)
+        return self._shapes[i]
+
+    def _cylinder(self, i: int) -> int:
+        bullet, fleet = self._bullet, self._fleet
         # The origin is the centre of mass; the cylinder hangs so that its bottom is origin_height below it.
         up = float(fleet.height[i] / 2.0 - fleet.origin_height[i])
         shape = bullet.createCollisionShape(
@@ -190,11 +197,15 @@ class PybulletRoom:
             radius=float(fleet.radius[i]),
             height=float(fleet.height[i]),
             collisionFramePosition=(0.0, 0.0, up),
-            physicsClientId=client,
+            physicsClientId=self._client,
         )
+        return int(shape)
+
+    def _vehicle(self, i: int, motion: Motion) -> int:
+        bullet, client, fleet = self._bullet, self._client, self._fleet
         body = bullet.createMultiBody(
             float(fleet.mass[i]),
-            shape,
+            self._shape(i),
             basePosition=motion.place.tolist(),
             baseOrientation=motion.quat.tolist(),
             physicsClientId=client,
