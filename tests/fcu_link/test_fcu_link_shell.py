@@ -359,7 +359,10 @@ class WorldPort:
             except (BrokenPipeError, ConnectionResetError):
                 return self._hang_up()
         with contextlib.suppress(BlockingIOError):
-            data = self.connection.recv(65536)
+            try:
+                data = self.connection.recv(65536)
+            except ConnectionResetError:
+                data = b""
             if not data:
                 return self._hang_up()
             buffer, found = self._stream.feed(data)

@@ -83,7 +83,7 @@ def test_a_missing_or_foreign_page_is_an_error_in_one_sentence(tmp_path):
     with pytest.raises(RunError, match="is the process `world` running"):
         TruthReader(tmp_path / "truth")
     (tmp_path / "truth").write_bytes(bytes(800))
-    with pytest.raises(WireError, match="expected"):
+    with pytest.raises(WireError, match="is not a truth page of this version"):
         TruthReader(tmp_path / "truth")
 
 
