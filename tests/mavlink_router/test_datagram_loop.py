@@ -173,3 +173,14 @@ def test_setpoint_that_became_old_while_the_round_was_stalled_is_dropped(running
     got = b"".join(running.received()[0])
     assert stalled and setpoint(0) not in got, "the setpoint from before the stall"
     assert setpoint(1) in got, "the setpoint from its end"
+
+
+def test_datagram_that_became_old_between_poll_and_reading_is_dropped(running):
+    """The process stands still just before it reads: nobody knows when the datagram has arrived, so it counts as old."""
+    names = [s.getsockname() for s in running.shell._sockets]
+    key, sender = names.index(running.serve), running.program.getsockname()
+    running.shell._on_late_datagram(key, sender, memoryview(setpoint(1)), time.monotonic())
+    later = time.monotonic() + 2.0 * age_limit_s(SETPOINT)
+    running.shell._on_late_datagram(key, sender, memoryview(setpoint(2)), later)
+    assert running.received()[0] == [setpoint(1)]
+    assert running.shell._backlog.dropped == 1
