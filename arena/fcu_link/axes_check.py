@@ -116,10 +116,8 @@ class AxesCheck:
         if refusal:
             self.stop(refusal)
         else:
-            self._earlier, self.record = (
-                self.record,
-                None,
-            )  # no record of it remains if this process dies in the check
+            self._earlier = self.record
+            self.record = None  # so that no file remains if this process dies during the check
             self.events.append(f"axes check started by {by}")
             self._show()
 

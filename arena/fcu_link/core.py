@@ -156,7 +156,7 @@ class FcuLink:
         if self.identity.source != before:
             self.queue.clear()
         if self.identity.uid != uid:
-            self._boot_ms, self._was_armed = 0, False
+            self._boot_ms = 0
             self._restart_checks()
         if accepted and self.identity.source != before:  # its mode must be known before the first command
             for frame in parse_frames(self.identity.heartbeat).frames:
