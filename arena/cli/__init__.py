@@ -32,7 +32,7 @@ VERBS = {
     "smoke": "Fly scenarios without a window, several at a time, and report which passed. All files are checked before the first flight.",
     "campaign": "Fly many simulated flights over seeds and settings: `arena campaign SWEEP`. Show their results.",
     "up": "Start an arena and supervise it until its end. Ctrl-C lands the vehicles, then stops the arena.",
-    "runs": "List the run folders of an arena, oldest first, and every arena that is up.",
+    "runs": "List the run folders of an arena, oldest first, and every running arena.",
     "summary": "Print the full result of a run: the verdict and the report (summary.txt).",
     "audit": "Print the requests to the vehicles of a run, such as arming and parameter changes: who sent them, and which were refused.",
     "ps": "Show the vehicles and processes of a running arena.",

@@ -158,7 +158,7 @@ def _runs() -> Iterator[Finding]:
         if run.live:
             yield Finding(
                 sign="note",
-                what=f"{run.name} is up on {run.address} (supervisor {run.supervisor.pid}, {run.run})",
+                what=f"{run.name} is running on {run.address} (supervisor {run.supervisor.pid}, {run.run})",
             )
         else:
             left = ", ".join(run.survivors())

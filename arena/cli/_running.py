@@ -1,4 +1,4 @@
-"""Search for the running arena to which a command applies: the only one that is up, or the one named by `--run`."""
+"""Search for the running arena to which a command applies: the only running one, or the one named by `--run`."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from arena.supervisor import Control, RunState, active_runs, open_run
 
 RunOption = Annotated[
     Path | None,
-    typer.Option("--run", metavar="DIR", help="run folder of the arena, if several arenas are up"),
+    typer.Option("--run", metavar="DIR", help="run folder of the arena, if several arenas are running"),
 ]
 
 
 def find(run: Path | None, *, stale: bool = False) -> RunState:
-    """Return the run to which a command applies: the folder given by `--run`, else the only arena that is up.
+    """Return the run to which a command applies: the folder given by `--run`, else the only running arena.
 
-    run: path of the run folder; None for the only arena that is up.
+    run: path of the run folder; None for the only running arena.
     stale: also accept a run whose supervisor has died.
-    Raises InputError, with a list of the arenas, if several are up, and RunError if none is up.
+    Raises InputError, with a list of the arenas, if several are running, and RunError if none is running.
     """
     if run is not None:
         state = open_run(run.resolve())
@@ -37,10 +37,10 @@ def find(run: Path | None, *, stale: bool = False) -> RunState:
         return state
     found = [state for state in active_runs() if state.live or stale]
     if not found:
-        raise RunError("no arena is up. Start one with `arena up`")
+        raise RunError("no arena is running. Start one with `arena up`")
     if len(found) > 1:
         choices = "\n".join(f"  --run {state.run}   ({state.name} on {state.address})" for state in found)
-        raise InputError(f"{len(found)} arenas are up; choose one:\n{choices}")
+        raise InputError(f"{len(found)} arenas are running; choose one:\n{choices}")
     return found[0]
 
 

@@ -23,7 +23,7 @@ def register(app: typer.Typer) -> None:
             typer.Argument(metavar="DIR", help="folder of an arena, or a folder that contains run folders"),
         ] = Path(),
     ) -> None:
-        """List the run folders of an arena, oldest first, and every arena that is up."""
+        """List the run folders of an arena, oldest first, and every running arena."""
         from rich.console import Console
         from rich.table import Table
 

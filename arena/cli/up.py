@@ -195,7 +195,7 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
 
 
 def _refuse_second(plan: Plan) -> None:
-    """Raise RunError if another arena is up that uses the same address or the same ports as this plan."""
+    """Raise RunError if another running arena uses the same address or the same ports as this plan."""
     for state in active_runs():
         other = plan_of(state)
         shared = _sockets(plan) & _sockets(other) if other else set()
@@ -208,7 +208,7 @@ def _refuse_second(plan: Plan) -> None:
                     "on every address of the computer"
                 )
             raise RunError(
-                f"the arena {state.name!r} is up on {state.address} (supervisor {state.supervisor.pid}, {state.run}). "
+                f"the arena {state.name!r} is running on {state.address} (supervisor {state.supervisor.pid}, {state.run}). "
                 f"End it with `arena down --run {state.run}`, or {another}"
             )
 
@@ -288,7 +288,7 @@ def _detached(plan: Plan, folder: RunFolder, options: Options) -> int:
         packet = json.loads(pipe.readline() or "{}")
     if packet.get("started"):
         print(
-            f"{plan.name} is up, supervisor {pid}\nrun folder: {folder.path}\nstop it with: arena down --run {folder.path}"
+            f"{plan.name} is running, supervisor {pid}\nrun folder: {folder.path}\nstop it with: arena down --run {folder.path}"
         )
         for text in packet["failed"]:
             print(f"arena: {text}", file=sys.stderr)

@@ -47,7 +47,7 @@ def test_second_arena_takes_the_next_free_loopback_address(folder: Path) -> None
         assert f": using {address_of(folder, 1)}\n" in second.stdout
         assert address_of(folder, 1) != taken
         explicit = arena(folder, "up", "--detach", "--no-report", "--set", f"address={taken}")
-        assert explicit.returncode == 1 and f"is up on {taken}" in explicit.stderr
+        assert explicit.returncode == 1 and f"is running on {taken}" in explicit.stderr
         pulled = arena(folder, "params", "pull")
         assert (
             pulled.returncode == 2

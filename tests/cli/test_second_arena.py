@@ -43,7 +43,7 @@ def refuse(monkeypatch: pytest.MonkeyPatch, second: Plan, first: Plan) -> None:
 def test_px4_arenas_on_two_addresses_need_different_vehicle_ids(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said = r"the arena .first. is up on 127.74.6.1 .* ids in the new arena, because PX4 binds its ports \(24070, 24072, 24074, "
+    said = r"the arena .first. is running on 127.74.6.1 .* ids in the new arena, because PX4 binds its ports \(24070, 24072, 24074, "
     with pytest.raises(RunError, match=said):
         refuse(monkeypatch, plan_on(tmp_path, "127.74.6.2", 7), plan_on(tmp_path, "127.74.6.1", 7))
     refuse(monkeypatch, plan_on(tmp_path, "127.74.6.2", 8), plan_on(tmp_path, "127.74.6.1", 7))

@@ -243,10 +243,10 @@ def test_every_verb_has_help_and_refuses_an_unknown_option(
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (("ps",), 1, "no arena is up"),
-        (("down",), 1, "no arena is up"),
-        (("restart", "router"), 1, "no arena is up"),
-        (("logs", "router"), 1, "no arena is up"),
+        (("ps",), 1, "no arena is running"),
+        (("down",), 1, "no arena is running"),
+        (("restart", "router"), 1, "no arena is running"),
+        (("logs", "router"), 1, "no arena is running"),
         (("ps", "--run", "nowhere"), 2, "nowhere: no arena is running from this folder"),
         (("logs", "router", "--run", "nowhere"), 2, "no log of 'router'"),
         (("check", "none.yaml"), 2, "none.yaml: cannot be read"),

@@ -143,7 +143,7 @@ def test_logs_prints_a_log_and_refuses_an_unknown_process(flying: Flight) -> Non
 
 def test_second_arena_on_the_same_address_is_refused(flying: Flight) -> None:
     again = flying.cli("up", str(flying.folder / "arena.yaml"), "--headless")
-    assert again.returncode == 1 and str(flying.folder) in again.stderr and "is up on" in again.stderr
+    assert again.returncode == 1 and str(flying.folder) in again.stderr and "is running on" in again.stderr
 
 
 def test_forwarder_restart_in_flight_keeps_the_vehicle_flying(flying: Flight) -> None:

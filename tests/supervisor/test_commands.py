@@ -64,7 +64,7 @@ def test_detached_arena_is_controlled_from_other_terminals(terminal):
     down = terminal.run("down")
     assert down.returncode == 0 and "arena down: landing, then stopping" in down.stdout
     assert not is_running(status["processes"]["p"]["pid"]) and not is_running(status["pid"])
-    assert "no arena is up" in terminal.run("ps").stderr
+    assert "no arena is running" in terminal.run("ps").stderr
 
 
 def test_detached_start_reports_its_failure(terminal):
@@ -77,7 +77,7 @@ def test_second_arena_needs_another_address(terminal):
     listens = (Listen(protocol="udp", address="127.53.0.1", port=5, what="x"),)
     assert terminal.up(plan_of(program("p", "sleeps", listens=listens))).returncode == 0
     second = terminal.up(plan_of(program("p", "sleeps", listens=listens), address="127.53.0.2"), "b.json")
-    assert second.returncode == 1 and "the arena 'test' is up on 127.53.0.1" in second.stderr
+    assert second.returncode == 1 and "the arena 'test' is running on 127.53.0.1" in second.stderr
     assert (
         terminal.up(plan_of(program("p", "sleeps"), address="127.53.0.2", name="other"), "b.json").returncode
         == 0

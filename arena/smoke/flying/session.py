@@ -114,7 +114,7 @@ class Session:
     def observer(self) -> Observer:
         """The observer of the running arena. Raises RunError if no arena is running."""
         if self._observer is None:
-            raise RunError("no arena is up")
+            raise RunError("no arena is running")
         return self._observer
 
     def outcome(self) -> dict[str, Any]:
@@ -141,7 +141,7 @@ class Session:
             self.run = found.pop().parent
             arena_up = self._arena_up
             if arena_up is None:
-                raise RunError("no arena is up")
+                raise RunError("no arena is running")
             return arena_up.wait(limit_s)
         except subprocess.TimeoutExpired:
             raise RunError(

@@ -60,7 +60,7 @@ always:
   - tracking(uav2) < 0.15 m rms
 """
 PHRASES: dict[str, str] = {
-    "at: start": "at the first observation of the flight, when the arena is up",
+    "at: start": "at the first observation of the flight, when the arena is running",
     "at: then": "when the step before is done",
     "at: CONDITION": "when the condition last became true, also if that was before the step before was done",
     "+ T": "a delay, at the end of any entry `at`",
