@@ -84,7 +84,7 @@ class SimTime:
     """Simulation time, for programs that only read the time and never sleep.
 
     path: path of the clock's files without the suffix: the shared memory is `<path>.page`
-    page: memory of the page; its first number is the simulation time [s]
+    page: this shared memory; its first number is the simulation time [s]
     Raises RunError if there is no world. After the world has ended the time does not change.
     """
 

@@ -112,8 +112,8 @@ class Authority:
         return why
 
     def passes_program_setpoint(self, now: float) -> bool:
-        """Return True and remember the time if a program's setpoint is allowed because no landing is latched. If False, call
-        `refusal`, which decides. This method is a fast path: setpoints are by far the most frequent requests.
+        """Return whether a program's setpoint is certainly allowed, because no landing is latched. If so, remember its time.
+        If the result is False, call `refusal`, which decides. This test is fast, because setpoints are the most frequent requests.
 
         now: monotonic [s].
         """
@@ -224,8 +224,8 @@ class Authority:
             self._change(Role.PILOT, self._mode, now)
 
     def _has_pilot(self, now: float) -> bool:
-        """Return whether a manual mode that no command requested means that a pilot has control. Without a radio (`radio: none`)
-        it does only while stick positions reach the vehicle.
+        """Return whether a pilot has control of a vehicle in a manual mode that no command requested. With `radio: none` a pilot
+        has control only while stick positions reach the vehicle.
         """
         silent = self._heartbeats_since > _INPUT_HEARTBEATS and now - self._input_at > _INPUT_S
         return not (self._input_needed and silent)

@@ -78,7 +78,7 @@ class _Campaign:
     pending: dict[Any, Flight]
 
     def poll(self) -> None:
-        """Wait up to POLL_S, record the flights that have ended, and draw the progress."""
+        """Wait up to POLL_S, record the flights that have ended, and show the progress."""
         ended, _ = self.ray.wait(list(self.pending), num_returns=1, timeout=POLL_S)
         for one in ended:
             self._end(one, self.pending.pop(one))
@@ -100,7 +100,7 @@ class _Campaign:
             self.on_record(delivery.record)
 
     def cancel(self, *, kill: bool) -> None:
-        """Interrupt the flights in the air, and drop the flights that wait for a worker. kill: end the workers at once."""
+        """Interrupt the flights in the air, and remove the flights that wait for a worker. kill: end the workers at once."""
         for one in self.pending:
             self.ray.cancel(one, force=kill)
 

@@ -26,10 +26,10 @@ def latin_hypercube(count: int, ranges: int, rng: np.random.Generator) -> Array:
 
 
 def in_range(share: Array, low: float, high: float, scale: Literal["linear", "log"]) -> Array:
-    """Convert points of [0, 1] to values from `low` to `high`.
+    """Scale numbers between 0 and 1 to values between `low` and `high`.
 
-    share: points; 0 gives `low`, 1 gives `high`.
-    scale: `log` interpolates the logarithm, so that equal shares have equal ratios.
+    share: the numbers; 0 gives `low`, 1 gives `high`.
+    scale: `linear`, or `log`: equal differences of `share` give equal ratios of values.
     """
     if scale == "log":
         return np.asarray(np.exp(np.log(low) + share * (np.log(high) - np.log(low))))
@@ -37,10 +37,10 @@ def in_range(share: Array, low: float, high: float, scale: Literal["linear", "lo
 
 
 def whole_numbers(share: Array, low: float, high: float, scale: Literal["linear", "log"]) -> Array:
-    """Convert points of [0, 1) to integers from `low` to `high`.
+    """Scale numbers between 0 (included) and 1 (excluded) to integers between `low` and `high`.
 
-    share: points; 0 gives the lowest integer. On a linear scale, uniformly distributed points give all integers with the same
-        probability.
+    share: the numbers; 0 gives the lowest integer. On a linear scale, uniformly distributed numbers give all integers with the
+        same probability.
     scale: as in `in_range`.
     """
     first, last = np.ceil(low), np.floor(high)

@@ -215,9 +215,9 @@ class DirectLink:
         self._on_opened()
 
     def _release(self) -> None:
-        """Close the UDP port or serial device that was opened instead of the link process.
+        """Close the vehicle's UDP port or serial device, so that the restarted link process can open it.
 
-        The supervisor has restarted the link process, which needs the port or device again.
+        This object had opened the port or device because the link process did not work.
         """
         if self._replacement is not None:
             self._replacement.close()

@@ -66,7 +66,7 @@ class TargetConnections:
                 )
 
     def send(self, now: float) -> None:
-        """Send the frames that are due to the vehicle, on every connection to it."""
+        """Send the vehicle the frames that are due now, on every connection to it."""
         frames = self.landing.due(now)
         self._send_relayed(frames, now)
         if self._direct is not None:

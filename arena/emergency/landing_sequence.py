@@ -119,7 +119,7 @@ class LandingSequence:
     def on_refusal(self, data: bytes | memoryview) -> None:
         """Process a datagram of the router or the link process, which may contain the refusal of a command.
 
-        Only a refusal because a pilot has control counts.
+        Refusals for another reason than that a pilot has control are ignored.
         """
         for at in parse_frames(data).frames:
             if at.sysid == self.system and at.msgid == mav.STATUSTEXT:

@@ -15,10 +15,10 @@ class PilotWatch:
     """Detects that a pilot has taken manual control of one vehicle since land-all or kill-all was started.
 
     The pilot has control when the armed vehicle reports a manual mode after it reported another mode, or after it
-    reported that it was disarmed. A vehicle that reports a manual mode from the start is not under the pilot's control:
-    somebody started land-all because of it.
-    The link process and the router check themselves whether such a vehicle may be commanded. A direct connection bypasses both, so
-    it must not be used while `may_bypass` is false.
+    reported that it was disarmed. A manual mode that the vehicle reports from the start does not count: this flight may be the
+    reason why somebody started land-all.
+    For such a vehicle, the link process and the router check themselves whether it may be commanded. A direct connection bypasses
+    both, so it must not be used while `may_bypass` is false.
     radio: false if no pilot has a radio (`radio: none`): a manual mode then counts only with stick positions
     events: texts for the user; the caller takes them and empties the list
     mode: manual mode in which the pilot has control; "" if the pilot does not have control

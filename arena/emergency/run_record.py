@@ -67,7 +67,7 @@ class DirectAddress:
 
     @classmethod
     def of(cls, connection: ConnectionUrl) -> DirectAddress:
-        """Return the address that a vehicle's connection URL alone gives. `with_run_record` adds what the run folder has recorded."""
+        """Return the address of a vehicle from its connection URL alone. `with_run_record` adds what the run folder has recorded."""
         if connection.kind == "udpin":
             return cls(connection=connection, local=connection.address)
         if connection.kind == "udpout":

@@ -117,7 +117,7 @@ class AxesCheck:
             self.stop(refusal)
         else:
             self._earlier = self.record
-            self.record = None  # so that no file remains if this process dies during the check
+            self.record = None  # so that no earlier record remains if this process dies during the check
             self.events.append(f"axes check started by {by}")
             self._show()
 
@@ -251,7 +251,7 @@ class AxesCheck:
                 correlation=round(verdict.own.correlation, 3),
                 delay_ms=None if verdict.delay_s is None else round(1e3 * verdict.delay_s, 1),
             )
-        elif verdict.own is None:  # the motion was not complete, so it has shown nothing
+        elif verdict.own is None:  # the motion was not complete, so the check has no result
             self.record = self._earlier
         state = "passed" if verdict.passed else "failed"
         self.status = {**self.status, "state": state, "text": "", "lines": lines}

@@ -4,8 +4,8 @@ vehicle -> router     everything
 vehicle -> vision     the messages that the pose forwarder reads
 vehicle -> panic      everything, while land-all sends
 vehicle -> simulator  HIL_ACTUATOR_CONTROLS only, for hardware in the loop (HITL)
-links -> vehicle      everything except TIMESYNC replies, which would shift the time stamps of poses, refused requests to arm,
-and commands of senders that must not command the vehicle now (arena.authority)
+links -> vehicle      everything except refused requests to arm, commands of senders that must not command the vehicle now
+(arena.authority), and TIMESYNC replies, because with these PX4 would shift the time stamps of poses
 Nothing is carried to or from an autopilot that has not sent the hardware uid of the vehicle (identity.py).
 simulator -> vehicle  the sensors, but not HIL_STATE_QUATERNION, which PX4 in HITL would use as its own estimate
 """
@@ -105,8 +105,8 @@ class FcuLink:
         return now - self.checks.received_at <= CONNECTION_TIMEOUT_S
 
     def armed(self, now: float) -> bool:
-        """Return whether the vehicle is armed. A silent real vehicle keeps its last state, because it may still fly: also that
-        before a restart of this process. A simulated one counts as disarmed after 5 s of silence: its process has ended.
+        """Return whether the vehicle is armed. A real vehicle that sends nothing keeps its last state, also over a restart of this
+        process, because it may still fly. A simulated vehicle counts as disarmed after 5 s without data: its process has ended.
         """
         armed = self.checks.armed or (self._was_armed and not self.ever_connected)
         return armed and (not self._s.simulated or now - self.checks.received_at < 5.0)
@@ -315,7 +315,7 @@ class FcuLink:
         return []
 
     def _refuse(self, link: str, data: Buffer, frame: Frame, now: float, *, sent: bool) -> Out | None:
-        """Return the reply to a frame that command authority (`arena.authority`) refuses, as (link, datagram); None if allowed.
+        """Return the reply to a frame that command authority (`arena.authority`) refuses, as (link, datagram); None if it allows it.
 
         sent: False if the caller does not send even an allowed frame, so that it does not count as a command of its sender.
         """

@@ -53,10 +53,10 @@ class Identity:
     Pass all received data to `accepts`, and send the requests that `requests` returns.
     system: MAVLink id of the vehicle
     uid: expected uid in hexadecimal digits, or NO_UID; "" until the first contact
-    needs_uid: an autopilot without a uid must not arm, unless the expected uid is NO_UID from the start
-    fixed: the expected uid cannot change any more: it was given to the constructor, or `fix` was called
-    source: where the vehicle is; None while no autopilot is accepted
-    last_source: where the vehicle was last; None before the first contact
+    needs_uid: True if an autopilot without a uid must not arm, unless the expected uid is NO_UID from the start
+    fixed: True if the expected uid cannot change any more: it was given to the constructor, or `fix` was called
+    source: UDP address or serial device of the vehicle; None while no autopilot is accepted
+    last_source: last known `source`; None before the first contact
     heartbeat: last HEARTBEAT frame of the vehicle before it was accepted; empty if there was none
     events: messages for the user; the caller takes them and empties the list
     """
@@ -101,7 +101,7 @@ class Identity:
         return source == self.source
 
     def requests(self, now: float) -> list[tuple[Source, int]]:
-        """Return (address of a sender, MAV_CMD) for each sender that must be asked for its hardware uid now."""
+        """Return the requests for a hardware uid to send now, as (UDP address or serial device, MAV_CMD of the request)."""
         found = []
         for source, candidate in self._candidates.items():
             if candidate.uid is None and now >= candidate.next_request and self._is_active(candidate, now):

@@ -23,7 +23,7 @@ class OwnRequests:
     """Source of the messages that the link process itself sends to the vehicle. Call `due` about twenty times a second and send
     the messages that it returns.
 
-    codec: encodes them as the link's own component
+    codec: encodes these messages, with the component id of the link process as the sender
     """
 
     def __init__(

@@ -136,7 +136,7 @@ class FusedRouter:
     def _tick(self, now: float) -> None:
         self._router.tick(now)
         self._process.audit(self._router.commands.take_audit())
-        if not self._ready:  # after 10 s of wall time, too, because a PX4 may never start
+        if not self._ready:  # in wall time, so that the other vehicles start even if a PX4 never does
             self._ready = report_ready(self._process, self._router, time.monotonic() - self._began)
         if now >= self._next_second:
             self._next_second = now + _SECOND_S

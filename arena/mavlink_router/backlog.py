@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 class Backlog:
     """Measures how long datagrams have waited in the router's sockets, and drops the frames that are too old.
 
-    links: indices in `sockets` of the links to autopilots; what these send is never dropped, because telemetry
-    has values that are sent only once
+    links: indices in `sockets` of the links to autopilots. Frames of autopilots are never dropped, because some telemetry
+    values are sent only once
     world_s: simulation time [s] (1,), if all vehicles are simulated. A datagram is then no older than the simulation
     time that has passed, so nothing is dropped while the simulation is paused or slow.
-    waits: when each socket was last empty
+    waits: kernel that measures when each socket was last empty
     dropped: number of frames that were dropped
     """
 
@@ -55,9 +55,9 @@ class Backlog:
         self._ages.update(time.time(), now)
 
     def receive(self, key: int) -> tuple[Buffer, Address]:
-        """Receive a datagram from a socket for which `waits.may_be_old` returned True. Frames that are too old are dropped.
+        """Receive a datagram from a socket whose `waits.may_be_old` returned True. Drop its frames that are too old.
 
-        key: index of the socket. Returns (the other frames, sender). Raises OSError.
+        key: index of the socket. Returns (frames that are not too old, sender). Raises OSError.
         """
         data, sender, stamp_s = receive_stamped(self._sockets[key])
         age_s = self._age_s(key, stamp_s, time.monotonic())
@@ -68,7 +68,7 @@ class Backlog:
         return young, sender
 
     def young(self, key: int, data: Buffer, now: float) -> Buffer:
-        """Return a received datagram of a socket without the frames that may be too old, if `waits.is_old` returned True.
+        """Return a received datagram without the frames that may be too old. Call this if `waits.is_old` returned True.
 
         The time at which the datagram arrived is not known: it counts as the time at which the socket was last empty.
         """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from arena.wire.mavlink_frame import Frame
 
-MAX_DATAGRAM_BYTES = 1472  # adjoining frames leave as one datagram that fits an Ethernet frame
+MAX_DATAGRAM_BYTES = 1472  # the largest UDP payload of one Ethernet frame
 NO_TARGET = -1
 
 

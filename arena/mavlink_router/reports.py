@@ -5,7 +5,7 @@ from __future__ import annotations
 from arena.mavlink_router.router import Router
 from arena.process_context import ProcessContext
 
-READY_TIMEOUT_S = 10.0  # after this time without a vehicle's heartbeat the other vehicles start
+READY_TIMEOUT_S = 10.0  # a vehicle without a heartbeat for this time is no longer waited for
 
 
 def report_changes(process: ProcessContext, router: Router) -> None:

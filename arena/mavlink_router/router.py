@@ -56,8 +56,8 @@ class Router:
     commands: decides which commands of clients reach the vehicles
     sim_now: returns the simulation time [s]; None without a simulated world
     shortcut: finds the receivers of ordinary datagrams (telemetry to all clients, setpoints, ...) in compiled code
-    use_shortcut: the receivers are the same without it; false by default if the kernels are not compiled, because their Python
-        source is slower than the other methods
+    use_shortcut: whether to use the shortcut; without it the receivers are the same. Default: only if the kernels are compiled,
+        because their Python source is slower than the methods of this class
     kernel: class of the shortcut's kernel
     """
 
@@ -250,7 +250,9 @@ class Router:
             if msgid == HEARTBEAT:
                 self.commands.on_heartbeat(sysid, v.status.armed, v.status.mode, now)
         elif msgid in _TELEMETRY and compid == AUTOPILOT:
-            self.shortcut.collect_height(v)  # it is older
+            self.shortcut.collect_height(
+                v
+            )  # first, because the height of the shortcut is older than this frame
             v.telemetry.on_frame(data, frame, now)
         return target_sys << 8 | target_comp if target_sys else _TO_ALL
 
@@ -359,7 +361,9 @@ class Router:
         if found and found == everyone:
             return target
         self._counts.dropped[_REFUSED] += max(1, len(everyone) - len(found))
-        key = NO_TARGET - sum(1 << vehicle for vehicle in found)  # below NO_TARGET: a set of vehicles
+        key = NO_TARGET - sum(
+            1 << vehicle for vehicle in found
+        )  # a number below NO_TARGET means a set of vehicles
         if found:
             self._up_routes[key] = tuple(place for vehicle in found for place in self._up_routes[vehicle])
         return key
@@ -373,7 +377,7 @@ class Router:
         self.shortcut.set_senders(endpoint)
 
     def _forget_routes(self, v: VehicleRoutes) -> None:
-        """Forget the receivers that were found for the vehicle's messages, because an endpoint has changed."""
+        """Discard the stored receivers of the vehicle's messages, because an endpoint has changed. They are searched again."""
         v.routes.clear()
         self.shortcut.set_receivers(v, ())
 

@@ -24,7 +24,7 @@ from arena.transport import MAX_DATAGRAM_BYTES, Address, listen_udp
 if TYPE_CHECKING:
     from arena.kernels.datagram_loop import DatagramLoop
 
-_MAX_OLD_DATAGRAMS = 16  # read from one socket per cycle
+_MAX_OLD_DATAGRAMS = 16  # largest number of datagrams read from one socket per cycle after a stall
 _TICK_S, _SECOND_S = 0.25, 1.0
 
 
@@ -106,7 +106,7 @@ class RouterShell:
             s.close()
 
     def _make_loop(self) -> DatagramLoop:
-        """Create the compiled loop, which receives and sends many datagrams per call and calls this object for the others."""
+        """Create the compiled loop. It routes ordinary datagrams itself, and calls methods of this object for all others."""
         from arena.kernels.datagram_loop import DatagramLoop
 
         fds = [s.fileno() for s in self._sockets]
@@ -134,22 +134,22 @@ class RouterShell:
         loop.bytes_out = loop.unsent = 0
 
     def _on_other_datagram(self, key: int, sender: Address, data: memoryview, now: float) -> None:
-        """Route a datagram that the compiled loop has received but cannot route."""
+        """Route a datagram that the compiled loop has received and that is not ordinary, such as a command."""
         self._send(self._router.on_other_datagram(key, sender, data, now))
 
     def _on_late_datagram(self, key: int, sender: Address, data: memoryview, now: float) -> None:
-        """Route a datagram that may have become old because the compiled loop was stalled after it had polled the socket."""
+        """Route a datagram that may be too old, because the process was stalled between the poll and the reading of the socket."""
         self._send(self._route(key, sender, self._backlog.young(key, data, now), now))
 
     def _on_event(self, fd: int) -> None:
-        """Read a file descriptor that the compiled loop leaves to Python: a socket whose datagrams may be too old, or another file."""
+        """Read a file descriptor that the compiled loop does not read: a socket whose datagrams may be too old, or another file."""
         if fd in self._receive:
             self._read_old(fd, time.monotonic())
         else:
             self._on_other_event(fd)
 
     def _on_other_event(self, fd: int) -> None:
-        """Read a file descriptor of a derived class."""
+        """Read a file descriptor that a derived class has added to the poll, such as the socket for injected faults."""
 
     def _read(self, fd: int) -> None:
         now = time.monotonic()
@@ -162,7 +162,7 @@ class RouterShell:
             self._send(self._route(key, sender, self._buffer[:size], now))
 
     def _read_old(self, fd: int, now: float) -> None:
-        """Read datagrams that may be old, several at a time, because the socket is full after a stall."""
+        """Read datagrams that may be too old. Several are read at a time, because many wait in the socket after a stall."""
         _, key = self._receive[fd]
         with contextlib.suppress(OSError):  # no more datagrams
             for _ in range(_MAX_OLD_DATAGRAMS):

@@ -63,7 +63,7 @@ class Shortcut:
             self.ordinary.set_receivers(len(vehicles) + v.number, v.up)
 
     def route(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out] | None:
-        """Return the datagrams to send, None if the datagram is not ordinary. Arguments: as of `Router.on_datagram`."""
+        """Return the datagrams to send; None if the datagram is not ordinary. The arguments are those of `Router.on_datagram`."""
         number = self._number_of_address.get(sender, _UNKNOWN)
         found = self.ordinary.find(socket, number, data, 0, len(data), now)
         return [(data, self.ordinary.receivers[found])] if found >= 0 else None
@@ -73,13 +73,13 @@ class Shortcut:
         self.ordinary.set_receivers(v.number, receivers)
 
     def set_senders(self, endpoint: Endpoint) -> None:
-        """Process a change of the known senders of an endpoint. Only clients of one vehicle use the shortcut."""
+        """Process a change of the known senders of an endpoint. Do nothing if it is not a configured client of one vehicle."""
         client = self._client_of.get(id(endpoint))
         if client is not None:
             self.ordinary.set_senders(client, endpoint.senders)
 
     def collect(self, counts: Counts) -> None:
-        """Add the counts since the last call to `counts`."""
+        """Add to `counts` the frames and bytes that the kernel has counted since the last call."""
         ordinary = self.ordinary
         counts.frames_from_vehicles += ordinary.from_vehicles
         counts.frames_to_clients += ordinary.to_clients
@@ -97,7 +97,7 @@ class Shortcut:
 
 
 def _kind(msgid: int) -> int:
-    """Return the properties of a message, as bits of the kernel."""
+    """Return the properties of a message as the bits that `ordinary_datagrams` defines, such as SETPOINT."""
     kind = NOT_FROM_AUTOPILOT if msgid in _STATUS else 0
     if msgid == LOCAL_POSITION_NED:
         kind |= POSITION

@@ -42,8 +42,8 @@ class Listen:
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """A part of the arena that runs inside another process: in `world` (fused arena), or in the process of a group. name, kind,
-    vehicle: as in `ProcessSpec`.
+    """Part of the arena that has no process of its own. It runs inside the process `world` (fused arena), or is a user program
+    in the process of a group. name, kind, vehicle: as in `ProcessSpec`.
     """
 
     name: str

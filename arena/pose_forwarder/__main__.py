@@ -18,7 +18,7 @@ def main() -> int:
 
 
 _FIRST_TICK_S = 0.02
-"""Time between two ticks until the forwarder is ready: user programs wait for it."""
+"""Time between two ticks until the forwarder is ready [s]. It is short, because user programs wait for the forwarder."""
 
 
 class _PoseGapSleep:

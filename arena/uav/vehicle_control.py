@@ -179,7 +179,7 @@ class VehicleControl:
             )
 
     def request_version(self) -> tuple[int, int, int] | None:
-        """Request the version of the autopilot's software. Return (major, minor, patch); None if the autopilot does not report it."""
+        """Return the version of the autopilot's software, such as (1, 16, 0). Request it first if needed; None without a reply."""
         telemetry = self._source.telemetry
         if telemetry.version is None:
             request = (float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),)
@@ -201,7 +201,7 @@ class VehicleControl:
         self._offboard = True
 
     def _begin(self) -> None:
-        """Clear the record of an earlier loss of control, because the program takes control of the vehicle again."""
+        """Reset the states of an earlier flight: control lost, in OFFBOARD, armed. Called when the program takes control."""
         self._lost, self._hold, self._holding_since = "", None, math.inf
         self._offboard = self._armed = False
 

@@ -58,8 +58,8 @@ _SLOTS = {
         _SERVOS,
     )
 } | {mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: _SERVOS}
-"""Messages that are decoded when their value is read: message id -> slot, in which a newer frame replaces an older one. The
-frames of HIGHRES_IMU do not all have new values of magnetometer and barometer: the newest frame of each combination waits."""
+"""Messages that are decoded only when a program reads their value: message id -> slot, in which a newer frame replaces an older
+one. Not every HIGHRES_IMU has new values of magnetometer and barometer: the newest frame of each combination is kept."""
 
 
 class _Newest(Generic[T]):

@@ -244,8 +244,9 @@ class Estimator:
         self._state.correct(i, covariance.error, int(self._delay_s[i] / self.dt) + 3)
 
     def realign(self, idx: Index) -> None:
-        """Request that the next vision sample sets tilt, heading and position of these vehicles again. IMU biases are kept. Use on
-        the ground only.
+        """Restart the alignment: the next vision sample of each of these vehicles sets its tilt, heading and position again.
+
+        The IMU biases are kept. Call this method only for vehicles on the ground.
         """
         self.aligned[idx] = False
         self.reset_counter[idx] += 1

@@ -12,7 +12,7 @@ _PREDICT_S = 0.01  # EKF2_PREDICT_US of PX4 v1.16
 def samples_per_prediction(dt: float) -> int:
     """Return after how many IMU samples the estimator predicts the covariance. dt: IMU period [s].
 
-    PX4 rounds EKF2_PREDICT_US to a multiple of the IMU period. PX4's estimate of the IMU period is slightly too large, so
-    a half is rounded down (`ImuDownSampler`, computed in 32-bit floats): 8 ms at 250 Hz, 10 ms at 1000 Hz.
+    PX4's `ImuDownSampler` rounds EKF2_PREDICT_US to a multiple of the IMU period: 8 ms at 250 Hz, 10 ms at 1000 Hz. PX4's
+    estimate of the IMU period is slightly too large (32-bit floats), so a quotient such as 10 ms / 4 ms = 2.5 is rounded down.
     """
     return max(1, math.ceil(_PREDICT_S / dt - 0.5 - 1e-6))

@@ -168,7 +168,7 @@ class TelemetryPacker:
         packing.read_setpoints_from(integers(sp.level), *(view(each) for each in used))
 
     def begin(self, state: TelemetryState) -> None:
-        """Copy the values of a step that the autopilots do not keep in the same arrays."""
+        """Copy the values of this step that the kernel does not read itself from the arrays of the autopilots, and the time."""
         for to, name in self._copied:
             to[...] = getattr(state, name)
         self._pressure_hpa[...] = pressure_hpa(self._baro_alt)
@@ -179,7 +179,7 @@ class TelemetryPacker:
         return self._packing.pack(v.row, message_ids, seq, v.system_id, 1)
 
     def set_status(self, v: Vehicle, s: TelemetryState) -> None:
-        """Read mode, arming and health of a vehicle."""
+        """Copy mode, arming state and health of a vehicle to the inputs of the kernel."""
         present = _present(v, s)
         self._status[v.row] = (
             v.mav_type,
@@ -192,7 +192,7 @@ class TelemetryPacker:
         )
 
     def set_place(self, v: Vehicle, s: TelemetryState) -> None:
-        """Read arming, origin and home of a vehicle."""
+        """Copy arming state, origin and home of a vehicle to the inputs of the kernel."""
         lat, lon, alt, _ = v.origin or (_NAN, _NAN, _NAN, 0.0)
         home_d = v.home_n[2] if v.home_n else _NAN
         self._place[v.row] = v.commander.armed, lat, lon, alt, v.heading, home_d
@@ -216,9 +216,10 @@ def _tables() -> tuple[list[float], list[PayloadWriter]]:
 
 
 def _fields_of(msgid: int, names: Sequence[str], column: int, size: int) -> list[tuple[int, int, int]]:
-    """Return a row of the kernel's table of fields for each number in these fields of a message.
+    """Return the rows of the kernel's table of fields for these fields of a message, one row for each number.
 
-    column, size: position and number of the values. Raises ValueError if the fields contain another number of elements.
+    column: position of the first value in the table of values.  size: number of values.
+    Raises ValueError if the fields contain another number of elements.
     """
     rows: list[tuple[int, int, int]] = []
     for name in names:
@@ -294,7 +295,7 @@ def _has_horizontal(v: Vehicle, s: TelemetryState) -> bool:
 
 
 def _is_aligned(v: Vehicle, _: TelemetryState) -> bool:
-    """Return whether the estimator is initialised. Like PX4's, its position is sent even when it is not valid."""
+    """Return whether the estimator is initialised. From then on the position is sent, also an invalid one, as PX4 does."""
     return v.aligned
 
 
@@ -307,11 +308,11 @@ AVAILABLE: dict[int, Callable[[Vehicle, TelemetryState], bool]] = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _has_global,
     mavlink.MAVLINK_MSG_ID_ODOMETRY: _has_horizontal,
 }
-"""Message id -> function that returns whether a vehicle has valid content for the message. All other messages always have."""
+"""Message id -> function that returns whether a vehicle has valid content for the message. All other messages can always be sent."""
 
 
 def _readers() -> dict[int, Callable[[TelemetryPacker, Vehicle, TelemetryState], None]]:
-    """Return for each message the method that reads inputs of the vehicle which the message contains."""
+    """Return message id -> method that copies the inputs which this message needs. Messages without such inputs are left out."""
     place = {"servos", "lat", "alt", "heights"}
     found: dict[int, Callable[[TelemetryPacker, Vehicle, TelemetryState], None]] = {}
     for msgid, contents in FREQUENT.items():

@@ -70,8 +70,8 @@ class Lateness:
         """Return how late a frame is [s]; infinite if the time stamp of the frame cannot be right.
 
         stamp_s: exposure, by the server's clock [s]. sent_s: time of sending, by the server's clock [s].
-        now: time of arrival [s]. flying: if true, a young reference is not given up either, because frames
-        from a full queue look like a clock that was set back.
+        now: time of arrival [s]. flying: true if a vehicle flies. The reference is then never replaced because frames are late:
+        frames that waited in a queue look like frames of a clock that was set back.
         """
         if not isfinite(now - stamp_s):
             return inf

@@ -150,7 +150,7 @@ def decode_server_info(data: bytes) -> ServerInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyModel:
-    """Rigid body in a MODELDEF packet. definition: all bytes after its name, which change when it is defined again."""
+    """Rigid body in a MODELDEF packet. definition: all bytes after the body's name; they change if a user defines it again."""
 
     name: str
     definition: bytes
@@ -320,7 +320,7 @@ def _ids(count: int) -> struct.Struct:
 
 
 def _skip_to_stamps(reader: _Reader) -> None:
-    """Skip the sections between rigid bodies and time stamps. Versions below 4.1 do not send their sizes, so they are read."""
+    """Skip the sections between rigid bodies and time stamps. Versions below 4.1 do not send their sizes."""
     for _ in range(reader.count("skeletons")):
         reader.i32()
         reader.skip(_BODY.size * reader.count("bones"))
@@ -352,7 +352,7 @@ class _Reader:
         return self.data[self.at - 2] | self.data[self.at - 1] << 8
 
     def section(self) -> bytes:
-        """Read one section: first its size, then that many bytes, which are returned."""
+        """Read one section: its size, then its content. Return the content."""
         size = self.i32()
         self.skip(size)
         return self.data[self.at - size : self.at]

@@ -56,7 +56,7 @@ _PATTERNS = tuple((re.compile(excluded.names), excluded.why) for excluded in NOT
 
 
 def exclusion_reason(name: str) -> str:
-    """Return why a parameter is left out of comparisons; "" if the parameter is a setting of the user."""
+    """Return why comparisons leave out a parameter, such as "a counter of flights"; "" if they include it: a user's setting."""
     return next((why for pattern, why in _PATTERNS if pattern.fullmatch(name)), "")
 
 

@@ -70,7 +70,7 @@ class SensorSuite:
 class _Group:
     """Group of sensors that are sampled in one call: all sensors of every step, or one sensor that is sampled on request.
 
-    The arrays of a group have the width of the group, which is the number of axes of all its sensors together.
+    The arrays of a group have one column per axis of each sensor. Their number is called `width`.
     """
 
     def __init__(
@@ -148,7 +148,7 @@ class _RandomStreams:
         ]
 
     def draw(self, count: int) -> Array:
-        """Return the next `count` random numbers for each sensor axis (count, V, width)."""
+        """Return the next `count` random numbers for each axis of each sensor of V vehicles (count, V, number of axes)."""
         rows = [
             np.concatenate([rng.standard_normal((count, width)) for rng, width in each], axis=1)
             for each in self._streams
