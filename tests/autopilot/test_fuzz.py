@@ -36,7 +36,7 @@ def noisy():
     return flight
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(st.randoms(use_true_random=False), st.integers(1, 8))
 def test_unpowered_vehicle_stays_at_rest_under_any_message(noisy, rng, count):
     noisy.fuzz = Fuzz(rng)
@@ -46,7 +46,7 @@ def test_unpowered_vehicle_stays_at_rest_under_any_message(noisy, rng, count):
     assert not noisy.armed(0) and not noisy.motors.any()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.randoms(use_true_random=False), st.sampled_from(sorted(KINDS)))
 def test_fuzzed_messages_of_every_kind_are_valid(rng, name):
     assert read(Fuzz(rng).frame(name)).get_type() == name

@@ -268,7 +268,7 @@ def unpowered() -> Flight:
     return Flight(1)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(chunks=st.lists(st.binary(max_size=300), max_size=20))
 def test_random_bytes_change_nothing(unpowered, chunks):
     for chunk in chunks:

@@ -287,7 +287,7 @@ def test_streams_are_requested_again_after_a_reboot():
         max_size=30,
     )
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_random_bytes_from_any_side_never_raise(pieces):
     rig, stream = Rig(simulator=["127.71.0.1", 24079], params={"SYS_HITL": 1}), Stream()
     feed(rig, stream, pieces)

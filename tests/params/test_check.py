@@ -452,7 +452,7 @@ def test_fix_of_a_wrong_value_removes_the_finding(version, change, name, severit
         height_m=st.none() | st.floats(1, 20),
     ),
 )
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_every_finding_of_random_values_has_all_texts(values, version, environment):
     known = parameters(version)
     for f in check(values, version, environment=environment):
@@ -467,7 +467,7 @@ WRONG_VALUES = sorted({(name, value) for w in WRONG for name, value in w[1].item
 
 
 @given(st.sampled_from(versions()), st.sampled_from([LOW, WITH_RC]), st.sampled_from(WRONG_VALUES))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 def test_fix_removes_the_finding_in_every_version(version, environment, wrong):
     """Apply the fix of an error or warning, with one parameter wrong: that finding must be gone."""
     name, value = wrong

@@ -137,7 +137,7 @@ def test_appended_data_is_read_from_its_offset(tmp_path):
         min_size=1,
     )
 )
-@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_ulog_values_equal_those_of_pyulog(tmp_path, values):
     data = ulog(**values)
     theirs = ULog(io.BytesIO(data))
@@ -297,7 +297,7 @@ def test_log_without_all_parameters_is_refused(tmp_path, data):
 
 
 @given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
-@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_random_file_is_read_or_refused(tmp_path, data):
     try:
         assert read(tmp_path, data).values
@@ -309,7 +309,7 @@ def test_random_file_is_read_or_refused(tmp_path, data):
     st.lists(st.tuples(st.integers(16, len(ulog(**VALUES)) - 1), st.integers(0, 255)), max_size=4),
     st.integers(0, 60),
 )
-@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_log_with_wrong_bytes_is_read_or_refused(tmp_path, flips, cut):
     data = bytearray(ulog(**VALUES))
     for place, byte in flips:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -143,7 +143,6 @@ def test_a_reply_in_pieces_counts_once_complete() -> None:
     assert link.in_step and link.counts["answers"] == 1
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=200))
 def test_garbage_never_raises_and_the_next_reply_is_decoded(data: bytes) -> None:
     link = SimulatorLink(4, HIL)

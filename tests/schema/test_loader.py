@@ -111,7 +111,7 @@ def test_dumped_yaml_is_read_back_equal(value: Any) -> None:
     assert got == tupled(value) and type(got) is type(tupled(value))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.recursive(
         st.one_of(st.booleans(), st.integers(), st.text()),

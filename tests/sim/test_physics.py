@@ -42,7 +42,7 @@ def force_of(profile: dict[str, Any], air_b: Any, command: float | None = None, 
     return force[0]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(air=AIR, command=st.floats(0.0, 1.0))
 def test_drag_never_gives_energy(air: Any, command: float) -> None:
     profile = profile_of(drag_kg_s=[0.3, 0.4, 0.2], body_drag_kg_m=[0.01, 0.02, 0.05])

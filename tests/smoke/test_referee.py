@@ -245,7 +245,7 @@ STEPS = """\
 """
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(observations, st.sampled_from(["", "router: not ready"]))
 def test_any_observations_give_a_repeatable_verdict(referee_for, seen, problem: str) -> None:
     def verdict() -> Verdict:

@@ -330,7 +330,7 @@ values = st.recursive(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
 @given(st.dictionaries(st.sampled_from([*ScenarioFile.model_fields, "x"]), values, max_size=6))
 def test_any_mapping_is_loaded_or_refused(folder: Path, data) -> None:
     import json

@@ -42,14 +42,14 @@ def chopped(data: bytes, cuts: list[int]) -> list[bytes]:
 
 
 @given(st.lists(st.integers(0, 10_000), max_size=40), st.binary(max_size=60), st.sampled_from([1, 2]))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_any_split_of_a_stream_gives_the_same_frames(cuts, noise, version):
     data = noise + b"".join(frames_of(6, version)) + noise + b"".join(frames_of(6, version))
     assert fed(chopped(data, cuts)) == fed([data])
 
 
 @given(st.binary(max_size=400).filter(lambda b: b"\xfd" not in b and b"\xfe" not in b))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_frames_after_garbage_are_found_and_garbage_is_counted(noise):
     sent = frames_of(4)
     assert fed([noise + b"".join(sent)]) == (sent, len(noise))
@@ -81,7 +81,7 @@ def test_an_unknown_message_passes_only_between_two_frames():
 
 
 @given(st.lists(st.binary(max_size=300), max_size=20))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_random_bytes_never_raise_and_few_are_kept(pieces):
     stream = Stream()
     for piece in pieces:
