@@ -38,7 +38,6 @@ class AxesCheck:
     """Guided check of one real vehicle: its captured rigid body must be the right one (identity) and must have the axes of
     the vehicle's IMU (axes).
 
-    record: last check that the vehicle has passed; None if there is none
     running: a check is running
     events: messages for the user; the caller takes them and empties the list
     status: state of the last check, for `arena preflight`: `number` (differs for each check), `state` (idle, running,
@@ -47,7 +46,7 @@ class AxesCheck:
 
     def __init__(self, settings: Settings, record: AxesRecord | None = None) -> None:
         self._s, self._required = settings, settings.preflight.axes_check
-        self.record, self._earlier = record, record
+        self._record = record
         self.events: list[str] = []
         self.status: dict[str, Any] = {"number": 0, "state": "idle", "text": "", "lines": []}
         self._check: GuidedCheck | None = None
@@ -62,6 +61,14 @@ class AxesCheck:
     @property
     def running(self) -> bool:
         return self._check is not None
+
+    @property
+    def record(self) -> AxesRecord | None:
+        """Last check that the vehicle has passed; None if there is none, or if it has failed a later check.
+
+        None while a check runs, so that the file contains no record if this process dies in the check.
+        """
+        return None if self.running else self._record
 
     def reasons(self, uid: str) -> list[str]:
         """Return why the vehicle must not be armed because of its axes check; empty if arming is allowed.
@@ -116,8 +123,6 @@ class AxesCheck:
         if refusal:
             self.stop(refusal)
         else:
-            self._earlier = self.record
-            self.record = None  # so that no earlier record remains if this process dies during the check
             self.events.append(f"axes check started by {by}")
             self._show()
 
@@ -239,7 +244,7 @@ class AxesCheck:
             )
             lines = report_lines(self._s.vehicle, verdict, self._s.preflight.tilt_deg, measured)
             assert self._boot is not None and verdict.own is not None and verdict.axes is not None
-            self.record = AxesRecord(
+            self._record = AxesRecord(
                 vehicle=self._s.vehicle,
                 uid=self._uid,
                 body=self._s.body,
@@ -251,8 +256,8 @@ class AxesCheck:
                 correlation=round(verdict.own.correlation, 3),
                 delay_ms=None if verdict.delay_s is None else round(1e3 * verdict.delay_s, 1),
             )
-        elif verdict.own is None:  # the motion was not complete, so the check has no result
-            self.record = self._earlier
+        elif verdict.own is not None:  # the motion was complete, so the check has a result
+            self._record = None
         state = "passed" if verdict.passed else "failed"
         self.status = {**self.status, "state": state, "text": "", "lines": lines}
         self.events.append(f"axes check {state}: {'; '.join(line.strip() for line in lines)}")

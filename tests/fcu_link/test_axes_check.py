@@ -112,6 +112,28 @@ def test_a_check_that_was_not_carried_out_keeps_the_record(record):
     assert rig.core.axes.status["lines"] == ["stopped by eva"] and rig.reasons() == []
 
 
+def test_a_refused_check_does_not_bring_back_the_record_before_a_failed_check(record):
+    rig = CarriedRig(moving(7.0), body=Captured(moves=STANDING), record=record)
+    rig.carry(4.0)
+    rig.start()
+    assert rig.core.axes.record is None, "if this process dies in the check, no record remains"
+    rig.until_checked()
+    refuse_check(rig)
+    assert rig.core.axes.record is None
+
+
+def test_a_refused_check_keeps_the_record_of_a_passed_check():
+    rig, status = checked()
+    assert status["state"] == "passed" and rig.core.axes.record is not None
+    refuse_check(rig)
+    assert rig.core.axes.record is not None and rig.reasons() == []
+
+
+def refuse_check(rig: CarriedRig) -> None:
+    rig.core.axes.start("eva", rig.now, "the vehicle is not connected", UID.hex())
+    assert rig.core.axes.status["lines"] == ["the vehicle is not connected"]
+
+
 def test_latency_and_delay_are_measured_and_a_delay_is_proposed(passed):
     rig, status = passed
     lines = "\n".join(status["lines"])
