@@ -26,9 +26,7 @@ CONNECT_TIMEOUT_S = 5.0
 """Wall time in which the cluster must answer [s]."""
 _REQUEST_TIMEOUT_S = 20  # Ray's own limit is 60 s
 _CHECK_TIMEOUT_S = 120.0  # a computer that has just joined starts its first worker
-_LANDING_TIMEOUT_S = (
-    180.0  # wall time in which interrupted flights land and end, before their workers are killed
-)
+_LANDING_TIMEOUT_S = 180.0  # time for interrupted flights to land, before their workers are killed
 # HTTP/2: the first bytes of a client, with an empty SETTINGS frame. The server answers with a SETTINGS frame.
 _HTTP2_GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))
 _SETTINGS = 4  # byte 3 of the answer: the type of the frame
@@ -143,11 +141,8 @@ def _connected(address: str) -> Any:
 
 
 def _start(address: str) -> str:
-    return (
-        "run `ray start --head` on one computer and `ray start --address=HOST:PORT` on each of the others"
-        if address == "auto"
-        else f"run `ray start --head` on one computer and `ray start --address={address}` on each of the others"
-    )
+    head = "HOST:PORT" if address == "auto" else address
+    return f"run `ray start --head` on one computer and `ray start --address={head}` on each of the others"
 
 
 def check_address(address: str) -> None:

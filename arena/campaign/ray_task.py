@@ -48,11 +48,11 @@ def fly_here(flight: Flight, inputs: Mapping[str, str], flown_by: Fly) -> Delive
 def problems_here(inputs: Mapping[str, str]) -> list[str]:
     """Return the differences between this computer and the computer that started the campaign.
 
-    inputs: path -> SHA-256 of each file, as `digests` returns them.
+    inputs: path -> SHA-256 of each file, as `digest_of` returns it.
     """
     found = []
     for path, expected in inputs.items():
-        if not (digest := digests([path])[path]):
+        if not (digest := digest_of(path)):
             found.append(f"{path} is missing")
         elif digest != expected:
             found.append(f"{path} differs from the file of the campaign")
@@ -67,24 +67,22 @@ def inputs_of(files: Mapping[str, str], folder: Path) -> dict[str, str]:
     files: path relative to `folder` -> SHA-256.
     """
     made = {str((folder / path).resolve()): digest for path, digest in files.items()}
-    return {**made, **digests([PACKAGE])}
+    return {**made, PACKAGE: digest_of(PACKAGE)}
 
 
 PACKAGE = "the installed arena"
 """Key that represents all modules of the package `arena` among the paths of files."""
 
 
-def digests(paths: list[str]) -> dict[str, str]:
-    """Return path -> SHA-256 of the file; "" if the file cannot be read.
+def digest_of(path: str) -> str:
+    """Return the SHA-256 of a file; "" if the file cannot be read.
 
-    paths: paths of files. The key PACKAGE in this list gives one SHA-256 of all modules of the package `arena`.
+    path: path of the file. The key PACKAGE gives one SHA-256 of all modules of the package `arena`.
     """
-    return {path: _package_digest() if path == PACKAGE else _digest(Path(path)) for path in paths}
-
-
-def _digest(path: Path) -> str:
+    if path == PACKAGE:
+        return _package_digest()
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
     except OSError:
         return ""
 

@@ -10,7 +10,6 @@ from arena.plan.firmware import Firmware, Fleet, all_firmware
 from arena.schema import Arena, Vehicle
 from arena.schema.arena import Program
 from arena.schema.loader import dump_yaml
-from arena.schema.models import Tool
 
 
 def arena_yaml(arena: Arena, fleet: Fleet | None = None) -> str:
@@ -20,14 +19,14 @@ def arena_yaml(arena: Arena, fleet: Fleet | None = None) -> str:
         {
             "name": arena.name,
             "address": arena.address,
-            "world": _plain(arena.world.as_dict()),
-            "sim": _plain(arena.sim.as_dict()),
-            "mocap": _plain(_mocap(arena)),
-            "preflight": _plain(arena.preflight.as_dict()),
+            "world": arena.world.as_dict(),
+            "sim": arena.sim.as_dict(),
+            "mocap": _mocap(arena),
+            "preflight": arena.preflight.as_dict(),
             **({"px4": {"home": arena.px4.home}} if arena.px4 else {}),
-            **({"copilot": _plain(arena.copilot.as_dict())} if arena.copilot else {}),
+            **({"copilot": arena.copilot.as_dict()} if arena.copilot else {}),
             **({"geofence": arena.geofence.slice()} if arena.geofence else {}),
-            "tools": {name: _tool(tool) for name, tool in arena.tools.items()},
+            "tools": {name: tool.as_dict(without_none=True) for name, tool in arena.tools.items()},
             "vehicles": {v.name: _vehicle(v, fleet[v.name]) for v in arena.vehicles},
         }
     )
@@ -55,11 +54,11 @@ def _vehicle(v: Vehicle, firmware: Firmware) -> dict[str, Any]:
         "pose_rate_hz": v.pose_rate_hz,
         "program": program,
         "neighbours": v.neighbours,
-        "tools": {name: _tool(tool) for name, tool in v.tools.items()},
+        "tools": {name: tool.as_dict(without_none=True) for name, tool in v.tools.items()},
         "px4_version": v.px4_version or None,
         "params": firmware.values,
     }
-    return {key: _plain(value) for key, value in made.items() if value is not None}
+    return {key: value for key, value in made.items() if value is not None}
 
 
 def _program(program: Program) -> dict[str, Any]:
@@ -80,14 +79,3 @@ def _wire(v: Vehicle) -> dict[str, Any]:
     baud = {"baud": v.wire.baud} if v.wire.kind == "serial" else {}
     uid = {"uid": v.uid} if v.uid else {}
     return {**uid, **({"serial": v.wire.device} if v.autopilot == "hitl" else {"url": v.wire.url}), **baud}
-
-
-def _tool(tool: Tool) -> dict[str, Any]:
-    return {key: _plain(value) for key, value in tool.as_dict(without_none=True).items()}
-
-
-def _plain(value: Any) -> Any:
-    """Return a value with its tuples as lists, at every depth."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, (tuple, list)) else value

@@ -95,7 +95,7 @@ def parse_scalar(text: str) -> Any:
 
 
 def dump_yaml(data: Any) -> str:
-    """Return plain values as YAML text. `parse_yaml` reads the same values back, except that lists become tuples."""
+    """Return plain values as YAML text. `parse_yaml` reads the same values back, with tuples in place of lists."""
     return yaml.dump(
         data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
     )

@@ -280,8 +280,7 @@ class Supervisor:
         specs = self._processes.specs
         if name not in specs:
             raise ValueError(no_such_process(name, self.plan))
-        if self.phase is not Phase.RUN:
-            raise ValueError(f"{name} is not restarted: the arena is {self.phase}, so it starts no processes")
+        self._require_run(f"{name} is not restarted: the arena is {self.phase}, so it starts no processes")
         if not in_flight and (refusal := run_end.restart_refusal(specs[name], self._shutdown.flying())):
             raise ValueError(refusal)
         self._processes.request_restart(name)
