@@ -117,10 +117,7 @@ def versions() -> tuple[Version, ...]:
 
 def parameters(version: Version | str) -> Mapping[str, Parameter]:
     """Return parameter name -> parameter of a version. Raises InputError for a version that is not in the table."""
-    version = Version.of(version)
-    if version.table not in provenance():
-        raise InputError(f"PX4 {version} is not in the table of parameters. {_known()}")
-    return _parameters(version.table)
+    return _parameters(_table(version))
 
 
 @cache
@@ -130,10 +127,7 @@ def parameter(name: str, version: Version | str) -> Parameter:
 
     Raises InputError for a version that is not in the table, KeyError for a parameter that the version does not have.
     """
-    version = Version.of(version)
-    if version.table not in provenance():
-        raise InputError(f"PX4 {version} is not in the table of parameters. {_known()}")
-    at = list(provenance()).index(version.table)
+    at = list(provenance()).index(_table(version))
     rows = [line for line in _parts()[1] if line.startswith(f"{name},")]
     for row, since, until in _spans_of(rows):
         if since <= at <= until:
@@ -143,9 +137,15 @@ def parameter(name: str, version: Version | str) -> Parameter:
 
 def defaults(version: Version | str) -> Mapping[str, float]:
     """Return parameter name -> default value of a version. Raises InputError for a version that is not in the table."""
+    return _defaults(_table(version))
+
+
+def _table(version: Version | str) -> str:
+    """Return the name of a version in the table, such as "1.16". Raises InputError for a version that is not in the table."""
     version = Version.of(version)
-    parameters(version)
-    return _defaults(version.table)
+    if version.table not in provenance():
+        raise InputError(f"PX4 {version} is not in the table of parameters. {_known()}")
+    return version.table
 
 
 @cache
