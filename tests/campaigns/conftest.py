@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from arena.campaign.design import Flight
 from arena.campaign.store import Record
 from arena.campaign.sweep import Sweep, load_sweep
 
@@ -46,3 +47,9 @@ def record(id_: str, number: int = 1, *, passed: bool = True, **more: object) ->
     """Return the record of a flight."""
     given = {"seed": 1, "settings": {}, "reasons": () if passed else ("it fell",), **more}
     return Record(id=id_, number=number, passed=passed, **given)  # type: ignore[arg-type]
+
+
+def record_of(flight: Flight, **more: object) -> Record:
+    """Return the record of this flight."""
+    given = {"seed": flight.seed, "settings": dict(flight.settings), **more}
+    return record(flight.id, flight.number, **given)  # type: ignore[arg-type]

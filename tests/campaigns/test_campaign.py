@@ -19,6 +19,8 @@ from arena.campaign.store import Record, Store
 from arena.campaign.sweep import load_sweep
 from arena.cli import main
 
+from .conftest import record_of
+
 SWEEP = "name: two\narena: arena.yaml\nseeds: 2\nvary: {defaults.mass_kg: [1.0, 1.2]}\n"
 Write = Callable[[str], Path]
 
@@ -29,15 +31,7 @@ def flown(flight: Flight, folder: Path, *, passed: bool = True) -> Record:
         begun.write(f"{flight.number}\n")
     known = {"tracking_rms_m": 0.1 * flight.number, "crashes": 0.0}
     measures = dict.fromkeys((m.name for m in MEASURES), None) | known
-    return Record(
-        id=flight.id,
-        number=flight.number,
-        seed=flight.seed,
-        settings=dict(flight.settings),
-        passed=passed,
-        reasons=() if passed else ("it fell",),
-        measures=measures,
-    )
+    return record_of(flight, passed=passed, measures=measures)
 
 
 def begun(folder: Path) -> list[int]:

@@ -22,6 +22,8 @@ from arena.cli import main
 from arena.errors import InputError, NotInstalledError, RunError
 from arena.schema import load_arena
 
+from .conftest import record_of
+
 Load = Callable[[str], Sweep]
 PATIENCE_S = 120.0
 
@@ -42,17 +44,6 @@ def address() -> Iterator[str]:
     cluster.shutdown()
 
 
-def made(flight: Flight, run: str = "") -> Record:
-    return Record(
-        id=flight.id,
-        number=flight.number,
-        seed=flight.seed,
-        settings=dict(flight.settings),
-        passed=True,
-        run=run,
-    )
-
-
 def fly_in_a_node(flight: Flight, folder: Path, *, begun: Path) -> Record:
     """Write a file as a flight does, and return a record with the id of the Ray node. Flight 3 kills its worker once."""
     import ray
@@ -65,7 +56,7 @@ def fly_in_a_node(flight: Flight, folder: Path, *, begun: Path) -> Record:
     own.mkdir(parents=True)
     (own / "uav1.csv").write_text(f"flight {flight.number}\n" * 1000)
     time.sleep(0.5)
-    return made(flight, run=ray.get_runtime_context().get_node_id())
+    return record_of(flight, run=ray.get_runtime_context().get_node_id())
 
 
 def test_flights_on_two_nodes_return_their_files(sweep_of: Load, tmp_path: Path, address: str) -> None:
@@ -91,7 +82,7 @@ def test_flights_on_two_nodes_return_their_files(sweep_of: Load, tmp_path: Path,
 def fly_until_interrupted(flight: Flight, folder: Path, *, notes: Path) -> Record:
     """Return a record at once for flight 1. All others fly until they are interrupted, and note their end."""
     if flight.number == 1:
-        return made(flight)
+        return record_of(flight)
     (notes / f"began-{flight.number}").touch()
     try:
         for _ in range(int(PATIENCE_S / 0.05)):
@@ -99,7 +90,7 @@ def fly_until_interrupted(flight: Flight, folder: Path, *, notes: Path) -> Recor
     except KeyboardInterrupt:
         (notes / f"ended-{flight.number}").touch()
         raise
-    return made(flight)
+    return record_of(flight)
 
 
 def test_interruption_lands_the_flights_in_the_air(sweep_of: Load, tmp_path: Path, address: str) -> None:
@@ -162,7 +153,12 @@ def test_other_files_on_a_computer_are_refused(sweep_of: Load, tmp_path: Path, a
     inputs = {str(tmp_path / "arena.yaml"): "0" * 64, str(tmp_path / "none.py"): "0" * 64}
     with pytest.raises(InputError) as error:
         ray_cluster.fly_all(
-            found, tmp_path, address=address, inputs=inputs, on_record=lambda _: None, flown_by=made
+            found,
+            tmp_path,
+            address=address,
+            inputs=inputs,
+            on_record=lambda _: None,
+            flown_by=partial(fly_in_a_node, begun=tmp_path / "begun"),
         )
     lines = str(error.value).splitlines()
     assert len(lines) == 3 and all("127.0.0.1" in line for line in lines[:2]), "both nodes are one computer"
