@@ -1,4 +1,4 @@
-"""The process `logger.<vehicle>`, which writes the log of one vehicle: `python -m arena.recorder slice.json`."""
+"""The process `recorder`, which records an arena in flight.mcap: `python -m arena.recorder slice.json`."""
 
 from __future__ import annotations
 
@@ -7,27 +7,25 @@ from collections.abc import Callable
 
 from arena.errors import RunError
 from arena.process_context import ProcessContext, run_process
-from arena.recorder.logger import Logger
+from arena.recorder.shell import RecorderShell
 
 
 def main() -> int:
-    return run_process("logger", _make)
+    return run_process("recorder", _make)
 
 
-def _make(room: ProcessContext) -> Callable[[], None]:
+def _make(process: ProcessContext) -> Callable[[], None]:
     try:
-        logger = Logger(room)
-    except OSError as error:  # the log file cannot be created
+        shell = RecorderShell(process)
+    except OSError as error:  # the file cannot be created
         raise RunError(str(error)) from error
 
     def serve() -> None:
-        room.ready()
+        process.ready()
         try:
-            logger.run()
-        except OSError as error:
-            raise RunError(str(error)) from error
+            shell.run()
         finally:
-            logger.close()
+            shell.close()
 
     return serve
 

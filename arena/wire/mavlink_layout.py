@@ -55,6 +55,31 @@ def payload_bytes(msgid: int) -> int:
     return size
 
 
+_NOT_IN_DIALECT = {
+    8: "LINK_NODE_STATUS",
+    290: "ESC_INFO",
+    291: "ESC_STATUS",
+    300: "PROTOCOL_VERSION",
+    380: "TIME_ESTIMATE_TO_TARGET",
+    395: "COMPONENT_INFORMATION",
+    397: "COMPONENT_METADATA",
+    410: "EVENT",
+    411: "CURRENT_EVENT_SEQUENCE",
+    412: "REQUEST_EVENT",
+    413: "RESPONSE_EVENT_ERROR",
+    435: "AVAILABLE_MODES",
+    436: "CURRENT_MODE",
+    437: "AVAILABLE_MODES_MONITOR",
+}
+"""Messages that PX4 v1.16 sends or receives, and that pymavlink's dialect does not contain: id -> name."""
+
+
+def message_name(msgid: int) -> str:
+    """Return the name of a message, such as HEARTBEAT; "message N" if it is unknown."""
+    found = mavlink.mavlink_map.get(msgid)
+    return str(found.msgname) if found else _NOT_IN_DIALECT.get(msgid, f"message {msgid}")
+
+
 @cache
 def decoder(msgid: int) -> Callable[[Buffer, Frame], Any]:
     """Return a function that decodes a frame of this message as a named tuple, with pymavlink's names of the fields.

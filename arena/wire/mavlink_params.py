@@ -98,6 +98,23 @@ def request_read(system: int, what: str | int) -> Message:
     return REQUEST_READ, _READ.pack(-1, system, AUTOPILOT, what.encode())
 
 
+def parse_requested(data: Buffer, frame: Frame) -> tuple[int, str]:
+    """Decode PARAM_REQUEST_READ. Return (index in the list or -1, name)."""
+    index, _, _, name = _READ.unpack(_payload(data, frame, _READ.size))
+    return index, _text(name)
+
+
+def parse_set_name(data: Buffer, frame: Frame) -> str:
+    """Return the name of the parameter that PARAM_SET changes."""
+    return _text(_SET.unpack(_payload(data, frame, _SET.size))[3])
+
+
+def value_message(value: Value) -> Message:
+    """Return PARAM_VALUE, the reply of an autopilot."""
+    raw, name = _to_bytes(value.value, value.kind), value.name.encode()
+    return VALUE, _VALUE.pack(raw, value.total, value.place, name, value.kind)
+
+
 def set_value(system: int, name: str, value: float, kind: int) -> Message:
     """Return PARAM_SET, the request to change one parameter. value: as returned by `fitted`. kind: MAV_PARAM_TYPE."""
     return SET, _SET.pack(_to_bytes(value, kind), system, AUTOPILOT, name.encode(), kind)

@@ -3,8 +3,8 @@
 CRC_EXTRA: message id -> seed byte, the last byte that the frame's CRC includes.
 TARGETS: message id -> (payload offset of target_system, of target_component or -1), in wire order.
 
-The tables are those of the `common` dialect. `python -m arena.wire.mavlink_targets` prints them from
-pymavlink, and a test compares them.
+The tables are those of the `common` dialect, and PX4's messages that this dialect lacks. `python -m arena.wire.mavlink_targets`
+prints the dialect's from pymavlink, and a test compares them.
 """
 
 from __future__ import annotations
@@ -294,6 +294,23 @@ TARGETS: dict[int, tuple[int, int]] = {
     12915: (0, 1),
     12919: (16, 17),
 }
+
+# Messages of PX4 v1.16 that the dialect does not contain. `px4_messages` and `px4_mode` encode them.
+CRC_EXTRA |= {
+    290: 251,
+    291: 10,
+    300: 217,
+    395: 0,
+    397: 182,
+    410: 160,
+    411: 106,
+    412: 33,
+    413: 77,
+    435: 134,
+    436: 193,
+    437: 30,
+}
+TARGETS |= {412: (4, 5), 413: (4, 5)}
 
 _MANUAL_CONTROL = 69  # its target system is called `target`
 

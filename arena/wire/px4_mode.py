@@ -14,7 +14,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from arena.wire.mavlink_frame import MavlinkSender, pack_frame
+from arena.wire.mavlink_frame import SEEDS, MavlinkSender, pack_frame
 
 MAIN = {
     1: "MANUAL",
@@ -42,12 +42,11 @@ AUTO = {
 """PX4 sub modes of AUTO."""
 MANUAL_MODES = frozenset({"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "RATTITUDE"})
 """Names of the modes in which a person steers with sticks."""
+_ORBIT = (3, 1)  # PX4 flies a circle by itself: no manual mode, though its main mode is POSCTL
 AUTO_LAND = (4, 6)
 """Main and sub mode of AUTO.LAND."""
 
 AVAILABLE_MODES, CURRENT_MODE = 435, 436
-SEEDS = {AVAILABLE_MODES: bytes([134]), CURRENT_MODE: bytes([193])}
-"""Message id -> CRC_EXTRA."""
 ADVANCED, NOT_SELECTABLE = 1, 2
 """MAV_MODE_PROPERTY: bits of `properties`."""
 _CURRENT, _AVAILABLE = struct.Struct("<IIB"), struct.Struct("<IIBBB35s")
@@ -64,6 +63,8 @@ def mode_words(custom_mode: int) -> str:
     9".
     """
     main, sub = split_mode(custom_mode)
+    if (main, sub) == _ORBIT:
+        return "ORBIT"
     if main == 4:
         return f"AUTO.{AUTO.get(sub, sub)}"
     return MAIN.get(main, f"mode {main}")
@@ -73,6 +74,8 @@ def mode_numbers(words: str) -> tuple[int, int]:
     """Return (main mode, sub mode) of a name as returned by `mode_words`. Raises KeyError for an unknown
     name.
     """
+    if words == "ORBIT":
+        return _ORBIT
     main, _, sub = words.partition(".")
     return {v: k for k, v in MAIN.items()}[main], {v: k for k, v in AUTO.items()}[sub] if sub else 0
 

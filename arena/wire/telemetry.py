@@ -14,6 +14,7 @@ from collections.abc import Callable, Collection
 from typing import Any, Generic, Self, TypeVar, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_frame import AUTOPILOT, Frame, parse_frames, uint_at
@@ -22,6 +23,7 @@ from arena.wire.px4_mode import mode_words
 from arena.wire.telemetry_values import (
     Ack,
     Actuators,
+    Array,
     Attitude,
     AttitudeReference,
     Baro,
@@ -36,10 +38,11 @@ from arena.wire.telemetry_values import (
     Text,
 )
 
-_GAUSS_T = 1e-4
+GAUSS_T = 1e-4
 _HPA_PA = 100.0
-_HIGHRES_MAG = 0x01C0
-_HIGHRES_BARO = 0x1A00
+_HIGHEST_HPA = 2000.0
+HIGHRES_MAG, HIGHRES_BARO = 0x01C0, 0x1A00
+"""Bits of `fields_updated` in HIGHRES_IMU."""
 
 
 _Handler = Callable[["Telemetry", Any, float], None]
@@ -60,6 +63,12 @@ _SLOTS = {
 } | {mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: _SERVOS}
 """Messages that are decoded only when a program reads their value: message id -> slot, in which a newer frame replaces an older
 one. Not every HIGHRES_IMU has new values of magnetometer and barometer: the newest frame of each combination is kept."""
+
+
+def pressures_pa(abs_pressure: ArrayLike) -> Array:
+    """Return the field `abs_pressure` of HIGHRES_IMU in pascal. MAVLink defines hPa, but PX4 (checked: v1.16) sends Pa."""
+    given = np.asarray(abs_pressure, float)
+    return np.where(given > _HIGHEST_HPA, given, given * _HPA_PA)
 
 
 class _Newest(Generic[T]):
@@ -150,7 +159,7 @@ class Telemetry:
                 continue
             key = 0
             if slot == _HIGHRES:
-                key = uint_at(datagram, frame, _FIELDS_UPDATED, 2) & (_HIGHRES_MAG | _HIGHRES_BARO)
+                key = uint_at(datagram, frame, _FIELDS_UPDATED, 2) & (HIGHRES_MAG | HIGHRES_BARO)
             with self._lock:
                 waiting = self.waiting.setdefault(slot, {})
                 waiting.pop(key, None)  # so that the frames stay in the order of arrival
@@ -223,12 +232,12 @@ class Telemetry:
             acc_body=np.array((m.xacc, m.yacc, m.zacc)),
             ang_vel=np.array((m.xgyro, m.ygyro, m.zgyro)),
         )
-        if m.fields_updated & _HIGHRES_MAG or self.mag is None:
-            self.mag = Mag(received_at=now, mag=np.array((m.xmag, m.ymag, m.zmag)) * _GAUSS_T)
-        if m.fields_updated & _HIGHRES_BARO or self.baro is None:
+        if m.fields_updated & HIGHRES_MAG or self.mag is None:
+            self.mag = Mag(received_at=now, mag=np.array((m.xmag, m.ymag, m.zmag)) * GAUSS_T)
+        if m.fields_updated & HIGHRES_BARO or self.baro is None:
             self.baro = Baro(
                 received_at=now,
-                pressure=m.abs_pressure * _HPA_PA,
+                pressure=float(pressures_pa(m.abs_pressure)),
                 temperature=m.temperature,
                 alt=m.pressure_alt,
             )

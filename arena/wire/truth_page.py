@@ -1,7 +1,7 @@
 """The truth page: the true state of the simulated vehicles, in shared memory.
 
 The page is a ring of samples, so that a reader can interpolate between two samples. The world writes it; any
-number of processes read it (motion capture emulator, logger, referee). Layout, native doubles:
+number of processes read it (motion capture emulator, recorder, referee). Layout, native doubles:
 
     [0] samples written so far   [1] vehicles V   [2] ring length K   [3] unused
     K rows of: time [s], then per vehicle 24 numbers:
@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 from arena.constants import MAX_MOCAP_LATENCY_MS, MAX_ROTORS
 from arena.errors import RunError, WireError
-from arena.geometry import quat_slerp
+from arena.kernels.arrays import view
+from arena.kernels.truth_interpolation import interpolate
 
 Array = NDArray[np.float64]
 
@@ -33,7 +34,6 @@ _HEAD = 4
 _PER_VEHICLE = 16 + MAX_ROTORS
 SPAN_S = 1e-3 * MAX_MOCAP_LATENCY_MS + 0.5
 """Time that a page reaches back [s]. The cameras read a sample one latency after its exposure, and may be late."""
-_NEARLY_ONE = 0.9999
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +134,7 @@ class TruthReader:
         """Return the state at `time_s` [s], interpolated between the samples before and after; None if one of
         them is not in the page.
 
-        A second call with the same time returns the same object: the loggers of all vehicles sample at the same time.
+        A second call with the same time returns the same object: the recorder samples all vehicles at the same time.
         """
         if self._last[0] == time_s:
             return self._last[1]
@@ -164,13 +164,6 @@ class TruthReader:
 
 
 def _between(before: Array, after: Array, time_s: float) -> Truth:
-    fraction = (time_s - before[0]) / (after[0] - before[0])
-    mixed = Truth.from_row(before + fraction * (after - before))
-    a, b = before[1:].reshape(-1, _PER_VEHICLE)[:, 3:7], after[1:].reshape(-1, _PER_VEHICLE)[:, 3:7]
-    if (
-        np.add.reduce(a * b, 1) > _NEARLY_ONE
-    ).all():  # rotated by less than 1.6 degrees: linear interpolation is exact to 1e-7 rad
-        mixed.q_nb[:] /= np.sqrt(np.add.reduce(mixed.q_nb * mixed.q_nb, 1))[:, None]
-    else:
-        mixed.q_nb[:] = quat_slerp(a, b, np.full(len(a), fraction))
-    return mixed
+    mixed = np.empty_like(before)
+    interpolate(view(before), view(after), time_s, _PER_VEHICLE, view(mixed))
+    return Truth.from_row(mixed)

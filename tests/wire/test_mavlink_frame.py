@@ -195,7 +195,7 @@ def test_random_bytes_rarely_pass_as_a_frame():
         (4 << 16 | 6 << 24, "AUTO.LAND"),
         (4 << 16 | 3 << 24, "AUTO.LOITER"),
         (3 << 16, "POSCTL"),
-        (3 << 16 | 1 << 24, "POSCTL"),
+        (3 << 16 | 1 << 24, "ORBIT"),
         (4 << 16 | 77 << 24, "AUTO.77"),
         (0, "mode 0"),
     ],

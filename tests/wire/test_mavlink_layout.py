@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_frame import SEEDS, pack_frame, parse_frames
-from arena.wire.mavlink_layout import decoder, layout, payload_bytes
+from arena.wire.mavlink_layout import decoder, layout, message_name, payload_bytes
 
 
 @pytest.mark.parametrize("message", mavlink.mavlink_map.values(), ids=lambda m: m.msgname)
@@ -64,3 +64,11 @@ def _comparable(value):
         if isinstance(value, (list, tuple))
         else repr(value)
     )
+
+
+def test_messages_have_names_also_if_the_dialect_lacks_them():
+    assert [message_name(number) for number in (0, 436, 60000)] == [
+        "HEARTBEAT",
+        "CURRENT_MODE",
+        "message 60000",
+    ]

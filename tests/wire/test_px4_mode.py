@@ -37,3 +37,10 @@ def test_sequence_numbers_are_shared_with_pymavlinks_messages():
 def test_the_common_dialect_still_lacks_the_messages():
     """When it does not any more, this module has done its work."""
     assert not {px4_mode.AVAILABLE_MODES, px4_mode.CURRENT_MODE} & set(common.mavlink_map)
+
+
+def test_orbit_is_a_mode_of_its_own_and_not_a_manual_mode():
+    assert px4_mode.mode_words(3 << 16 | 1 << 24) == "ORBIT"
+    assert px4_mode.mode_words(3 << 16) == px4_mode.mode_words(3 << 16 | 2 << 24) == "POSCTL"
+    assert px4_mode.mode_numbers("ORBIT") == (3, 1)
+    assert "ORBIT" not in px4_mode.MANUAL_MODES

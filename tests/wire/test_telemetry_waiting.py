@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_codec import Codec
-from arena.wire.telemetry import Telemetry
+from arena.wire.telemetry import Telemetry, pressures_pa
 
 
 def position(codec: Codec, north: float) -> bytes:
@@ -48,3 +48,7 @@ def test_copy_of_telemetry_does_not_change_any_more() -> None:
     telemetry.on_datagram(position(codec, 2.0), 2.0)
     assert kept.local is not None and kept.local.pos[0] == 1.0
     assert telemetry.local is not None and telemetry.local.pos[0] == 2.0
+
+
+def test_pressure_is_pascal_also_from_px4_that_sends_pascal():
+    assert pressures_pa([1013.25, 101325.0]) == pytest.approx([101325.0, 101325.0])

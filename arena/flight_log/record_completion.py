@@ -1,0 +1,132 @@
+"""Completion of a record whose recorder was killed or restarted: one file with an index, which every MCAP reader opens."""
+
+from __future__ import annotations
+
+import fcntl
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from arena.errors import InputError
+from arena.flight_log.recording import MCAP_MAGIC, later_parts, record_files
+from arena.wire.flight_record import TAIL_METADATA, tail_path
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, McapRecord, Schema
+    from mcap.writer import Writer
+
+
+def is_complete(path: Path) -> bool:
+    """Return whether a record is one file with an end. False if its recorder was killed or restarted. Raises InputError."""
+    try:
+        with path.open("rb") as file:
+            if file.seek(0, 2) < 2 * len(MCAP_MAGIC):
+                return False
+            file.seek(-len(MCAP_MAGIC), 2)
+            return file.read() == MCAP_MAGIC and not later_parts(path)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from error
+
+
+def complete_record(path: Path) -> bool:
+    """Join all parts of a record in one file with an index, if it is not complete. Return whether the file has changed.
+
+    A record that a recorder still writes is not changed. A message that was not written completely is lost.
+    Raises InputError if a file cannot be read, OSError if it cannot be written.
+    """
+    parts = later_parts(path)
+    if is_complete(path) or any(map(_is_being_written, (path, *parts))):
+        return False
+    new = path.with_name(f".{path.name}.new")
+    try:
+        _write(new, record_files(path))
+        new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)
+    for file in (*parts, *map(tail_path, (path, *parts))):
+        file.unlink(missing_ok=True)
+    return True
+
+
+def _is_being_written(part: Path) -> bool:
+    """Return whether a recorder has locked the file, because it writes to it."""
+    with part.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # the file system has no locks
+            return False
+    return False
+
+
+def _write(new: Path, files: tuple[Path, ...]) -> None:
+    from mcap.writer import Writer
+
+    with new.open("wb") as made:
+        writer = Writer(made)
+        writer.start(library="arena")
+        copier = _Copier(writer)
+        for file in files:
+            copier.copy(file)
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+class _Copier:
+    """Copies the channels, messages and metadata of several files to one file. A topic becomes one channel."""
+
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
+        self._channel_of_topic: dict[str, int] = {}
+        self._names: set[str] = {TAIL_METADATA}
+
+    def copy(self, part: Path) -> None:
+        from mcap.records import Channel, Message, Metadata, Schema
+
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, int] = {}
+        for record in _records(part):
+            if isinstance(record, Message):
+                number = channels[record.channel_id]
+                self._writer.add_message(
+                    number, record.log_time, record.data, record.publish_time, record.sequence
+                )
+            elif isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = self._channel(record, schemas.get(record.schema_id))
+            elif isinstance(record, Metadata) and record.name not in self._names:  # each part repeats it
+                self._names.add(record.name)
+                self._writer.add_metadata(record.name, record.metadata)
+
+    def _channel(self, channel: Channel, schema: Schema | None) -> int:
+        """Return the number of a channel in the new file. Register the channel if its topic is new."""
+        if channel.topic not in self._channel_of_topic:
+            writer = self._writer
+            number = (
+                0 if schema is None else writer.register_schema(schema.name, schema.encoding, schema.data)
+            )
+            self._channel_of_topic[channel.topic] = writer.register_channel(
+                channel.topic, channel.message_encoding, number, channel.metadata
+            )
+        return self._channel_of_topic[channel.topic]
+
+
+def _records(path: Path) -> Iterator[McapRecord]:
+    """Yield the records of a file up to the end, or up to the first incomplete or damaged one."""
+    from mcap.exceptions import McapError
+    from mcap.records import DataEnd
+    from mcap.stream_reader import StreamReader
+    from zstandard import ZstdError
+
+    try:
+        with path.open("rb") as file:
+            for record in StreamReader(file, record_size_limit=1 << 30).records:
+                if isinstance(record, DataEnd):
+                    return
+                yield record
+    except (McapError, ZstdError, RuntimeError, ValueError, struct.error):
+        return
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from error

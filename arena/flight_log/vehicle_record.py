@@ -1,0 +1,81 @@
+"""Recorded data of one vehicle: MAVLink messages of its autopilot and its program, poses and true states."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.flight_log.mavlink_messages import MessageSeries
+from arena.flight_log.recording import RecordedVehicle
+from arena.geometry import Array
+from arena.wire.flight_record import TRUE_STATE_BYTES
+from arena.wire.mavlink_frame import AUTOPILOT
+
+OF_AUTOPILOT = (
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW,
+    mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET,
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+    mavlink.MAVLINK_MSG_ID_WIND_COV,
+)
+"""Messages of an autopilot that a log is made of."""
+OF_PROGRAM = (mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED,)
+"""Messages of a user program that a log is made of: the references that it publishes."""
+_TRUE_STATE_NUMBERS = 13
+
+
+class VehicleRecord:
+    """Recorded data of one vehicle, in the order of recording. Times are on the run's clock [s]."""
+
+    def __init__(self, vehicle: RecordedVehicle) -> None:
+        self.vehicle = vehicle
+        self.down = MessageSeries(vehicle.id, AUTOPILOT, OF_AUTOPILOT)
+        self.program = MessageSeries(vehicle.id, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, OF_PROGRAM)
+        self._poses, self._truth, self._truth_s = array("d"), bytearray(), array("d")
+        self._end = -np.inf
+
+    def add_down(self, time_s: float, data: bytes) -> None:
+        """Add a datagram from the vehicle."""
+        self.down.add(time_s, data)
+        self._end = time_s
+
+    def add_up(self, time_s: float, data: bytes) -> None:
+        """Add a datagram to the vehicle, or a reference that its program publishes."""
+        self.program.add(time_s, data)
+
+    def add_pose(self, time_s: float, exposed_s: float, pose: tuple[float, ...]) -> None:
+        """Add a pose. exposed_s: time of exposure, by the clock of the motion capture.  pose: q_nb and p_n (7,)."""
+        self._poses.extend((time_s, exposed_s, *pose))
+        self._end = time_s
+
+    def add_truth(self, time_s: float, data: bytes) -> None:
+        """Add a message with a true state."""
+        if len(data) == TRUE_STATE_BYTES:
+            self._truth_s.append(time_s)
+            self._truth += data[4:]
+            self._end = time_s
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last message, pose or true state [s]."""
+        return self._end
+
+    @property
+    def poses(self) -> Array:
+        """Time of reception and of exposure [s], q_nb [-] wxyz, p_n [m] [NED] of each pose (m, 9)."""
+        return np.array(self._poses, np.float64).reshape(-1, 9)
+
+    @property
+    def truth(self) -> tuple[Array, Array]:
+        """Time [s] (m,) of each true state, and p_n, v_n, q_nb, omega_b (m, 13)."""
+        rows = np.frombuffer(bytes(self._truth), "<f8").reshape(-1, _TRUE_STATE_NUMBERS)
+        return np.array(self._truth_s, np.float64), rows.astype(np.float64)

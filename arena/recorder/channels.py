@@ -1,0 +1,128 @@
+"""Channels of the record: where received data are logged. The raw channels are the record from which a flight is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from arena.mocap.client import CapturedFrame
+from arena.wire.flight_record import (
+    CAPTURED_FRAME,
+    CDR_ENCODING,
+    DATAGRAM,
+    EVENT,
+    EVENTS_TOPIC,
+    FRAMES_TOPIC,
+    JSON_ENCODING,
+    MAVLINK_ENCODING,
+    TRUE_STATE,
+    MessageSchema,
+    down_topic,
+    pack_frame,
+    pack_true_state,
+    truth_topic,
+    up_topic,
+)
+from arena.wire.truth_page import Truth
+
+if TYPE_CHECKING:
+    from foxglove import Channel, Context
+
+
+class RecordChannels(Protocol):
+    """Interface of a set of channels. The recorder calls the methods for all data that it receives, in the order of reception.
+
+    The methods run in the recorder's loop, in the fused arena in the step of the world: they must not block.
+    time_s, in every method: time of reception by the run's clock [s]; the log time of the message.
+    """
+
+    def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
+        """Log a MAVLink datagram from a vehicle, or to it (`up`). It contains one or more complete MAVLink frames.
+
+        References that the vehicle's program publishes are `up`, too.
+        """
+
+    def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
+        """Log a frame of motion capture. simulated: it is from the motion capture emulator."""
+
+    def on_truth(self, truth: Truth, time_s: float) -> None:
+        """Log the true state of all simulated vehicles, `log.rate_hz` times a second of simulation time.
+
+        truth: row i is the vehicle with `index` i in the recorder's configuration (slice).
+        """
+
+    def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
+        """Log a line of events.jsonl. line: the JSON object as bytes, without the line end. fields: its content."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """Vehicle whose data are recorded. index: its row in the truth page, None for a real vehicle."""
+
+    name: str
+    id: int
+    body: str | None
+    index: int | None
+
+
+class RawChannels:
+    """Channels with all received data as they were: `arena.flight_log.recording` reads them.
+
+    vehicles: vehicles of the arena.  context: foxglove's context, to which files and WebSocket servers are connected.
+    """
+
+    def __init__(self, vehicles: Sequence[Recorded], context: Context) -> None:
+        self._context = context  # foxglove closes the channels of a context that Python deletes
+        names = [v.name for v in vehicles]
+        self._down = {name: _channel(context, down_topic(name), MAVLINK_ENCODING, DATAGRAM) for name in names}
+        self._up = {name: _channel(context, up_topic(name), MAVLINK_ENCODING, DATAGRAM) for name in names}
+        self._truth = [
+            (v.index, _channel(context, truth_topic(v.name), CDR_ENCODING, TRUE_STATE))
+            for v in vehicles
+            if v.index is not None
+        ]
+        self._frames = _channel(context, FRAMES_TOPIC, CDR_ENCODING, CAPTURED_FRAME)
+        self._events = _channel(context, EVENTS_TOPIC, JSON_ENCODING, EVENT)
+
+    def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
+        (self._up if up else self._down)[vehicle].log(data, log_time=nanoseconds(time_s))
+
+    def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
+        sent_s = float("nan") if frame.sent_s is None else frame.sent_s
+        data = pack_frame(frame.number, frame.time_s, sent_s, simulated, _bodies(frame))
+        self._frames.log(data, log_time=nanoseconds(time_s))
+
+    def on_truth(self, truth: Truth, time_s: float) -> None:
+        log_time = nanoseconds(time_s)
+        for index, channel in self._truth:
+            data = pack_true_state(
+                truth.p_n[index].tolist(),
+                truth.v_n[index].tolist(),
+                truth.q_nb[index].tolist(),
+                truth.omega_b[index].tolist(),
+            )
+            channel.log(data, log_time=log_time)
+
+    def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
+        self._events.log(line, log_time=nanoseconds(time_s))
+
+
+def nanoseconds(time_s: float) -> int:
+    """Return a time [s] as a log time [ns], which MCAP stores as an unsigned number."""
+    return max(0, round(1e9 * time_s))
+
+
+def _bodies(frame: CapturedFrame) -> list[tuple[str, tuple[float, ...] | None]]:
+    found: Iterable[tuple[str, tuple[float, ...] | None]] = (
+        *((pose.body, (*pose.p_n, *pose.q_nb)) for pose in frame.poses),
+        *((name, None) for name in frame.untracked),
+    )
+    return sorted(found, key=lambda body: body[0])
+
+
+def _channel(context: Context, topic: str, encoding: str, schema: MessageSchema) -> Channel:
+    from foxglove import Channel, Schema
+
+    described = Schema(name=schema.name, encoding=schema.encoding, data=schema.text.encode())
+    return Channel(topic, message_encoding=encoding, schema=described, context=context)

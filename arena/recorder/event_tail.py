@@ -1,0 +1,56 @@
+"""Reader of the lines that are appended to events.jsonl. A thread reads the file, because the disk may not respond."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+
+from arena.background_writer import BackgroundWriter
+
+MAX_BYTES = 1 << 20
+"""Largest number of bytes that are read at a time."""
+
+
+class EventTail:
+    """Reads the complete lines of a file that another process writes. path: the file; it may be created later."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._thread = BackgroundWriter("events", 1)
+        self._lines: deque[bytes] = deque()
+        self._offset = 0
+
+    @property
+    def busy(self) -> bool:
+        """True while a read is in progress."""
+        return self._thread.busy
+
+    def poll(self) -> None:
+        """Start to read the new lines in the background, unless a read is in progress."""
+        if not self._thread.busy:
+            self._thread.submit(self._read)
+
+    def take(self) -> list[bytes]:
+        """Return the lines that have been read since the last call, without line ends."""
+        found = []
+        while self._lines:
+            found.append(self._lines.popleft())
+        return found
+
+    def close(self, timeout_s: float = 1.0) -> list[bytes]:
+        """Read the file for the last time, at most `timeout_s` [s]. Return the lines."""
+        self._thread.flush(timeout_s)
+        self.poll()
+        self._thread.flush(timeout_s)
+        return self.take()
+
+    def _read(self) -> None:
+        try:
+            with self._path.open("rb") as file:
+                file.seek(self._offset)
+                data = file.read(MAX_BYTES)
+        except OSError:
+            return
+        whole = data[: data.rfind(b"\n") + 1]
+        self._offset += len(whole)
+        self._lines.extend(line for line in whole.split(b"\n") if line)

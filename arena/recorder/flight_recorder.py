@@ -1,0 +1,256 @@
+"""Core of the recorder: passes received data to the channels, and reports what it records. Opens no sockets.
+
+The process `recorder` and the fused arena use it. No call blocks.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from arena.mocap.client import CapturedFrame
+from arena.process_context import ProcessContext
+from arena.recorder.channel_sets import make_channels
+from arena.recorder.channels import RawChannels, RecordChannels, Recorded
+from arena.recorder.event_tail import EventTail
+from arena.recorder.mcap_file import McapFile
+from arena.recorder.run_clock import RunClock
+from arena.recorder.vehicle_watch import VehicleWatch
+from arena.wire.flight_record import (
+    FILE_NAME,
+    METADATA,
+    SIMULATION_CLOCK,
+    UNIX_CLOCK,
+    RecordedVehicle,
+    pack_metadata,
+)
+from arena.wire.truth_page import Truth
+
+if TYPE_CHECKING:
+    from foxglove import Context
+
+    from arena.recorder.foxglove_server import FoxgloveServer
+
+FLUSH_PERIOD_S = 0.5
+"""Time between two writes to the disk [s]: a loss of power loses at most the data of this time."""
+REPORT_PERIOD_S = 1.0
+MakeChannels = Callable[[Mapping[str, Any], Sequence[Recorded], "Context"], Sequence[RecordChannels]]
+
+
+class FlightRecorder:
+    """Records one arena in `<folder>/flight.mcap`. All settings come from the process's JSON configuration (slice).
+
+    now_s: present time of the run's clock [s].
+    own_events: record the events of the run, from its events.jsonl. A replay records those of the recorded flight instead.
+    make: makes the channels from the configuration, the vehicles and foxglove's context.
+    lost: number of datagrams that the kernel has discarded because the recorder was late.  unknown: number of datagrams of unknown
+        senders.  behind: the recorder gets too little CPU time: only the first channels, the raw ones, get datagrams. The owner of
+        the socket sets all three.
+    Raises OSError if the file cannot be created.
+    """
+
+    def __init__(
+        self,
+        process: ProcessContext,
+        now_s: float,
+        make: MakeChannels = make_channels,
+        *,
+        own_events: bool = True,
+    ) -> None:
+        from foxglove import Context
+
+        settings = process.settings
+        self._process = process
+        self._vehicles = [_recorded(v) for v in settings["vehicles"]]
+        self._watches = {v.name: VehicleWatch(v.id) for v in self._vehicles}
+        self._watch_of_body = {v.body: self._watches[v.name] for v in self._vehicles}
+        self._context = Context()
+        folder = Path(settings["folder"])
+        self._file = McapFile(folder / FILE_NAME, METADATA, _metadata(settings, now_s), self._context)
+        self._channels = list(make(settings, self._vehicles, self._context))
+        self._events = EventTail(folder / "events.jsonl") if own_events else None
+        self._clock = RunClock(now_s, time.monotonic())
+        self._next_flush = self._next_report = 0.0
+        self._failure = ""
+        self._server = self._open_viewers(folder)
+        self.lost = self.unknown = self._left_out = 0
+        self.behind = False
+
+    @property
+    def path(self) -> Path:
+        """Path of the file."""
+        return self._file.path
+
+    @property
+    def armed(self) -> list[str]:
+        """Return the names of the armed vehicles."""
+        return [name for name, watch in self._watches.items() if watch.armed]
+
+    def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
+        """Record a MAVLink datagram from a vehicle, or to it (`up`). time_s: time of reception by the run's clock [s]."""
+        if self._watches[vehicle].on_datagram(up, data, time_s):
+            self._report_airborne(vehicle)
+        self._left_out += self.behind
+        for channels in self._channels[:1] if self.behind else self._channels:
+            try:
+                channels.on_datagram(vehicle, up, data, time_s)
+            except Exception as error:
+                self._remove(channels, error)
+
+    def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
+        """Record a frame of motion capture. simulated: it is from the motion capture emulator.  time_s: as in `on_datagram`."""
+        for pose in frame.poses:
+            if (watch := self._watch_of_body.get(pose.body)) is not None:
+                watch.poses += 1
+        for channels in self._channels:
+            try:
+                channels.on_frame(frame, simulated, time_s)
+            except Exception as error:
+                self._remove(channels, error)
+
+    def on_truth(self, truth: Truth, time_s: float) -> None:
+        """Record the true state of all simulated vehicles. time_s: its time by the run's clock [s]."""
+        for v in self._vehicles:
+            if v.index is None:
+                continue
+            watch = self._watches[v.name]
+            if watch.airborne_unix_s is None and watch.is_above_floor(-float(truth.p_n[v.index, 2])):
+                self._report_airborne(v.name)
+        for channels in self._channels:
+            try:
+                channels.on_truth(truth, time_s)
+            except Exception as error:
+                self._remove(channels, error)
+
+    def tick(self, now_s: float, monotonic_s: float) -> None:
+        """Record new events, write to the disk, and report to the supervisor, each when it is due. Call it 10 times a second.
+
+        now_s, monotonic_s: present time by the run's clock and monotonic [s].
+        """
+        if self._server is not None:
+            self._server.pass_time(now_s)
+        if monotonic_s < self._next_flush:
+            return
+        self._next_flush = monotonic_s + FLUSH_PERIOD_S
+        self._clock.update(now_s, monotonic_s)
+        if self._events is not None:
+            self._record_events(self._events.take())
+            self._events.poll()
+        self._file.flush()
+        if monotonic_s >= self._next_report:
+            self._next_report = monotonic_s + REPORT_PERIOD_S
+            self._report_failure()
+            self._process.stats(self.stats(now_s))
+
+    def stats(self, now_s: float) -> dict[str, Any]:
+        """Return the statistics of the process: rates per vehicle, and what was lost. now_s: run's clock [s]."""
+        return {
+            "vehicles": {name: watch.stats(now_s) for name, watch in self._watches.items()},
+            "lost_datagrams": self.lost,
+            "unknown_datagrams": self.unknown,
+            "not_for_viewers": self._left_out,
+            "record": self._failure or "complete",
+        }
+
+    def close(self, now_s: float) -> None:
+        """Record the last events, complete the file, and send the last statistics. now_s: run's clock [s]."""
+        self._clock.update(now_s, time.monotonic())
+        if self._events is not None:
+            self._record_events(self._events.close())
+        self._file.close()
+        if self._server is not None:
+            self._server.close()
+        self._report_failure()
+        self._process.stats(self.stats(now_s))
+
+    def _open_viewers(self, folder: Path) -> FoxgloveServer | None:
+        """Write the layouts for viewers, and start the server for Foxglove if the configuration has one. Neither can end a flight."""
+        from arena.recorder.viewer_setup import open_server, write_layouts
+
+        with suppress(OSError):
+            write_layouts(self._process.settings, folder)
+        server = open_server(self._process.settings, self._context)
+        if server is not None:
+            self._process.event(server.failure or f"live view for Foxglove at {server.url}")
+        return server
+
+    def _record_events(self, lines: Sequence[bytes]) -> None:
+        for line in lines:
+            fields: Any = None
+            with suppress(ValueError):
+                fields = json.loads(line)
+            if isinstance(fields, dict):
+                self._record_event(line, fields)
+
+    def _record_event(self, line: bytes, fields: Mapping[str, Any]) -> None:
+        at = fields.get("mono")
+        self.on_event(
+            line, fields, self._clock.at(float(at) if isinstance(at, int | float) else time.monotonic())
+        )
+
+    def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
+        """Record a line of events.jsonl. line: the JSON object as bytes.  fields: its content.  time_s: as in `on_datagram`."""
+        for channels in self._channels:
+            try:
+                channels.on_event(line, fields, time_s)
+            except Exception as error:
+                self._remove(channels, error)
+
+    def _remove(self, channels: RecordChannels, error: Exception) -> None:
+        """Stop to use channels that have failed, because an error in them must not end the flight, nor the other channels."""
+        self._channels = [other for other in self._channels if other is not channels]
+        if isinstance(channels, RawChannels):
+            self._failure = self._failure or f"error: {error!r}"
+        self._process.event(
+            f"{self._process.name}: {type(channels).__name__} has failed and records nothing more: {error!r}"
+        )
+
+    def _report_airborne(self, vehicle: str) -> None:
+        self._watches[vehicle].airborne_unix_s = time.time()
+        self._process.event(f"{vehicle}: airborne")
+
+    def _report_failure(self) -> None:
+        """Report once why the record has ended."""
+        if self._file.failure and not self._failure:
+            self._failure = self._file.failure
+            self._process.event(
+                f"{self._process.name}: the record of the flight has ended, because {self._file.path} cannot be written: "
+                f"{self._failure}. The flight goes on"
+            )
+
+
+def _recorded(raw: Mapping[str, Any]) -> Recorded:
+    index = raw["index"]
+    return Recorded(
+        name=str(raw["name"]),
+        id=int(raw["id"]),
+        body=raw["body"],
+        index=None if index is None else int(index),
+    )
+
+
+def _metadata(settings: Mapping[str, Any], now_s: float) -> dict[str, str]:
+    return pack_metadata(
+        name=str(settings["arena"]),
+        clock=SIMULATION_CLOCK if settings["clock"] else UNIX_CLOCK,
+        start_s=now_s,
+        start_unix_s=time.time(),
+        size_m=settings["size_m"],
+        fence=settings.get("fence"),
+        obstacles=settings.get("obstacles") or (),
+        vehicles=[
+            RecordedVehicle(
+                name=str(v["name"]),
+                id=int(v["id"]),
+                body=str(v["body"]),
+                simulated=v["index"] is not None,
+                autopilot=str(v["autopilot"]),
+                profile=str(v["profile"]),
+            )
+            for v in settings["vehicles"]
+        ],
+    )

@@ -1,0 +1,144 @@
+"""Channels for viewers: the recorder's data as messages that Foxglove and PlotJuggler show. They are in `flight.mcap` and, with
+`--foxglove`, on a WebSocket. The raw channels stay complete; these channels are limited to the rates in `viewer_topics`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from foxglove import Context
+from foxglove.messages import Log
+
+from arena.mocap.client import CapturedFrame
+from arena.obstacles import Obstacle
+from arena.recorder.viewer_log import fault_of_event, log_of_event
+from arena.recorder.viewer_meters import GapMeter
+from arena.recorder.viewer_output import Output, Throttle
+from arena.recorder.viewer_scene import Box, VehicleShape, room_scene
+from arena.recorder.viewer_vehicle import VehicleChannels
+from arena.wire.truth_page import Truth
+from arena.wire.viewer_messages import pack_fault
+from arena.wire.viewer_topics import ARENA_TOPICS, SCENE_PERIOD_S, SLOW_HZ, VIEW_HZ, Content
+
+_PERIOD_S = 1.0 / SLOW_HZ
+_MAX_MISSING_FRAMES = 1000  # a larger jump of the frame numbers is a restart of the server
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewedVehicle:
+    """Vehicle in the channels for viewers.
+
+    name, id: name and MAV_SYS_ID.  body: name of its rigid body in the motion capture, None without one.
+    index: its row in the truth page, None for a real vehicle.  shape: its dimensions, None if unknown.
+    """
+
+    name: str
+    id: int
+    body: str | None
+    index: int | None
+    shape: VehicleShape | None = None
+
+
+class FoxgloveChannels:
+    """Channels for viewers. The methods are those of `RecordChannels`, and never block.
+
+    vehicles: vehicles of the arena.  context: foxglove's context, to which files and WebSocket servers are connected.
+    size_m: size of the room, north, east, height [m].
+    fence: smallest and largest north, east and height of the geofence [m]; None without a geofence.
+    obstacles: fixed bodies in the room.
+    """
+
+    def __init__(
+        self,
+        vehicles: Sequence[ViewedVehicle],
+        context: Context,
+        *,
+        size_m: Sequence[float],
+        fence: Box | None = None,
+        obstacles: Sequence[Obstacle] = (),
+    ) -> None:
+        self._context = context  # foxglove closes the channels of a context that Python deletes
+        self._size_m, self._fence, self._obstacles = size_m, fence, obstacles
+        self._out = {content: Output(context, content) for content in ARENA_TOPICS}
+        self._vehicles = {
+            v.name: VehicleChannels(
+                context, v.name, v.id, v.shape, self._out[Content.TRANSFORMS], self._send_log
+            )
+            for v in vehicles
+        }
+        self._by_body = {v.body: self._vehicles[v.name] for v in vehicles if v.body is not None}
+        self._by_index = [(v.index, self._vehicles[v.name]) for v in vehicles if v.index is not None]
+        self._poses_due, self._truth_due = Throttle(1.0 / VIEW_HZ).due, Throttle(1.0 / VIEW_HZ).due
+        self._frames = GapMeter()
+        self._frame_number: int | None = None
+        self._lost_frames = 0
+        self._began_s: float | None = None
+        self._next_scene_s = 0.0
+
+    def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
+        self._pass_time(time_s)
+        self._vehicles[vehicle].on_datagram(up, data, time_s)
+
+    def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
+        self._pass_time(time_s)
+        self._frames.add(time_s)
+        if self._frame_number is not None:
+            missing = frame.number - self._frame_number - 1
+            self._lost_frames += missing if 0 < missing < _MAX_MISSING_FRAMES else 0
+        self._frame_number = frame.number
+        due = self._poses_due(time_s)
+        for body, p_n, q_nb in frame.poses:
+            if (vehicle := self._by_body.get(body)) is not None:
+                vehicle.poses.add(time_s)
+                if due:
+                    vehicle.on_pose(p_n, q_nb, time_s)
+
+    def on_truth(self, truth: Truth, time_s: float) -> None:
+        self._pass_time(time_s)
+        if not self._truth_due(time_s):
+            return
+        for index, vehicle in self._by_index:
+            vehicle.on_truth(truth.p_n[index].tolist(), truth.q_nb[index].tolist(), time_s)
+
+    def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
+        if (log := log_of_event(fields, time_s)) is not None:
+            self._send_log(log, time_s)
+        if (fault := fault_of_event(fields)) is not None:
+            self._out[Content.FAULTS].send(pack_fault(*fault), time_s)
+
+    def _send_log(self, log: Log, time_s: float) -> None:
+        self._out[Content.LOG].send(log, time_s)
+
+    def _pass_time(self, time_s: float) -> None:
+        """Publish what is published regularly, if its time has come. time_s: log time [s]."""
+        if self._began_s is None:
+            self._began_s = time_s
+            self._send_scene(time_s)
+            return
+        elapsed_s = time_s - self._began_s
+        if elapsed_s < 0.0:  # the clock was set back
+            self._began_s = time_s
+        if elapsed_s < _PERIOD_S:
+            return
+        self._began_s = time_s
+        self._send_rates(time_s, elapsed_s)
+        if not -SCENE_PERIOD_S < time_s - self._next_scene_s < 0.0:
+            self._send_scene(time_s)
+
+    def _send_rates(self, time_s: float, period_s: float) -> None:
+        for vehicle in self._vehicles.values():
+            vehicle.send_rates(time_s, period_s)
+        if self._frames.newest_s is not None:
+            age = time_s - self._frames.newest_s
+            rate, gap = self._frames.take(period_s)
+            lost, self._lost_frames = self._lost_frames / period_s, 0
+            self._out[Content.MOCAP_HEALTH].send_numbers(time_s, rate, lost, max(gap, age))
+
+    def _send_scene(self, time_s: float) -> None:
+        self._next_scene_s = time_s + SCENE_PERIOD_S
+        room = room_scene(self._size_m, self._fence, time_s, self._obstacles)
+        self._out[Content.SCENE].send(room, time_s)
+        for vehicle in self._vehicles.values():
+            vehicle.send_model(time_s)

@@ -1,0 +1,72 @@
+"""WebSocket server for Foxglove. During a flight it sends each message that the recorder writes, at the time of writing.
+
+The server runs in threads of foxglove-sdk, without Python. A client that reads slowly or not at all loses its oldest messages:
+`BACKLOG_MESSAGES` wait for each client at most, and logging a message never waits for a client.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from foxglove import Context
+    from foxglove.websocket import WebSocketServer
+
+BACKLOG_MESSAGES = 1024
+_TIME_PERIOD_S = 1.0 / 30.0
+
+
+class FoxgloveServer:
+    """Server for Foxglove. `failure`: why it could not start, else "".
+
+    context: the context whose channels are sent.  address, port: where clients connect.  name: name of the arena, shown by clients.
+    simulation_clock: log times are simulation time, so that clients show this time instead of their own.
+    """
+
+    def __init__(
+        self, context: Context, address: str, port: int, name: str, *, simulation_clock: bool
+    ) -> None:
+        from foxglove import start_server
+        from foxglove.websocket import Capability
+
+        # foxglove-sdk logs an error for each message that waits for a client which has disconnected.
+        logging.getLogger("foxglove").setLevel(logging.CRITICAL)
+        self.failure = ""
+        self.address = address
+        self._server: WebSocketServer | None = None
+        self._sends_time, self._next_time_s = simulation_clock, float("-inf")
+        try:
+            self._server = start_server(
+                name=name,
+                host=address,
+                port=port,
+                context=context,
+                capabilities=[Capability.Time] if simulation_clock else [],
+                message_backlog_size=BACKLOG_MESSAGES,
+            )
+        except Exception as error:  # the port is in use, or the address is not one of this computer
+            self.failure = f"cannot serve Foxglove at {address}:{port}: {error}"
+
+    @property
+    def port(self) -> int | None:
+        """Port of the server; None if it did not start."""
+        return None if self._server is None else self._server.port
+
+    @property
+    def url(self) -> str:
+        """Address for clients."""
+        return f"ws://{self.address}:{self.port}"
+
+    def pass_time(self, time_s: float) -> None:
+        """Send the simulation time to the clients, at most 30 times per second. time_s: present time of the run's clock [s]."""
+        if self._server is None or not self._sends_time or time_s < self._next_time_s:
+            return
+        self._next_time_s = time_s + _TIME_PERIOD_S
+        self._server.broadcast_time(max(0, round(time_s * 1e9)))
+
+    def close(self) -> None:
+        """End the server and all connections."""
+        if self._server is not None:
+            self._server.stop()
+            self._server = None

@@ -1,0 +1,53 @@
+"""Newest planned path of each vehicle as a file in the runtime folder, from which viewers on this computer read it.
+
+The files belong to a run that is in progress. The record contains the messages themselves.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from arena.background_writer import BackgroundWriter
+from arena.mocap.client import CapturedFrame
+from arena.recorder.channels import Recorded
+from arena.wire.planned_path import PathAssembler, may_contain_path
+from arena.wire.truth_page import Truth
+
+
+class PathFiles:
+    """Writer of the files. The methods are those of `RecordChannels`. A thread writes, so no call blocks.
+
+    vehicles: vehicles of the arena.  folder: `<vehicle>.json` is written here.
+    """
+
+    def __init__(self, vehicles: Sequence[Recorded], folder: Path) -> None:
+        self._folder = folder
+        self._paths = {v.name: PathAssembler(v.id) for v in vehicles}
+        self._writer = BackgroundWriter("planned-paths", limit=len(self._paths) + 1)
+
+    def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
+        if not up or not may_contain_path(data):
+            return
+        path = self._paths[vehicle]
+        if path.on_datagram(data):
+            self._writer.submit(lambda: self._write(vehicle, tuple(path.points)), replaces=vehicle)
+
+    def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
+        return
+
+    def on_truth(self, truth: Truth, time_s: float) -> None:
+        return
+
+    def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
+        return
+
+    def _write(self, vehicle: str, points: Sequence[tuple[float, float, float]]) -> None:
+        with suppress(OSError):
+            self._folder.mkdir(parents=True, exist_ok=True)
+            part = self._folder / f".{vehicle}.part"
+            part.write_text(json.dumps(points))
+            part.replace(self._folder / f"{vehicle}.json")

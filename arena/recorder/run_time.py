@@ -1,0 +1,64 @@
+"""Clocks by which the recorder wakes and stamps: simulation time, or Unix time as soon as one vehicle is real."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+from arena.clock import SimClock
+
+# Each wake-up costs CPU time, also without data. Sockets and truth page hold the data of more than 0.2 s.
+_PERIOD_S = 0.04
+# Arrival times are interpolated between two wake-ups. In lockstep the speed of the simulation is not constant.
+_LOCKSTEP_PERIOD_S = 0.02
+_MAX_WAIT_S = 0.25  # wall time: events, disk and supervisor are served also while the simulation stands still
+
+
+class RunTime(Protocol):
+    """The run's clock."""
+
+    def now(self) -> float:
+        """Return the time [s]."""
+
+    def wait(self) -> None:
+        """Wait for the next period to end, or for 0.25 s of wall time while the simulation stands still.
+
+        Raises RunError if the simulated world has ended.
+        """
+
+
+class SimulationTime:
+    """Simulation time as the run's clock. In lockstep, the world does not advance beyond the end of the period before `wait` is
+    called again.
+
+    path, name: path of the simulation clock, and name of this client.
+    """
+
+    def __init__(self, path: str, name: str) -> None:
+        self._clock = SimClock(path, name)
+        self.now = self._clock.now
+        self._period_s = _LOCKSTEP_PERIOD_S if self._clock.lockstep else _PERIOD_S
+        self._next_s, self._requested = self.now() + self._period_s, False
+
+    def wait(self) -> None:
+        if not self._requested:
+            self._clock.request_wake(self._next_s)
+        now_s = self._clock.wait_for_wake(_MAX_WAIT_S)
+        self._requested = now_s is None
+        if now_s is not None:
+            self._next_s = max(self._next_s + self._period_s, now_s)
+
+
+class UnixTime:
+    """Unix time as the run's clock. A later change of the system's clock does not change it."""
+
+    def __init__(self) -> None:
+        self._offset_s = time.time() - time.monotonic()
+        self._next_s = time.monotonic() + _PERIOD_S
+
+    def now(self) -> float:
+        return time.monotonic() + self._offset_s
+
+    def wait(self) -> None:
+        time.sleep(max(0.0, self._next_s - time.monotonic()))
+        self._next_s = max(self._next_s + _PERIOD_S, time.monotonic())

@@ -1,0 +1,80 @@
+"""Numbers that the recorder reports about one vehicle: rates, whether it is armed, and when it took off. Pure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.wire.telemetry import Telemetry
+
+AIRBORNE_HEIGHT_M = 0.05
+_MAGIC, _SIGNED, _HEAD_AND_CRC, _SIGNATURE = 0xFD, 0x01, 12, 13
+_HEARTBEAT, _LANDED = mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
+_STATUS = (_HEARTBEAT, _LANDED)
+
+
+class VehicleWatch:
+    """Rates and state of one vehicle.
+
+    system_id: MAVLink system id of the vehicle.
+    down, up, poses: number of datagrams from the vehicle, of datagrams to it, and of captured poses.
+    airborne_unix_s: Unix time of the first take-off [s]; None before.
+    """
+
+    def __init__(self, system_id: int) -> None:
+        self.down = self.up = self.poses = 0
+        self.airborne_unix_s: float | None = None
+        self._status = Telemetry(system_id, set(_STATUS))
+        self._first_s: float | None = None
+        self._floor_m: float | None = None
+
+    @property
+    def armed(self) -> bool:
+        """Armed flag of the last heartbeat; false before the first one."""
+        heartbeat = self._status.heartbeat
+        return heartbeat is not None and heartbeat.armed
+
+    def on_datagram(self, up: bool, data: bytes, time_s: float) -> bool:
+        """Count a datagram. Return whether it shows the first take-off, by the autopilot's land detector.
+
+        up: it was sent to the vehicle.  time_s: time of reception [s].
+        """
+        if up:
+            self.up += 1
+            return False
+        self.down += 1
+        if self._first_s is None:
+            self._first_s = time_s
+        if not has_status(data) or not self._status.on_datagram(data, time_s):
+            return False
+        ground = self._status.ground
+        return self.airborne_unix_s is None and self.armed and ground is not None and not ground.landed
+
+    def is_above_floor(self, height_m: float) -> bool:
+        """Return whether the vehicle is above the height of the first call [m], by its true height `height_m` [m]."""
+        self._floor_m = height_m if self._floor_m is None else self._floor_m
+        return height_m > self._floor_m + AIRBORNE_HEIGHT_M
+
+    def stats(self, now_s: float) -> dict[str, Any]:
+        """Return mean rates since the first datagram [Hz], and the time of take-off. now_s: run's clock [s]."""
+        since = now_s - (now_s if self._first_s is None else self._first_s)
+        counts = {"datagrams_hz": self.down, "commands_hz": self.up, "mocap_hz": self.poses}
+        found: dict[str, Any] = {
+            key: round(count / since, 2) if since > 1.0 else 0.0 for key, count in counts.items()
+        }
+        if self.airborne_unix_s is not None:
+            found["airborne_unix_s"] = round(self.airborne_unix_s, 3)
+        return found
+
+
+def has_status(data: bytes) -> bool:
+    """Return whether a datagram may contain a HEARTBEAT or EXTENDED_SYS_STATE. Reads only the heads of its frames."""
+    at, end = 0, len(data)
+    while at + _HEAD_AND_CRC <= end:
+        if data[at] != _MAGIC:  # MAVLink 1
+            return True
+        if data[at + 7] in _STATUS and not (data[at + 8] or data[at + 9]):
+            return True
+        at += data[at + 1] + _HEAD_AND_CRC + (_SIGNATURE if data[at + 2] & _SIGNED else 0)
+    return False

@@ -1,0 +1,245 @@
+"""Layout of the messages in `flight.mcap`, the record of a flight: topics, schemas, and conversion of bytes to values and back.
+
+Structured messages are ROS 2 messages (CDR, little endian), because Foxglove and PlotJuggler read them. All numbers are float64,
+so the record is exact. Datagrams of MAVLink are recorded as they are.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+Triple = tuple[float, float, float]
+Quad = tuple[float, float, float, float]
+
+FILE_NAME = "flight.mcap"
+METADATA = "arena"
+"""Name of the metadata record with the arena's name, clock and vehicles."""
+TAIL_METADATA, TAIL_START = "arena_tail", "after_bytes"
+"""Name and key of the metadata record of `flight.mcap.tail`: size of `flight.mcap` [bytes] after which the messages of the tail follow."""
+FRAMES_TOPIC, EVENTS_TOPIC = "/mocap/frames", "/events"
+MAVLINK_ENCODING, CDR_ENCODING, JSON_ENCODING = "mavlink", "cdr", "json"
+SIMULATION_CLOCK, UNIX_CLOCK = "simulation", "unix"
+"""Values of `clock` in the metadata: `log_time` is simulation time, or Unix time (as soon as one vehicle is real)."""
+
+
+def tail_path(record: Path) -> Path:
+    """Return the path of the tail: the file with the messages of the chunk that is not yet in the record."""
+    return record.with_name(f"{record.name}.tail")
+
+
+def down_topic(vehicle: str) -> str:
+    """Return the topic of the MAVLink datagrams from a vehicle."""
+    return f"/{vehicle}/mavlink/down"
+
+
+def up_topic(vehicle: str) -> str:
+    """Return the topic of the MAVLink datagrams to a vehicle, and of the references that its program publishes."""
+    return f"/{vehicle}/mavlink/up"
+
+
+def truth_topic(vehicle: str) -> str:
+    """Return the topic of the true states of a simulated vehicle."""
+    return f"/{vehicle}/truth"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedVehicle:
+    """Vehicle of the arena, in the metadata of a record.
+
+    name, body: name of the vehicle, and of its rigid body in the motion capture.  id: MAVLink system id.
+    simulated: false for a real vehicle.  autopilot: `builtin`, `px4` or `hitl`.  profile: name of its profile.
+    """
+
+    name: str
+    id: int
+    body: str
+    simulated: bool
+    autopilot: str
+    profile: str
+
+
+def pack_metadata(
+    *,
+    name: str,
+    clock: str,
+    start_s: float,
+    start_unix_s: float,
+    size_m: Sequence[float],
+    vehicles: Sequence[RecordedVehicle],
+    fence: Mapping[str, Any] | None = None,
+    obstacles: Sequence[Mapping[str, Any]] = (),
+) -> dict[str, str]:
+    """Return the content of the metadata record `arena`.
+
+    name: name of the arena.  clock: `simulation` or `unix`.  start_s, start_unix_s: start of the record by the run's clock, and
+    as Unix time [s].  size_m: size of the room, north, east, height [m].
+    fence, obstacles: geofence (None without one) and obstacles, as in the configuration (slice) of the recorder.
+    """
+    return {
+        "name": name,
+        "clock": clock,
+        "start_s": repr(start_s),
+        "start_unix_s": repr(start_unix_s),
+        "size_m": json.dumps([*size_m]),
+        "vehicles": json.dumps([asdict(vehicle) for vehicle in vehicles]),
+        "fence": json.dumps(fence),
+        "obstacles": json.dumps([dict(obstacle) for obstacle in obstacles]),
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class MessageSchema:
+    """Schema record of MCAP. name, encoding: as in the file.  text: definition of the message."""
+
+    name: str
+    encoding: str
+    text: str
+
+
+DATAGRAM = MessageSchema(name="mavlink.Datagram", encoding="", text="")
+TRUE_STATE = MessageSchema(
+    name="arena_msgs/msg/TrueState",
+    encoding="ros2msg",
+    text="""\
+# True state of a simulated vehicle at the log time of the message
+float64[3] p_n      # position of the body origin [m] [NED]
+float64[3] v_n      # velocity [m/s] [NED]
+float64[4] q_nb     # attitude [-] wxyz
+float64[3] omega_b  # body rates [rad/s] [FRD]
+""",
+)
+CAPTURED_FRAME = MessageSchema(
+    name="arena_msgs/msg/CapturedFrame",
+    encoding="ros2msg",
+    text=f"""\
+# Frame of motion capture. Its log time is the time of reception
+uint32 number       # frame number
+bool simulated      # the frame is from the motion capture emulator
+float64 exposed_s   # time of exposure, by the clock of the motion capture server [s]
+float64 sent_s      # time of sending, by the same clock [s]; NaN if unknown
+arena_msgs/CapturedBody[] bodies  # ordered by name
+{"=" * 80}
+MSG: arena_msgs/CapturedBody
+string name
+bool tracked        # false: position and attitude are NaN
+float64[3] p_n      # position of the body origin [m] [NED]
+float64[4] q_nb     # attitude [-] wxyz
+""",
+)
+EVENT = MessageSchema(
+    name="arena.Event",
+    encoding="jsonschema",
+    text="""\
+{"type": "object", "title": "line of events.jsonl", "properties": {
+  "t": {"type": "string", "format": "date-time"},
+  "mono": {"type": "number", "description": "monotonic time of the computer [s]"},
+  "process": {"type": "string"},
+  "event": {"type": "string"}}}
+""",
+)
+
+_CDR_HEAD = b"\0\1\0\0"  # little endian
+_TRUE_STATE = struct.Struct("<4x13d")
+TRUE_STATE_BYTES = _TRUE_STATE.size
+_ALIGN = 8
+_NO_POSE = (float("nan"),) * 7
+
+
+def pack_true_state(
+    p_n: Sequence[float], v_n: Sequence[float], q_nb: Sequence[float], omega_b: Sequence[float]
+) -> bytes:
+    """Return the message of a true state. The arguments are the fields of the schema `TRUE_STATE`."""
+    return _CDR_HEAD + _TRUE_STATE.pack(*p_n, *v_n, *q_nb, *omega_b)[4:]
+
+
+class RecordedBody(NamedTuple):
+    """Rigid body in a frame of motion capture.
+
+    name: name of the rigid body.  tracked: whether the cameras have measured its pose.
+    p_n: position of its origin [m] [NED].  q_nb: attitude [-] wxyz. NaN if not tracked.
+    """
+
+    name: str
+    tracked: bool
+    p_n: Triple
+    q_nb: Quad
+
+
+class RecordedFrame(NamedTuple):
+    """Frame of motion capture.
+
+    time_s: time of reception, by the run's clock [s].  number: frame number.
+    exposed_s, sent_s: times of exposure and sending, by the clock of the server [s]; NaN if unknown.
+    simulated: the frame is from the motion capture emulator.  bodies: bodies, ordered by name.
+    """
+
+    time_s: float
+    number: int
+    exposed_s: float
+    sent_s: float
+    simulated: bool
+    bodies: tuple[RecordedBody, ...]
+
+
+def pack_frame(
+    number: int,
+    exposed_s: float,
+    sent_s: float,
+    simulated: bool,
+    bodies: Sequence[tuple[str, Sequence[float] | None]],
+) -> bytes:
+    """Return the message of a motion-capture frame.
+
+    number, exposed_s, sent_s, simulated: fields of the schema `CAPTURED_FRAME`.
+    bodies: (name, pose) of each body, ordered by name. Pose: p_n and q_nb (7,), None if the body is not tracked.
+    """
+    values: list[object] = [number & 0xFFFFFFFF, simulated, exposed_s, sent_s, len(bodies)]
+    layout, names = _frame_layout(tuple(name for name, _ in bodies))
+    for (_, pose), name in zip(bodies, names, strict=True):
+        values += (len(name), name, pose is not None, *(_NO_POSE if pose is None else pose))
+    return _CDR_HEAD + layout.pack(*values)
+
+
+@functools.lru_cache(maxsize=64)
+def _frame_layout(names: tuple[str, ...]) -> tuple[struct.Struct, tuple[bytes, ...]]:
+    """Return the layout of a frame with these bodies, without the head of CDR, and their names with a final zero byte."""
+    text = "<I?3xddI"
+    size = struct.calcsize(text)
+    encoded = tuple(name.encode() + b"\0" for name in names)
+    for name in encoded:
+        piece = f"{-size % 4}xI{len(name)}s?"
+        size += struct.calcsize("<" + piece)
+        gap = -size % _ALIGN
+        text += f"{piece}{gap}x7d"
+        size += gap + 56
+    return struct.Struct(text), encoded
+
+
+_FRAME_HEAD = struct.Struct("<I?3xddI")
+_LENGTH, _POSE = struct.Struct("<I"), struct.Struct("<7d")
+
+
+def unpack_frame(time_s: float, data: bytes) -> RecordedFrame:
+    """Decode a message of /mocap/frames. time_s: time at which the frame was received, by the run's clock [s]."""
+    number, simulated, exposed_s, sent_s, count = _FRAME_HEAD.unpack_from(data, len(_CDR_HEAD))
+    bodies = tuple(_bodies(data[len(_CDR_HEAD) :], _FRAME_HEAD.size, count))
+    return RecordedFrame(time_s, number, exposed_s, sent_s, simulated, bodies)
+
+
+def _bodies(data: bytes, at: int, count: int) -> Iterator[RecordedBody]:
+    for _ in range(count):
+        at += -at % _LENGTH.size
+        (length,) = _LENGTH.unpack_from(data, at)
+        start = at + _LENGTH.size
+        end = start + length
+        at = end + 1 + -(end + 1) % _ALIGN
+        x, y, z, *q_nb = _POSE.unpack_from(data, at)
+        at += _POSE.size
+        name = str(data[start : end - 1], "utf-8")
+        yield RecordedBody(name, data[end] != 0, (x, y, z), (q_nb[0], q_nb[1], q_nb[2], q_nb[3]))

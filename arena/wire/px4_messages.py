@@ -1,0 +1,186 @@
+"""Encoders and decoders of PX4's messages that pymavlink's `common` dialect does not contain.
+
+    ESC_INFO (290)                <Q 4I H 4H 4h 4B    time_usec, errors, counter, failures, temperature, index, count, connection, info
+    ESC_STATUS (291)              <Q 4i 4f 4f B       time_usec, rpm, voltage, current, index
+    PROTOCOL_VERSION (300)        <3H 8s 8s           version, min_version, max_version, hashes of specification and library
+    COMPONENT_INFORMATION (395)   <3I 100s 100s       time_boot_ms, two checksums, two URIs
+    COMPONENT_METADATA (397)      <2I 100s            time_boot_ms, file_crc, uri
+    CURRENT_EVENT_SEQUENCE (411)  <H B                sequence, flags
+    REQUEST_EVENT (412)           <2H 2B              first_sequence, last_sequence, target system and component
+    RESPONSE_EVENT_ERROR (413)    <2H 3B              sequence, oldest available sequence, target system and component, reason
+    AVAILABLE_MODES_MONITOR (437) <B                  seq
+
+`px4_mode` contains the messages about modes.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, MavlinkSender, pack_frame
+
+ESC_INFO, ESC_STATUS, PROTOCOL_VERSION = 290, 291, 300
+COMPONENT_INFORMATION, COMPONENT_METADATA = 395, 397
+CURRENT_EVENT_SEQUENCE, REQUEST_EVENT, RESPONSE_EVENT_ERROR = 411, 412, 413
+AVAILABLE_MODES_MONITOR = 437
+SEQUENCE_RESET = 1
+"""MAV_EVENT_CURRENT_SEQUENCE_FLAGS_RESET: the numbering of the events begins again."""
+ESCS_PER_MESSAGE = 4
+_UNKNOWN_TEMPERATURE = 32767
+_LAYOUTS = {
+    ESC_INFO: struct.Struct("<Q4IH4H4h4B"),
+    ESC_STATUS: struct.Struct("<Q4i4f4fB"),
+    PROTOCOL_VERSION: struct.Struct("<3H8s8s"),
+    COMPONENT_INFORMATION: struct.Struct("<3I100s100s"),
+    COMPONENT_METADATA: struct.Struct("<2I100s"),
+    CURRENT_EVENT_SEQUENCE: struct.Struct("<HB"),
+    REQUEST_EVENT: struct.Struct("<2H2B"),
+    RESPONSE_EVENT_ERROR: struct.Struct("<2H3B"),
+    AVAILABLE_MODES_MONITOR: struct.Struct("<B"),
+}
+
+
+class Px4Message(NamedTuple):
+    """Message with its encoded payload. `pack` has the signature of pymavlink's messages.
+
+    msgid: message id
+    payload: encoded fields
+    """
+
+    msgid: int
+    payload: bytes
+
+    def pack(self, sender: MavlinkSender) -> bytes:
+        """Return the frame. Does not increase the sequence number of `sender`."""
+        return pack_frame(self.msgid, self.payload, sender, SEEDS[self.msgid])
+
+
+class Px4Messages(NamedTuple):
+    """Several messages as one entry of a send queue. `pack` encodes all of them."""
+
+    messages: Sequence[Px4Message]
+
+    def pack(self, sender: MavlinkSender) -> bytes:
+        """Return all frames. Advances the sequence number of `sender` for all frames but the last."""
+        frames = []
+        for k, message in enumerate(self.messages):
+            sender.seq = (sender.seq + (k > 0)) % 256
+            frames.append(message.pack(sender))
+        return b"".join(frames)
+
+
+def px4_crc32(data: bytes, crc: int = 0) -> int:
+    """Return PX4's CRC-32 of data, which begins with 0 and is not inverted at the end. `zlib.crc32` inverts it twice.
+
+    crc: checksum of the data before
+    """
+    return ~zlib.crc32(data, ~crc & 0xFFFFFFFF) & 0xFFFFFFFF
+
+
+class EventRequest(NamedTuple):
+    """Contents of REQUEST_EVENT: the numbers of the first and last requested event, and the addressed system and component."""
+
+    first: int
+    last: int
+    target_system: int
+    target_component: int
+
+
+def _message(msgid: int, *values: float | bytes) -> Px4Message:
+    return Px4Message(msgid, _LAYOUTS[msgid].pack(*values))
+
+
+def read_event_request(data: Buffer, at: Frame) -> EventRequest:
+    """Decode the frame of a REQUEST_EVENT."""
+    layout = _LAYOUTS[REQUEST_EVENT]
+    payload = bytes(data[at.payload : at.payload + min(at.size, layout.size)])
+    return EventRequest(*layout.unpack(payload.ljust(layout.size, b"\0")))
+
+
+def esc_info(time_us: int, counter: int, escs: int) -> Px4Messages:
+    """Return ESC_INFO: all ESCs work, and their temperatures are unknown.
+
+    time_us: time since boot [us].  counter: number of earlier messages.  escs: number of ESCs
+    """
+    online = (1 << escs) - 1
+    return Px4Messages(
+        [
+            _message(
+                ESC_INFO,
+                time_us,
+                *(0,) * 4,
+                counter & 0xFFFF,
+                *(0,) * 4,
+                *(_UNKNOWN_TEMPERATURE,) * 4,
+                first,
+                escs,
+                0,
+                online & 0xFF,
+            )
+            for first in range(0, escs, ESCS_PER_MESSAGE)
+        ]
+    )
+
+
+def esc_status(time_us: int, rpm: Sequence[float], voltage: float, current: Sequence[float]) -> Px4Messages:
+    """Return ESC_STATUS for any number of ESCs, four in each message.
+
+    time_us: time since boot [us].  rpm: speed of each rotor [1/min].  voltage: supply of the ESCs [V].  current: of each ESC [A]
+    """
+    messages = []
+    for first in range(0, len(rpm), ESCS_PER_MESSAGE):
+        speeds, amperes = rpm[first : first + 4], current[first : first + 4]
+        none = (0,) * (4 - len(speeds))
+        messages.append(
+            _message(
+                ESC_STATUS,
+                time_us,
+                *(int(each) for each in speeds),
+                *none,
+                *(voltage,) * len(speeds),
+                *none,
+                *amperes,
+                *none,
+                first,
+            )
+        )
+    return Px4Messages(messages)
+
+
+def protocol_version() -> Px4Message:
+    """Return PROTOCOL_VERSION: MAVLink 2, and MAVLink 1 is understood."""
+    return _message(PROTOCOL_VERSION, 200, 100, 200, b"", b"")
+
+
+def component_metadata(time_ms: int, uri: str, crc: int) -> Px4Message:
+    """Return COMPONENT_METADATA, which names the file that describes the autopilot.
+
+    time_ms: time since boot [ms].  uri: place of the file.  crc: its CRC-32 (`px4_crc32`)
+    """
+    return _message(COMPONENT_METADATA, time_ms, crc, uri.encode())
+
+
+def component_information(time_ms: int, uri: str, crc: int) -> Px4Message:
+    """Return COMPONENT_INFORMATION, the older form of COMPONENT_METADATA."""
+    return _message(COMPONENT_INFORMATION, time_ms, crc, 0, uri.encode(), b"")
+
+
+def current_event_sequence(sequence: int, flags: int) -> Px4Message:
+    """Return CURRENT_EVENT_SEQUENCE. sequence: number of the newest event. flags: SEQUENCE_RESET or 0"""
+    return _message(CURRENT_EVENT_SEQUENCE, sequence, flags)
+
+
+def response_event_error(sequence: int, oldest: int, system: int, component: int) -> Px4Message:
+    """Return RESPONSE_EVENT_ERROR: an event is not available.
+
+    sequence: the requested event.  oldest: the oldest event that is available.  system, component: the client
+    """
+    return _message(RESPONSE_EVENT_ERROR, sequence, oldest, system, component, 0)
+
+
+def available_modes_monitor() -> Px4Message:
+    """Return AVAILABLE_MODES_MONITOR. The list of modes never changes, so its number is 0."""
+    return _message(AVAILABLE_MODES_MONITOR, 0)

@@ -1,0 +1,147 @@
+"""WebSocket for Foxglove: what a plain client receives, and clients that do not read."""
+
+from __future__ import annotations
+
+import resource
+import socket
+import struct
+import time
+from collections.abc import Iterator
+from contextlib import closing
+
+import pytest
+from foxglove import Context
+from foxglove_clients import DEADLINE_S, Client, LiveMessage, hung_client
+from viewer_records import SIZE_M, UAV1, attitude, position, sender
+
+from arena.recorder.foxglove_channels import FoxgloveChannels
+from arena.recorder.foxglove_server import BACKLOG_MESSAGES, FoxgloveServer
+
+LOOPBACK = "127.0.0.1"
+POSITION = "/uav1/local_position"
+Q_NB = (0.5, 0.5, -0.5, 0.5)
+
+
+class Live:
+    """Server with the channels of one vehicle."""
+
+    def __init__(self, *, simulation_clock: bool = True) -> None:
+        self.context = Context()
+        self.channels = FoxgloveChannels([UAV1], self.context, size_m=SIZE_M)
+        self.server = FoxgloveServer(self.context, LOOPBACK, 0, "lab", simulation_clock=simulation_clock)
+        self.sent = 0
+
+    def fly(self, messages: int) -> None:
+        """Log positions and attitudes. messages: number of positions."""
+        out = sender()
+        for _ in range(messages):
+            self.sent += 1
+            time_s = 0.1 * self.sent
+            data = position((0.001 * self.sent, 0.0, -1.0)).pack(out) + attitude(Q_NB).pack(out)
+            self.channels.on_datagram("uav1", False, data, time_s)
+            self.server.pass_time(time_s)
+
+    def client(self) -> Client:
+        return Client(LOOPBACK, self.server.port or 0)
+
+    def subscribed(self, topic: str) -> Client:
+        """Return a client that receives a topic: messages are logged until the first of them arrives."""
+        made = self.client()
+        made.subscribe(topic)
+        deadline = time.monotonic() + DEADLINE_S
+        while time.monotonic() < deadline:
+            self.fly(1)
+            if messages(made, 0.05):
+                return made
+        raise AssertionError("the client has received no message")
+
+    def hung(self) -> socket.socket:
+        """Return a connection that has subscribed to all topics and reads nothing."""
+        with closing(self.client()) as other:
+            return hung_client(LOOPBACK, self.server.port or 0, other.topics.values())
+
+
+def messages(client: Client, timeout_s: float) -> list[LiveMessage]:
+    """Return the messages of topics until none arrives for `timeout_s` [s]."""
+    return [message for message in client.received(timeout_s) if message.topic]
+
+
+@pytest.fixture
+def live() -> Iterator[Live]:
+    made = Live()
+    assert not made.server.failure
+    yield made
+    made.server.close()
+
+
+def test_client_receives_every_message_with_simulation_time(live):
+    with closing(live.subscribed(POSITION)) as client:
+        assert client.info["name"] == "lab" and "time" in client.info["capabilities"]
+        assert {POSITION, "/tf", "/scene", "/log"} <= set(client.topics)
+        first = live.sent
+        live.fly(200)
+        found = list(client.received(1.0))
+    positions = [m for m in found if m.topic == POSITION]
+    assert [m.log_time for m in positions] == [round(0.1 * (first + k + 1) * 1e9) for k in range(200)]
+    assert struct.unpack_from("<3f", positions[-1].data, 4) == pytest.approx((0.001 * live.sent, 0.0, -1.0))
+    assert max(m.log_time for m in found if not m.topic) == positions[-1].log_time
+
+
+def test_client_that_connects_late_receives_the_scene(live):
+    live.fly(300)
+    with closing(live.subscribed("/scene")) as client:
+        live.fly(200)
+        assert b"walls" in messages(client, 0.5)[-1].data
+
+
+def test_hung_client_neither_delays_the_channels_nor_needs_memory(live):
+    with closing(live.hung()), closing(live.subscribed(POSITION)) as client:
+        live.fly(2000)  # fills the socket and the backlog of the hung client
+        assert messages(client, 0.5)
+        memory_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        worst_s, count = 0.0, 0
+        for _ in range(8):
+            for _ in range(BACKLOG_MESSAGES // 2):
+                began = time.monotonic()
+                live.fly(1)
+                worst_s = max(worst_s, time.monotonic() - began)
+            count += len(messages(client, 0.2))
+        assert count == 4 * BACKLOG_MESSAGES  # the other client loses nothing
+        assert worst_s < 1.0
+        grown_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory_kb
+        assert grown_kb < 20_000
+
+
+def test_client_that_disappears_changes_nothing_for_the_others(live, caplog):
+    gone = live.hung()
+    live.fly(100)
+    gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    gone.close()  # sends a reset
+    with closing(live.subscribed(POSITION)) as client:
+        live.fly(50)
+        assert len(messages(client, 1.0)) == 50
+    assert not caplog.records  # not a line for each message that waited
+
+
+def test_port_in_use_is_a_failure_and_not_an_exception(live):
+    second = FoxgloveServer(live.context, LOOPBACK, live.server.port or 0, "lab", simulation_clock=False)
+    assert f"{LOOPBACK}:{live.server.port}" in second.failure
+    assert second.port is None
+    second.pass_time(1.0)
+    second.close()
+
+
+def test_unix_time_is_not_sent():
+    live = Live(simulation_clock=False)
+    with closing(live.server), closing(live.subscribed(POSITION)) as client:
+        assert client.info["capabilities"] == []
+        live.fly(10)
+        assert {m.topic for m in client.received(0.5)} == {POSITION}
+
+
+def test_server_without_clients_ends_at_once():
+    live = Live()
+    began = time.monotonic()
+    live.server.close()
+    live.server.close()
+    assert time.monotonic() - began < DEADLINE_S
