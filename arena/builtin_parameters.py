@@ -59,6 +59,11 @@ SPECS: dict[str, Spec] = {
     "COM_RC_IN_MODE": _i(3, 0, 8),
     "COM_RC_LOSS_T": _f(0.5, 0, 35),
     "COM_POSCTL_NAVL": _i(0, 0, 1),
+    "COM_RC_OVERRIDE": _i(1, 0, 3),
+    "COM_RC_STICK_OV": _f(30.0, 5, 80),
+    "COM_RC_ARM_HYST": _i(1000, 100, 1500),
+    "COM_DISARM_MAN": _i(1, 0, 1),
+    "MAN_ARM_GESTURE": _i(1, 0, 1),
     "COM_LOW_BAT_ACT": _i(0, 0, 3),
     "BAT_LOW_THR": _f(0.15, 0.05, 0.5),
     "BAT_CRIT_THR": _f(0.07, 0.03, 0.5),
@@ -86,9 +91,10 @@ SPECS: dict[str, Spec] = {
     "EKF2_ACC_B_NOISE": _f(0.003, 0),
     "EKF2_GYR_B_NOISE": _f(0.001, 0),
     "EKF2_ABL_LIM": _f(0.4, 0, 0.8),
-    "EKF2_EV_POS_X": _f(0.0),
-    "EKF2_EV_POS_Y": _f(0.0),
-    "EKF2_EV_POS_Z": _f(0.0),
+    # PX4 has no limit here; a length that no vehicle has would make the estimate overflow [m]
+    "EKF2_EV_POS_X": _f(0.0, -10, 10),
+    "EKF2_EV_POS_Y": _f(0.0, -10, 10),
+    "EKF2_EV_POS_Z": _f(0.0, -10, 10),
     # position and velocity control
     "MPC_XY_P": _f(0.95, 0, 2),
     "MPC_Z_P": _f(1.0, 0.1, 1.5),
@@ -127,6 +133,27 @@ SPECS: dict[str, Spec] = {
     "MPC_Z_V_AUTO_UP": _f(3.0, 0.5, 8),
     "MPC_Z_V_AUTO_DN": _f(1.5, 0.5, 4),
     "MPC_XY_ERR_MAX": _f(2.0, 0.1, 10),
+    # manual flight
+    "MPC_POS_MODE": _i(4, 0, 4),
+    "MPC_HOLD_DZ": _f(0.1, 0, 1),
+    "MPC_XY_MAN_EXPO": _f(0.6, 0, 1),
+    "MPC_Z_MAN_EXPO": _f(0.6, 0, 1),
+    "MPC_YAW_EXPO": _f(0.6, 0, 1),
+    "MPC_VEL_MANUAL": _f(10.0, 3, 20),
+    "MPC_VEL_MAN_SIDE": _f(-1.0, -1, 20),
+    "MPC_VEL_MAN_BACK": _f(-1.0, -1, 20),
+    "MPC_MAN_TILT_MAX": _f(35.0, 1, 70),
+    "MPC_MAN_Y_MAX": _f(150.0, 0, 400),
+    "MPC_MAN_Y_TAU": _f(0.08, 0, 5),
+    "MPC_MANTHR_MIN": _f(0.08, 0, 1),
+    "MPC_THR_CURVE": _i(0, 0, 2),
+    "MC_ACRO_R_MAX": _f(100.0, 0, 1800),
+    "MC_ACRO_P_MAX": _f(100.0, 0, 1800),
+    "MC_ACRO_Y_MAX": _f(100.0, 0, 1800),
+    "MC_ACRO_EXPO": _f(0.0, 0, 1),
+    "MC_ACRO_EXPO_Y": _f(0.0, 0, 1),
+    "MC_ACRO_SUPEXPO": _f(0.0, 0, 0.95),
+    "MC_ACRO_SUPEXPOY": _f(0.0, 0, 0.95),
     # missions, return and geofence; PX4's defaults for a multirotor
     "NAV_ACC_RAD": _f(2.0, 0.05, 200),
     "NAV_MC_ALT_RAD": _f(0.8, 0.05, 200),
@@ -173,6 +200,17 @@ SPECS: dict[str, Spec] = {
     "IMU_GYRO_CUTOFF": _f(40.0, 0, 1000),
     "IMU_DGYRO_CUTOFF": _f(30.0, 0, 1000),
     "IMU_INTEG_RATE": _i(250, 100, 1000),
+    # logging
+    "SDLOG_MODE": _i(0, -1, 4),
+    # orbit and follow-me
+    "MC_ORBIT_RAD_MAX": _f(1000.0, 1, 10000),
+    "MC_ORBIT_YAW_MOD": _i(0, 0, 4),
+    "FLW_TGT_RS": _f(0.1, 0, 1),
+    "FLW_TGT_HT": _f(8.0, 8),
+    "FLW_TGT_DST": _f(8.0, 1),
+    "FLW_TGT_FA": _f(180.0, -180, 180),
+    "FLW_TGT_ALT_M": _i(0, 0, 2),
+    "FLW_TGT_MAX_VEL": _f(5.0, 0, 20),
     # landing
     "LNDMC_Z_VEL_MAX": _f(0.25, 0.05),
     "LNDMC_XY_VEL_MAX": _f(1.5, 0),
@@ -182,7 +220,7 @@ SPECS: dict[str, Spec] = {
 
 
 _NO_GPS = "it has no GPS receiver"
-_NO_STICKS = "it has no manual flight mode"
+_NO_FOLLOWING = "it has no mode AUTO.FOLLOW_TARGET"
 _HEIGHT = "it takes its height from external vision, and from the barometer after a loss of vision"
 
 WITHOUT_EFFECT: dict[str, str] = {
@@ -190,20 +228,24 @@ WITHOUT_EFFECT: dict[str, str] = {
     "SYS_AUTOSTART": "the profile replaces the airframe",
     "SYS_HAS_GPS": _NO_GPS,
     "COM_ARM_WO_GPS": _NO_GPS,
-    "COM_POSCTL_NAVL": _NO_STICKS,
     "EKF2_EN": "its estimator always runs",
     "EKF2_HGT_REF": _HEIGHT,
     "EKF2_GPS_CTRL": _NO_GPS,
     "EKF2_BARO_NOISE": "it assumes 0.5 m",
     "EKF2_MAG_TYPE": "it has no magnetometer and takes its heading from external vision",
-    "MPC_ACC_HOR_MAX": _NO_STICKS,
-    "MPC_JERK_MAX": _NO_STICKS,
-    "MPC_HOLD_MAX_XY": _NO_STICKS,
+    "MPC_ACC_HOR_MAX": "POSCTL accelerates by MPC_ACC_HOR, as PX4 with MPC_POS_MODE 4",
+    "MPC_HOLD_MAX_XY": "POSCTL holds the position when its trajectory has stopped",
+    "MPC_POS_MODE": "POSCTL and ALTCTL are those of MPC_POS_MODE 4",
     "MPC_USE_HTE": "it does not estimate the hover thrust and uses MPC_THR_HOVER",
     "RTL_TYPE": "AUTO.RTL always flies to home or a nearer rally point",
     "GF_SOURCE": _NO_GPS,
     "GF_PREDICT": "a geofence is violated when the vehicle crosses it",
     "MC_AIRMODE": "it never raises the thrust for roll, pitch or yaw",
+    "MC_ORBIT_YAW_MOD": "the nose points to the centre if the command does not say otherwise",
+    **dict.fromkeys(
+        ("FLW_TGT_RS", "FLW_TGT_HT", "FLW_TGT_DST", "FLW_TGT_FA", "FLW_TGT_ALT_M", "FLW_TGT_MAX_VEL"),
+        _NO_FOLLOWING,
+    ),
     "IMU_INTEG_RATE": "its rate is `sim.sensor_hz`",
 }
 """Parameters that can be set and read, but change nothing in the built-in autopilot. Name -> reason."""

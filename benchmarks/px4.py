@@ -2,7 +2,7 @@
 
 alone     only the world and one PX4 at speed max: real-time factor, microseconds per step of each
 program   `arena up` with one PX4 and the first example's program at speed max: real-time factor from arming to disarming
-hover     N PX4 hover at 1.5 m in real time, with forwarders, router and loggers: real-time factor and CPU
+hover     N PX4 hover at 1.5 m in real time, with forwarders, router and recorder: real-time factor and CPU
 
 PX4 is found as the package finds it (PX4_HOME, PATH); `--stand-in` flies the built-in autopilot behind the same link instead.
 Wall-clock figures mean something on a quiet machine only: the load before each run is printed with it.
@@ -45,7 +45,7 @@ START_S = 25.0  # wall time from `arena up` to the last arming, at most
 LOST_RTF = 0.98
 TICKS = os.sysconf("SC_CLK_TCK")
 COUNTS = (1, 2, 5, 10, 12, 15, 20)
-KINDS = ("world", "px4", "mocap", "forward", "router", "logger", "program", "arena")
+KINDS = ("world", "px4", "mocap", "forward", "router", "recorder", "program", "arena")
 
 
 def arena_of(count: int, folder: Path, program: Path, given: argparse.Namespace) -> Path:

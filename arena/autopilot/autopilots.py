@@ -7,30 +7,32 @@ allocation and telemetry.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from arena.authority import CommandGate
-from arena.autopilot.commander import Commander, Mode
 from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams
 from arena.autopilot.control.control_allocator import ControlAllocator
 from arena.autopilot.control.controllers import Cascade, steps_per_period
-from arena.autopilot.control.flight_tasks import FlightTask, stop_motors
 from arena.autopilot.control.setpoints import Level, Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.estimation.land_detector import LandDetector, TakeoffRamp, climb_requested
-from arena.autopilot.estimation.vision_input import vision_batch
+from arena.autopilot.estimation.vision_input import VisionInput
+from arena.autopilot.flight_modes import Mode
+from arena.autopilot.make_vehicles import load_params, make_vehicles
 from arena.autopilot.mavlink.mavlink_interface import MavlinkInterface
 from arena.autopilot.mavlink.telemetry_packer import TelemetryPacker
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
-from arena.autopilot.navigation.auto_modes import AutoModes
-from arena.autopilot.param_table import Params
+from arena.autopilot.mode_flight import ModeFlight
+from arena.autopilot.stored_logs import LogLibrary
+from arena.autopilot.ulog.recorder import Sink, UlogRecorder
 from arena.autopilot.vehicle import Vehicle
-from arena.vehicle_models import vehicle_model
+from arena.kernels.arrays import array
+from arena.kernels.motor_outputs import MotorOutputs
 from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
@@ -38,75 +40,83 @@ Array = NDArray[np.float64]
 _DECISION_PERIOD_S = 0.02
 _REALIGN_PERIOD_S = 1.0  # between two attempts
 _REPORTED_MODES = {mode: mode_words(mode.custom_mode) for mode in Mode}  # names as in the HEARTBEAT
+REPEATABLE_BOOT_UNIX_US = (
+    1_767_225_600_000_000  # 1 January 2026, fixed so that repeated flights send equal messages
+)
 _IDLE = 0.1  # motor command of an armed vehicle on the ground
 
 
 class Autopilots:
     """Built-in autopilots of V vehicles with at most R rotors each.
 
-    settings: settings of the world, with the list `vehicles`
+    settings: settings of the world, with the list `vehicles`. `boot_unix_us`: Unix time of the boot [us], default
+        REPEATABLE_BOOT_UNIX_US
     dt: sensor period [s]
     authority: refuse commands of senders that must not command a vehicle now (`arena.authority`). PX4 does not.
+    ulog: receives the bytes of the vehicles' logs; None if no logs are made
+    library: the stored logs, which clients can download
     armed: True for each armed vehicle (V,)
     motors: motor commands 0..1 (V, R)
     thrust: collective thrust 0..1 (V,)
     """
 
-    def __init__(self, settings: Mapping[str, Any], dt: float, *, authority: bool = False) -> None:
+    def __init__(
+        self,
+        settings: Mapping[str, Any],
+        dt: float,
+        *,
+        authority: bool = False,
+        ulog: Sink | None = None,
+        library: LogLibrary | None = None,
+    ) -> None:
         vehicles = settings["vehicles"]
         n = len(vehicles)
         self.dt, self.names = dt, [x["name"] for x in vehicles]
-        self.params = Params(n)
-        self._events: list[str] = []
-        for i, vehicle in enumerate(vehicles):
-            values = {
-                **vehicle["profile"].get("params", {}),
-                **vehicle.get("params", {}),
-                "MAV_SYS_ID": vehicle["id"],
-            }
-            self._events += [f"{vehicle['name']}: {problem}" for problem in self.params.load(i, values)]
+        self.params, self._events = load_params(vehicles)
         self.est = Estimator(self.params, n, dt)
+        self._vision = VisionInput(self.params)
         self.cascade = Cascade(self.params, n, dt)
         self.sp = Setpoints(n)
-        self.allocator = _allocator(vehicles)
+        self.allocator = ControlAllocator.of([x["profile"] for x in vehicles])
         self.land = LandDetector(self.params, n)
         self.takeoff = TakeoffRamp(self.params, n)
         self._radio_on = [bool(x.get("sticks", False)) for x in vehicles]
-        self.vehicles = [
-            Vehicle(
-                i,
-                x["name"],
-                x["id"],
-                self.params,
-                self.est,
-                mav_type=_mav_type(x["profile"]),
-                heading=math.radians(settings.get("heading_deg", 0.0)),
-            )
-            for i, x in enumerate(vehicles)
-        ]
+        self.vehicles = make_vehicles(settings, self.params, self.est)
+        self._boot_unix_us = int(settings.get("boot_unix_us", REPEATABLE_BOOT_UNIX_US))
         self.gates = [CommandGate(x["name"], x["id"], simulated=True) for x in vehicles if authority]
         self.interfaces = [
-            MavlinkInterface(v, self._read_telemetry, self.gates[i] if authority else None)
+            MavlinkInterface(
+                v,
+                self._read_telemetry,
+                self.gates[i] if authority else None,
+                partial(self._record_text, i),
+                library,
+                self._boot_unix_us * 1e-6,
+            )
             for i, v in enumerate(self.vehicles)
         ]
         self._telemetry: TelemetryState | None = None
         self._packer = TelemetryPacker(self.est, self.sp, self.cascade, self.allocator.rows.shape[1])
-        self.tasks = [FlightTask(i) for i in range(n)]
         self._decide_every = steps_per_period(_DECISION_PERIOD_S, dt)
         self._realign_every = self._decide_every * steps_per_period(
             _REALIGN_PERIOD_S, dt * self._decide_every
         )
-        self.auto = AutoModes(self.params, self.est, n, dt * self._decide_every)
+        self.flight = ModeFlight(
+            self.params, self.est, self.sp, self.cascade.position, n, dt * self._decide_every
+        )
+        for v in self.vehicles:
+            v.is_inside_fence = partial(self.flight.auto.is_inside_fence, v)
         self.armed = np.zeros(n, bool)
-        self.motors = np.zeros((n, self.allocator.rows.shape[1]))
-        self.thrust = np.zeros(n)
+        self._outputs = outputs = MotorOutputs(
+            self.est.law, self.cascade.law, self.allocator.law, self.allocator.rows.shape[1]
+        )
+        self.motors, self.thrust = array(outputs.motors), array(outputs.thrust)
         self._armed_since = np.full(n, np.inf)
-        self._up_from = np.full(n, np.inf)  # time from which the motors follow the controllers [s]
-        self._idle_motors = np.zeros_like(self.motors)
-        self._steps, self._now = 0, 0.0
+        self._steps, self._now, self._params_version = 0, 0.0, self.params.version
         self._consumed_mah = np.zeros(n)
         self._dead_motors: list[tuple[int, int]] = []
-        self._params_version = self.params.version
+        self._tested: list[Vehicle] = []
+        self._ulog_sink, self._ulog = ulog, UlogRecorder(self, ulog) if ulog is not None else None
 
     # -- interface to the world ------------------------------------------------------------------------------
 
@@ -134,7 +144,9 @@ class Autopilots:
         self._fuse(now, sensors)
         if self._steps % self._decide_every == 0:
             self._decide(now)
+            self._log(lambda ulog: ulog.decide(now))
         self._control(now)
+        self._log(lambda ulog: ulog.step(now, sensors, self.motors, self._consumed_mah))
         self._steps += 1
         return self.motors
 
@@ -148,6 +160,8 @@ class Autopilots:
             thrust=self.thrust,
             motors=self.motors,
             consumed_mah=self._consumed_mah,
+            sp=self.sp,
+            boot_unix_us=self._boot_unix_us,
         )
         active = [x for x in self.interfaces if x.has_output(now)]
         due = [(x, link, messages) for x in active for link, messages in x.prepare(now)]
@@ -175,8 +189,24 @@ class Autopilots:
         """
         for gate in self.gates:
             gate.events()
-        found, self._events = self._events, []
+        found, self._events = self._events + (self._ulog_sink.events() if self._ulog_sink else []), []
         return found
+
+    def close(self) -> None:
+        """End the logs, because the process ends."""
+        self._log(UlogRecorder.close)
+
+    def _log(self, write: Callable[[UlogRecorder], None]) -> None:
+        """Call a function that writes to the logs. An error in it ends the logs, not the flight."""
+        try:
+            if self._ulog is not None:
+                write(self._ulog)
+        except Exception as error:
+            self._ulog = None
+            self._events.append(f"ulog: the logs of all vehicles end here, because of an error: {error!r}")
+
+    def _record_text(self, row: int, severity: int, text: str) -> None:
+        self._log(lambda ulog: ulog.record_text(row, severity, text))
 
     def stats(self) -> dict[str, Any]:
         """Return flight mode, arming state and counts of received and refused messages, by vehicle name."""
@@ -195,13 +225,14 @@ class Autopilots:
     # -- estimator -------------------------------------------------------------------------------------------
 
     def _fuse(self, now: float, sensors: Mapping[str, Array]) -> None:
-        samples = {v.row: v.vision for v in self.vehicles if v.vision is not None and not v.failures.vision}
-        if samples:
-            for row in samples:
-                self.vehicles[row].vision = None
-            batch = vision_batch(samples, self.params, self.est.q_nb)
-            if batch is not None:
-                self.est.fuse_vision(*batch, now)
+        for v in self.vehicles:
+            if v.vision is not None and not v.failures.vision:
+                sample, v.vision = v.vision, None
+                if self._ulog is not None:
+                    self._log(partial(UlogRecorder.record_vision, i=v.row, sample=sample, now=now))
+                prepared = self._vision.prepare(v.row, sample, v.q_nb)
+                if prepared is not None:
+                    self.est.fuse_vision(v.row, prepared, now)
         if self._steps % self._decide_every == min(1, self._decide_every - 1):
             failed = np.array([v.failures.baro for v in self.vehicles])
             self.est.fuse_baro(np.where(failed, np.nan, sensors["baro_alt_m"]), now)
@@ -210,7 +241,7 @@ class Autopilots:
 
     def _decide(self, now: float) -> None:
         est, sp = self.est, self.sp
-        self._consumed_mah += self._sensors["battery_current_a"] * (self.auto.dt / 3.6)
+        self._consumed_mah += self._sensors["battery_current_a"] * (self.flight.dt / 3.6)
         climbing = climb_requested(sp, est, self.params) & self.armed
         sink = np.where(sp.has_level(Level.POSITION), self.cascade.position.v_sp_n[:, 2], np.nan)
         self.land.update(now, est, self.thrust, climbing, sink)
@@ -231,8 +262,10 @@ class Autopilots:
         on = self.armed & ~sp.has_level(Level.NONE)
         # Armed on the ground without a setpoint to climb: the motors idle, whatever the controllers command.
         running = on & (flying | begun)
-        self._up_from = np.where(running, self._armed_since + self.params["COM_SPOOLUP_TIME"], np.inf)
-        self._idle_motors = np.where(on, _IDLE, 0.0)[:, None] * self.allocator.present
+        array(self._outputs.up_from)[:] = np.where(
+            running, self._armed_since + self.params["COM_SPOOLUP_TIME"], np.inf
+        )
+        array(self._outputs.idle)[:] = np.where(on, _IDLE, 0.0)[:, None] * self.allocator.present
         # Poses are rejected in flight. An armed vehicle that stands on the ground may align with them again.
         est.at_rest = self.armed & ~running & self.land.at_rest
 
@@ -267,12 +300,13 @@ class Autopilots:
                 aligned=aligned[i],
                 offboard_needs_position=v.offboard_needs_position,
                 poses_rejected=rejected[i],
-                manual_control=v.manual_control.is_available(
-                    now, params.com_rc_in_mode, params.com_rc_loss_t
+                manual=v.manual_control.update(
+                    now, params.com_rc_in_mode, params.com_rc_loss_t, params.gesture_s
                 ),
             )
             v.booted = True
-            self.auto.check(v, inputs)
+            self.flight.auto.check(v, inputs)
+        self._tested = [v for v in self.vehicles if v.actuator_tests and not v.commander.armed]
         self._dead_motors = [(v.row, k) for v in self.vehicles for k in v.failures.motors]
 
     def _decide_one(self, v: Vehicle) -> None:
@@ -283,10 +317,10 @@ class Autopilots:
             self._events.append(f"{c.name}: disarmed")
         v.ready_to_arm = c.armed or not c.arm_checks(s, params)
         if c.armed:
-            self._fly(v, s)
+            self.flight.fly(v, s, newly_armed=not self.armed[v.row])
         else:
             self._stay_disarmed(v, s)
-        v.landed_state = _landed_state(c, s)
+        v.update_landed_state()
         if self.gates:
             self.gates[v.row].on_state(c.armed, _REPORTED_MODES[c.mode], s.now)
 
@@ -295,9 +329,7 @@ class Autopilots:
 
         A request to reboot, or an estimator that rejects poses, makes the estimator align again."""
         i = v.row
-        self.sp.clear(i)
-        self.tasks[i].mode = None
-        self.auto.leave(v, armed=False)
+        self.flight.stop(v)
         if v.home_n is None and s.xy_valid and v.origin:
             v.set_home_to_current_position()
         lost = self.est.aligned[i] and not (s.xy_valid and s.yaw_valid)
@@ -307,78 +339,11 @@ class Autopilots:
             self.est.realign(np.array([i]))
             v.reboot_requested = False
 
-    def _fly(self, v: Vehicle, s: CommanderInputs) -> None:
-        """Write the setpoint for the current flight mode of an armed vehicle."""
-        c, i, task = v.commander, v.row, self.tasks[v.row]
-        if not self.armed[i]:
-            v.set_home_to_current_position()
-            task.mode = None
-        if self.auto.is_flying(v):
-            task.mode = None
-            requested = self.auto.fly(v, s, self.sp)
-            if requested is not None:
-                c.request_mode(requested, s, v.commander_params)
-            return
-        self.auto.leave(v, armed=True)
-        if c.mode is Mode.OFFBOARD:
-            task.mode = None
-            self._copy_offboard_setpoint(v)
-        elif c.mode is Mode.TERMINATE:
-            stop_motors(self.sp, i)
-        else:
-            if task.mode is not c.mode:
-                task.enter(
-                    c.mode,
-                    self.est,
-                    v.yaw(),
-                    self.params,
-                    landed=s.landed,
-                    takeoff_d=v.takeoff_target_d,
-                )
-            ground_d = v.home_n[2] if v.home_n else 0.0
-            task.fly(self.sp, self.est, self.params, landed=not s.flying, ground_d=ground_d)
-            if c.mode is Mode.TAKEOFF and task.reached:
-                c.request_mode(Mode.HOLD, s, v.commander_params)
-
-    def _copy_offboard_setpoint(self, v: Vehicle) -> None:
-        o, i, sp = v.offboard_setpoint, v.row, self.sp
-        if o is None:
-            return
-        sp.set_position(i, p_n=o.p_n, v_n=o.v_n, a_n=o.a_n, yaw=o.yaw, yaw_rate=o.yaw_rate)
-        sp.level[i], sp.q_nb[i], sp.omega_b[i], sp.thrust[i] = o.level, o.q_nb, o.omega_b, o.thrust
-        sp.yaw_rate_ff[i] = o.yaw_rate if o.level is Level.ATTITUDE else 0.0
-
     # -- control, every step ---------------------------------------------------------------------------------
 
     def _control(self, now: float) -> None:
-        torque, thrust = self.cascade.update(self.sp, self.est)
-        up = now >= self._up_from
-        self.thrust = np.where(up, thrust, 0.0)
-        up = up[:, None]
-        u, self.cascade.saturated[:] = self.allocator.allocate(torque * up, self.thrust)
-        self.motors = np.where(up, u, self._idle_motors)
+        self._outputs.step(now, self.cascade.begin(self.sp))
+        for v in self._tested:
+            v.actuator_tests.apply(self.motors[v.row], now)
         for i, k in self._dead_motors:
             self.motors[i, k : k + 1] = 0.0
-
-
-def _landed_state(c: Commander, s: CommanderInputs) -> int:
-    """Return the vehicle's MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing."""
-    if s.landed or not c.armed:
-        return 1
-    if not s.flying:
-        return 3
-    return 4 if c.mode in (Mode.LAND, Mode.DESCEND) else 2
-
-
-def _mav_type(profile: Any) -> int:
-    return vehicle_model(profile).mav_type(len(profile["rotors"]))
-
-
-def _allocator(vehicles: Any) -> ControlAllocator:
-    profiles = [v["profile"] for v in vehicles]
-    most = max((len(p["rotors"]) for p in profiles), default=4)
-    rows, present = np.zeros((len(profiles), most, 3)), np.zeros((len(profiles), most), bool)
-    for i, p in enumerate(profiles):
-        count = len(p["rotors"])
-        rows[i, :count], present[i, :count] = vehicle_model(p).allocation(p["rotors"]), True
-    return ControlAllocator(rows, present)

@@ -8,49 +8,21 @@ to `texts` as (MAV_SEVERITY, text); the MAVLink interface sends them as STATUSTE
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
 
-from arena.autopilot.commander_inputs import NO_MANUAL_CONTROL, CommanderInputs, CommanderParams
+from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams, battery_too_low, gcs_lost
+from arena.autopilot.flight_modes import MANUAL_MODES, POSITION_MODES, THRUST_MODES, Mode
+from arena.autopilot.manual_control import NO_MANUAL_CONTROL
+from arena.autopilot.manual_mode_rules import (
+    missing_for_manual,
+    possible_mode,
+    stick_problem,
+    sticks_take_over,
+)
 
 EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
 
 
-class Mode(Enum):
-    """Flight mode of PX4: main mode and sub mode of its custom_mode, and the name that MAVROS shows."""
-
-    MANUAL = (1, 0, "MANUAL")
-    ALTCTL = (2, 0, "ALTCTL")
-    POSCTL = (3, 0, "POSCTL")
-    TAKEOFF = (4, 2, "AUTO.TAKEOFF")
-    HOLD = (4, 3, "AUTO.LOITER")
-    MISSION = (4, 4, "AUTO.MISSION")
-    RTL = (4, 5, "AUTO.RTL")
-    LAND = (4, 6, "AUTO.LAND")
-    ACRO = (5, 0, "ACRO")
-    OFFBOARD = (6, 0, "OFFBOARD")
-    STABILIZED = (7, 0, "STABILIZED")
-    DESCEND = (4, 106, "DESCEND")  # internal: HEARTBEAT reports AUTO.LAND
-    TERMINATE = (10, 0, "TERMINATION")  # cannot be requested
-
-    @property
-    def custom_mode(self) -> int:
-        """Value of the field custom_mode in HEARTBEAT."""
-        main, sub, _ = self.value
-        return main << 16 | (sub % 100) << 24
-
-    @property
-    def label(self) -> str:
-        """Name of the mode, for example `AUTO.LAND`."""
-        return self.value[2]
-
-
-def mode_of(main: int, sub: int) -> Mode | None:
-    """Return the flight mode with these PX4 main and sub mode numbers, or None if PX4 has no such mode."""
-    return next((m for m in Mode if m.value[:2] == (main, sub if main == 4 else 0) and sub < 100), None)
-
-
-_REQUESTABLE = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND, Mode.OFFBOARD}
-_NEEDS_POSITION = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND}
+_REQUESTABLE = {*MANUAL_MODES, *POSITION_MODES, Mode.OFFBOARD}
 _EXCEPTION_BIT = {
     Mode.MISSION: 1,
     Mode.HOLD: 2,
@@ -64,8 +36,7 @@ _BY_SEVERITY = (
     Mode.DESCEND,
     Mode.TERMINATE,
 )  # the failsafe that is later in this list has priority
-_MANUAL_ACTIONS = (0, 1, 2)  # COM_OBL_RC_ACT: position, altitude, stabilized mode
-_GCS_HEARTBEAT_TIMEOUT_S = 2.5  # COM_DL_LOSS_T begins this long after the last heartbeat
+_MANUAL_ACTIONS = {0: Mode.POSCTL, 1: Mode.ALTCTL, 2: Mode.STABILIZED}  # value of COM_OBL_RC_ACT -> mode
 _NOT_ARMABLE = {Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
 
 
@@ -78,6 +49,7 @@ class Commander:
     armed_since: time of arming [s], infinite while disarmed
     took_off: True if a take-off was detected since arming
     failsafe: reason of the active failsafe, "" if none is active
+    disarmed_why: reason of the last disarming, "" before the first
     texts: messages for the user, (MAV_SEVERITY, text); the MAVLink interface removes each when it sends it
     """
 
@@ -88,6 +60,7 @@ class Commander:
     armed_since: float = float("inf")
     took_off: bool = False
     failsafe: str = ""
+    disarmed_why: str = ""
     texts: list[tuple[int, str]] = field(default_factory=list)
     _landed_since: float | None = None
     _pending: tuple[float, Mode] | None = None
@@ -96,6 +69,7 @@ class Commander:
     _tilted_since: float | None = None
     _had_manual_control: bool = False
     _manual_control_lost: bool = False
+    _mode_was_requested: bool = False
 
     # -- requests --------------------------------------------------------------------------------------------
 
@@ -114,7 +88,7 @@ class Commander:
         if why:
             self.report(CRITICAL, f"Mode change denied: {why}")
         else:
-            self.intended = mode or Mode.HOLD
+            self.intended, self._mode_was_requested = mode or Mode.HOLD, True
             self._enter(self.intended, "")
         return why
 
@@ -122,10 +96,10 @@ class Commander:
         if mode is Mode.OFFBOARD and s.offboard_age > params.com_of_loss_t:
             return "no offboard setpoints: stream them at 2 Hz or more first"
         if (
-            mode in _NEEDS_POSITION or (mode is Mode.OFFBOARD and s.offboard_needs_position)
+            mode in POSITION_MODES or (mode is Mode.OFFBOARD and s.offboard_needs_position)
         ) and not s.position_ok:
             return "no valid local position"
-        return self._missing_for_auto(mode, s)
+        return missing_for_manual(mode, s) or self._missing_for_auto(mode, s)
 
     def _missing_for_auto(self, mode: Mode, s: CommanderInputs) -> str:
         if mode in (Mode.MISSION, Mode.RTL) and not s.global_ok:
@@ -137,7 +111,8 @@ class Commander:
     def arm_checks(self, s: CommanderInputs, params: CommanderParams) -> list[str]:
         """Return every reason to refuse arming. The list is empty if arming is allowed."""
         offboard = self.mode is Mode.OFFBOARD
-        position = self.mode in _NEEDS_POSITION or (offboard and s.offboard_needs_position)
+        position = self.mode in POSITION_MODES or (offboard and s.offboard_needs_position)
+        manual = missing_for_manual(self.mode, s)
         checks = [
             (not s.aligned, "Attitude not valid: waiting for external vision"),
             (position and not s.xy_valid, "Horizontal position not valid: no external vision"),
@@ -146,17 +121,19 @@ class Commander:
             (s.aligned and not s.yaw_valid, "Heading not valid: vision yaw rejected"),
             (offboard and s.offboard_age > params.com_of_loss_t, "No offboard signal"),
             (self.mode in _NOT_ARMABLE, f"Mode {self.mode.label} does not allow arming"),
-            (_battery_too_low(s, params), f"Battery too low: {100 * s.battery:.0f} %"),
+            (battery_too_low(s, params), f"Battery too low: {100 * s.battery:.0f} %"),
             (s.tilt_rad > params.fd_fail_rad, f"Attitude: tilted by {57.3 * s.tilt_rad:.0f} degrees"),
-            (params.nav_dll_act > 0 and _gcs_lost(s, params), "No connection to the ground control station"),
+            (params.nav_dll_act > 0 and gcs_lost(s, params), "No connection to the ground control station"),
             (self.mode is Mode.MISSION and not s.mission_ok, "No valid mission available"),
             (s.fence != "" and params.gf_action > 0, s.fence),
+            (manual != "", manual[:1].upper() + manual[1:]),
         ]
         return [reason for failed, reason in checks if failed]
 
     def arm(self, s: CommanderInputs, params: CommanderParams, *, why: str = "by external command") -> str:
         """Arm and return "", or return the reasons of the refusal."""
-        reasons = self.arm_checks(s, params)
+        throttle = stick_problem(self.mode, s)
+        reasons = [*([throttle] if throttle else []), *self.arm_checks(s, params)]
         if self.armed:
             return ""
         if reasons:
@@ -177,6 +154,7 @@ class Commander:
             self.report(CRITICAL, "Disarming denied: not landed")
             return "not landed"
         self.armed, self.armed_since, self.took_off, self._pending = False, float("inf"), False, None
+        self.disarmed_why = why
         self.report(INFO, f"Disarmed {why}")
         if self.mode in _NOT_ARMABLE:
             self._enter(Mode.HOLD, "")
@@ -195,7 +173,10 @@ class Commander:
 
     def update(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Detect the take-off, run the failsafe checks, and disarm after the landing."""
+        self._run_gesture(s, params)
         if not self.armed:
+            if s.manual_control and not self._mode_was_requested:
+                self.intended = self.mode = Mode.POSCTL  # as in PX4: the first stick positions select POSCTL
             return
         if s.flying and not (s.landed or self.took_off):
             self.took_off = True
@@ -213,7 +194,35 @@ class Commander:
             if not self.armed:
                 return
         self._run_pending(s)
+        self._check_sticks(s, params)
         self._auto_disarm(s, params)
+
+    def _run_gesture(self, s: CommanderInputs, params: CommanderParams) -> None:
+        """Arm or disarm by a stick gesture. In STABILIZED and ACRO the gesture also disarms in the air (COM_DISARM_MAN)."""
+        gesture = s.manual.gesture if params.man_arm_gesture else ""
+        if gesture == "arm" and not self.armed:
+            if self.mode in MANUAL_MODES:
+                self.arm(s, params, why="by stick gesture")
+            else:
+                self.report(CRITICAL, "Arming denied: switch to manual mode first")
+        elif gesture == "disarm" and (s.landed or (self.mode in THRUST_MODES and params.com_disarm_man == 1)):
+            self.disarm(s, force=True, why="by stick gesture")
+
+    def _check_sticks(self, s: CommanderInputs, params: CommanderParams) -> None:
+        """Enter the mode that the estimate allows if a pilot flies, and POSCTL if a pilot takes over by moving the sticks."""
+        flies = self.mode in (Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED)
+        if flies and self.intended in (Mode.POSCTL, Mode.ALTCTL):
+            possible = possible_mode(self.intended, s, params)
+            if possible is self.intended and self.mode is not possible:
+                self._enter(possible, "")
+            elif possible is not self.mode:
+                self._act(possible, f"no valid estimate for {self.intended.label}")
+        in_delay = self._pending is not None
+        takes = sticks_take_over(self.mode, s, params, failsafe=self.failsafe, in_delay=in_delay)
+        if takes and possible_mode(Mode.POSCTL, s, params) in (Mode.POSCTL, Mode.ALTCTL):
+            self.intended, self._pending = Mode.POSCTL, None
+            self._enter(possible_mode(Mode.POSCTL, s, params), "")
+            self.report(INFO, "Pilot took over using sticks")
 
     def _check_attitude(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Terminate the flight if the tilt stays above its limit (FD_FAIL_R or FD_FAIL_P) for FD_FAIL_R_TTRI [s].
@@ -239,8 +248,8 @@ class Commander:
         COM_OBL_RC_ACT 6 (terminate) and 7 (disarm) are run at once. Its other actions need a position, so the
         vehicle descends instead.
         """
-        needs = self.mode in _NEEDS_POSITION or (self.mode is Mode.OFFBOARD and s.offboard_needs_position)
-        if needs and not s.position_ok:
+        needs = self.mode in POSITION_MODES or (self.mode is Mode.OFFBOARD and s.offboard_needs_position)
+        if needs and not s.position_ok and self.mode is not Mode.POSCTL:
             what = "position" if not s.xy_valid else "heading" if not s.yaw_valid else "height"
             why = f"external vision lost, no valid {what}"
             if self.mode is Mode.OFFBOARD and params.com_obl_rc_act == 7:
@@ -284,7 +293,8 @@ class Commander:
             return
         action = {3: _home_or_land(s), 5: Mode.HOLD, 6: Mode.TERMINATE}.get(params.com_obl_rc_act, Mode.LAND)
         if params.com_obl_rc_act in _MANUAL_ACTIONS and s.manual_control:
-            action = Mode.HOLD  # centred sticks hold the position
+            self.intended = _MANUAL_ACTIONS[params.com_obl_rc_act]
+            action = possible_mode(self.intended, s, params)
         if params.com_obl_rc_act == 7:
             self._disarm_by_failsafe(s, "offboard control lost")
         else:
@@ -293,7 +303,7 @@ class Commander:
     def _check_data_link(self, s: CommanderInputs, params: CommanderParams) -> None:
         coming_down = self.mode in (*_NOT_ARMABLE, Mode.LAND)
         excepted = _EXCEPTION_BIT.get(self.mode, 0) & params.com_dll_except
-        if params.nav_dll_act and not (excepted or coming_down or self.failsafe) and _gcs_lost(s, params):
+        if params.nav_dll_act and not (excepted or coming_down or self.failsafe) and gcs_lost(s, params):
             self._act_on_link_loss(params.nav_dll_act, s, params, "data link lost")
 
     def _check_manual_control(self, s: CommanderInputs, params: CommanderParams) -> None:
@@ -374,16 +384,3 @@ class Commander:
 def _home_or_land(s: CommanderInputs) -> Mode:
     """Return mode RTL if the position, the home position and the origin are valid, else LAND."""
     return Mode.RTL if s.global_ok and s.home_ok and s.position_ok else Mode.LAND
-
-
-def _battery_too_low(s: CommanderInputs, params: CommanderParams) -> bool:
-    """Return whether the charge is too low for arming: below COM_ARM_BAT_MIN or, if this parameter is negative, at most the
-    critical charge.
-    """
-    if params.com_arm_bat_min >= 0.0:
-        return s.battery < params.com_arm_bat_min
-    return s.battery <= params.bat_crit_thr
-
-
-def _gcs_lost(s: CommanderInputs, params: CommanderParams) -> bool:
-    return s.gcs_age > _GCS_HEARTBEAT_TIMEOUT_S + params.com_dl_loss_t

@@ -1,17 +1,14 @@
-"""Inputs of the commander: the vehicle's measured state, its parameters, and manual control. Pure."""
+"""Inputs of the commander: the vehicle's measured state and its parameters. Pure."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
 
+from arena.autopilot.manual_control import ManualInput
 from arena.autopilot.param_table import Params
 
-ManualControlSource = Literal["radio", "joystick"]
-
-RADIO, JOYSTICK, EITHER, FIRST, NO_MANUAL_CONTROL = range(5)
-"""Values of COM_RC_IN_MODE. FIRST selects the source that was received first."""
+_GCS_HEARTBEAT_TIMEOUT_S = 2.5  # COM_DL_LOSS_T begins this long after the last heartbeat
 
 
 @dataclass(slots=True, kw_only=True)
@@ -34,7 +31,7 @@ class CommanderInputs:
     mission_ok: True if a feasible mission is stored
     fence: PX4's text for the violated geofence rule, "" if no rule is violated
     poses_rejected: True if the newest pose contradicts the estimate
-    manual_control: True if the pilot's sticks are received
+    manual: stick positions that are received, their motion and gestures
     """
 
     now: float = 0.0
@@ -54,7 +51,12 @@ class CommanderInputs:
     mission_ok: bool = False
     fence: str = ""
     poses_rejected: bool = False
-    manual_control: bool = False
+    manual: ManualInput = field(default_factory=ManualInput)
+
+    @property
+    def manual_control(self) -> bool:
+        """True if the pilot's sticks are received."""
+        return self.manual.sticks is not None
 
     @property
     def position_ok(self) -> bool:
@@ -68,6 +70,8 @@ class CommanderParams:
 
     fd_fail_rad: the smaller of FD_FAIL_R and FD_FAIL_P that is not 0 [rad], infinite if both are 0
     fd_fail_s: FD_FAIL_R_TTRI [s]
+    stick_speed: speed of the sticks above which a pilot takes over, COM_RC_STICK_OV / 100 [1/s]
+    gesture_s: COM_RC_ARM_HYST [s]
     lockdown_s: time after arming in which an attitude failure disarms, COM_LKDOWN_TKO + COM_SPOOLUP_TIME [s]
     """
 
@@ -91,6 +95,12 @@ class CommanderParams:
     com_rcl_except: int = 0
     com_rc_in_mode: int = 3
     com_rc_loss_t: float = 0.5
+    com_rc_override: int = 1
+    stick_speed: float = 0.3
+    gesture_s: float = 1.0
+    man_arm_gesture: int = 1
+    com_disarm_man: int = 1
+    com_posctl_navl: int = 0
     com_arm_bat_min: float = -1.0
     lockdown_s: float = 0.0
 
@@ -123,41 +133,26 @@ class CommanderParams:
             com_rcl_except=int(get("COM_RCL_EXCEPT")),
             com_rc_in_mode=int(get("COM_RC_IN_MODE")),
             com_rc_loss_t=get("COM_RC_LOSS_T"),
+            com_rc_override=int(get("COM_RC_OVERRIDE")),
+            stick_speed=0.01 * get("COM_RC_STICK_OV"),
+            gesture_s=1e-3 * get("COM_RC_ARM_HYST"),
+            man_arm_gesture=int(get("MAN_ARM_GESTURE")),
+            com_disarm_man=int(get("COM_DISARM_MAN")),
+            com_posctl_navl=int(get("COM_POSCTL_NAVL")),
             com_arm_bat_min=get("COM_ARM_BAT_MIN"),
             lockdown_s=get("COM_LKDOWN_TKO") + get("COM_SPOOLUP_TIME"),
         )
 
 
-@dataclass(slots=True)
-class ManualControl:
-    """Times at which manual control (the pilot's sticks) was last received by radio and from a joystick.
-
-    The built-in autopilot records only that sticks are received. It has no manual flight mode.
-
-    radio: time of the last RC_CHANNELS_OVERRIDE or of the last sample of the simulated radio [s]
-    joystick: time of the last MANUAL_CONTROL [s]
+def battery_too_low(s: CommanderInputs, params: CommanderParams) -> bool:
+    """Return whether the charge is too low for arming: below COM_ARM_BAT_MIN or, if this parameter is negative, at most the
+    critical charge.
     """
+    if params.com_arm_bat_min >= 0.0:
+        return s.battery < params.com_arm_bat_min
+    return s.battery <= params.bat_crit_thr
 
-    radio: float = -math.inf
-    joystick: float = -math.inf
-    _first: ManualControlSource | None = None
 
-    def receive(self, source: ManualControlSource, now: float) -> None:
-        """Record that manual control was received at time `now`.
-
-        source: `radio` or `joystick`
-        now: time since boot [s]
-        """
-        setattr(self, source, now)
-        self._first = self._first or source
-
-    def is_available(self, now: float, in_mode: int, loss_s: float) -> bool:
-        """Return whether manual control was received in the last `loss_s` seconds.
-
-        in_mode: value of COM_RC_IN_MODE, which selects the source (radio or joystick)
-        loss_s: value of COM_RC_LOSS_T [s]
-        """
-        radio, joystick = now - self.radio <= loss_s, now - self.joystick <= loss_s
-        first = radio if self._first == "radio" else joystick
-        available = {RADIO: radio, JOYSTICK: joystick, EITHER: radio or joystick, FIRST: first}
-        return available.get(in_mode, False)
+def gcs_lost(s: CommanderInputs, params: CommanderParams) -> bool:
+    """Return whether the ground station counts as lost."""
+    return s.gcs_age > _GCS_HEARTBEAT_TIMEOUT_S + params.com_dl_loss_t

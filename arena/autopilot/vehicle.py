@@ -11,16 +11,20 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from arena.autopilot.commander import CRITICAL, WARNING, Commander, Mode
-from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams, ManualControl
+from arena.autopilot.actuator_tests import ActuatorTests
+from arena.autopilot.commander import CRITICAL, WARNING, Commander
+from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams
 from arena.autopilot.control.setpoints import OffboardSetpoint
 from arena.autopilot.estimation.estimator import Estimator, VisionSample
+from arena.autopilot.flight_modes import Mode
 from arena.autopilot.injected_failures import InjectedFailures
+from arena.autopilot.manual_control import ManualControl
 from arena.autopilot.navigation.mission_items import Origin, local
 from arena.autopilot.navigation.mission_store import MissionStore
+from arena.autopilot.navigation.orbit import Orbit, OrbitRequest, orbit_of
 from arena.autopilot.param_table import Params
 from arena.geometry import yaw_from_quat
 
@@ -51,10 +55,15 @@ class Vehicle:
     row: row of the vehicle in the arrays over all vehicles
     system_id: MAVLink system id (MAV_SYS_ID)
     mav_type: MAV_TYPE of the heartbeats
+    rotors: number of rotors
     now: time of the last datagram [s]
     booted: True after the commander has run once; before, commands are rejected
     inputs, commander_params: inputs of the commander's last run
     aligned, ready_to_arm, landed_state: results of the commander's last run; landed_state is a MAV_LANDED_STATE
+    took_off_at: time of the last take-off [s], NaN before the first
+    flights: number of times the vehicle was armed by a client
+    leg_target_n: point to which a mission, a return or a reposition flies now [m] [NED], None if there is none
+    actuator_tests: motors that a client turns while the vehicle is disarmed
     vision: newest sample of external vision that is not fused yet
     offboard_setpoint, offboard_setpoint_at: newest offboard setpoint and its time [s]
     takeoff_target_d: height requested by NAV_TAKEOFF [m] [NED down], NaN for MIS_TAKEOFF_ALT
@@ -63,6 +72,8 @@ class Vehicle:
     home_n, home_yaw: home position [m] [NED] (3,) and heading [rad]
     reposition_target: requested target to which the flight has not begun yet, None if there is none
     requested_speed: requested cruise speed [m/s]; NaN if none is requested, -1 for the default
+    orbit: circle that the vehicle flies in HOLD, None if it flies none
+    is_inside_fence: function that returns whether points [m] [NED] are inside the geofence
     gcs_heartbeat_at: time of the last ground station heartbeat on any link [s]
     counts: number of received and of refused messages, by kind
     """
@@ -76,9 +87,10 @@ class Vehicle:
         estimator: Estimator,
         *,
         mav_type: int = 2,
+        rotors: int = 4,
         heading: float = 0.0,
     ) -> None:
-        self.mav_type, self.heading = mav_type, heading
+        self.mav_type, self.rotors, self.heading = mav_type, rotors, heading
         self.row, self.system_id, self.params, self._estimator = row, system_id, params, estimator
         self.commander = Commander(name)
         self.inputs = CommanderInputs()
@@ -88,6 +100,10 @@ class Vehicle:
         self.aligned = False
         self.ready_to_arm = False
         self.landed_state = LANDED_STATE_ON_GROUND
+        self.took_off_at = math.nan
+        self.flights = 0
+        self.leg_target_n: Point | None = None
+        self.actuator_tests = ActuatorTests()
         self.vision: VisionSample | None = None
         self._last_vision: VisionSample | None = None
         self.offboard_setpoint: OffboardSetpoint | None = None
@@ -99,6 +115,8 @@ class Vehicle:
         self.missions = MissionStore()
         self.reposition_target: RepositionTarget | None = None
         self.requested_speed = math.nan
+        self.orbit: Orbit | None = None
+        self.is_inside_fence: Callable[[list[Point]], bool] = lambda points: True
         self.failures = InjectedFailures()
         self.manual_control = ManualControl()
         self.gcs_heartbeat_at = _NEVER
@@ -111,6 +129,18 @@ class Vehicle:
         """Return the estimated attitude [-] wxyz (4,)."""
         attitude: list[float] = self._estimator.q_nb[self.row].tolist()
         return attitude
+
+    def update_landed_state(self) -> None:
+        """Compute the MAV_LANDED_STATE from the commander's last run: 1 on the ground, 2 in the air, 3 taking off, 4 landing."""
+        c, s, before = self.commander, self.inputs, self.landed_state
+        if s.landed or not c.armed:
+            self.landed_state = LANDED_STATE_ON_GROUND
+        elif not s.flying:
+            self.landed_state = 3
+        else:
+            self.landed_state = 4 if c.mode in (Mode.LAND, Mode.DESCEND) else 2
+        if before == LANDED_STATE_ON_GROUND != self.landed_state:
+            self.took_off_at = s.now
 
     def yaw(self) -> float:
         """Return the estimated heading [rad]."""
@@ -134,14 +164,20 @@ class Vehicle:
     # -- commands --------------------------------------------------------------------------------------------
 
     def request_mode(self, mode: Mode | None) -> bool:
-        """Change the flight mode; return whether the request was accepted."""
+        """Change the flight mode; return whether the request was accepted. An orbit ends with each request."""
         self._refresh_offboard()
+        self.orbit = None
         return not self.commander.request_mode(mode, self.inputs, self.commander_params)
 
     def arm(self, why: str = "by external command") -> bool:
         """Arm if every arming check passes; return whether the vehicle is armed."""
         self._refresh_offboard()
-        return not self.commander.arm(self.inputs, self.commander_params, why=why)
+        was_armed = self.commander.armed
+        armed = not self.commander.arm(self.inputs, self.commander_params, why=why)
+        if armed and not was_armed:
+            self.flights += 1
+            self.actuator_tests.stop()
+        return armed
 
     def disarm(self, *, force: bool) -> bool:
         """Disarm; return whether the vehicle is disarmed. In the air this needs `force`."""
@@ -177,6 +213,29 @@ class Vehicle:
         if accepted and self.commander.armed:
             self.reposition_target = target
             self.requested_speed = speed if speed > 0 else self.requested_speed
+        return accepted
+
+    def request_orbit(self, request: OrbitRequest) -> bool:
+        """Fly on a circle, in HOLD; return whether the request was accepted."""
+        here: list[float] = self._estimator.p_n[self.row].tolist()
+        centre: Point = (here[0], here[1], here[2])
+        has_place = math.isfinite(request.lat) and math.isfinite(request.lon)
+        if self.origin is None and (has_place or math.isfinite(request.alt)):
+            self.commander.report(CRITICAL, "Orbit rejected: no global origin")
+            return False
+        if has_place and self.origin is not None:
+            centre = (*local(self.origin, request.lat, request.lon), centre[2])
+        if math.isfinite(request.alt) and self.origin is not None:
+            centre = (centre[0], centre[1], self.origin.alt - request.alt)
+        orbit = orbit_of(
+            request, centre, self.yaw(), float(self.params["MC_ORBIT_RAD_MAX"][self.row]), self.orbit
+        )
+        if orbit is None or not self.is_inside_fence(orbit.points()):
+            what = "Orbit radius limit exceeded" if orbit is None else "Orbit is outside geofence"
+            self.commander.report(CRITICAL, what)
+            return False
+        accepted = self.request_mode(Mode.HOLD)
+        self.orbit = orbit if accepted and self.commander.armed else None
         return accepted
 
     def set_home_to_current_position(self) -> None:

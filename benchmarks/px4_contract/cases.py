@@ -42,6 +42,16 @@ def case(name: str, what: str, *, setup: Setup | None = None, ground: bool = Tru
 
 def all_cases() -> dict[str, Case]:
     """Import the modules that register cases, and return all cases."""
-    from px4_contract import arming, commands, failing, flying, link, offboard, params  # noqa: F401
+    from px4_contract import (  # noqa: F401
+        arming,
+        commands,
+        failing,
+        flying,
+        ground_stations,
+        link,
+        offboard,
+        params,
+        sticks,
+    )
 
     return CASES

@@ -40,11 +40,22 @@ def attitude(
 
 
 def global_int(mask: int, frame: int, p: Any = (0, 0, 0), v: Any = (0, 0, 0)) -> Each:
-    return lambda r: r.send(
-        mavlink.MAVLink_set_position_target_global_int_message(
-            0, r.id, 1, frame, mask, int(p[0]), int(p[1]), p[2], *v, 0, 0, 0, 0, 0
+    """Return a function that sends a global setpoint.
+
+    p: latitude, longitude [1e-7 deg], height above the home position [m]. v: velocity [m/s] [NED]
+    """
+
+    def send(r: Rig) -> None:
+        m = r.state.get("GLOBAL_POSITION_INT")
+        above_sea = frame == mavlink.MAV_FRAME_GLOBAL_INT and m is not None
+        height = p[2] + ((m.alt - m.relative_alt) * 1e-3 if above_sea else 0.0)
+        r.send(
+            mavlink.MAVLink_set_position_target_global_int_message(
+                0, r.id, 1, frame, mask, int(p[0]), int(p[1]), height, *v, 0, 0, 0, 0, 0
+            )
         )
-    )
+
+    return send
 
 
 def local(mask: int, **values: Any) -> Each:

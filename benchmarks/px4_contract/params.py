@@ -75,7 +75,11 @@ def listing(r: Rig, t: Transcript) -> None:
     for name in sorted(SPECS):
         m = found.get(name)
         t.note(f"{name} type", m.param_type if m else None)
-        t.number(f"{name} value", value_of(m) if m else None, part=1e-5)
+        value = value_of(m) if m else None
+        if name == "MAV_SYS_ID":  # every run of the script has its own
+            t.note(f"{name} is the vehicle's id", value == r.id)
+        else:
+            t.number(f"{name} value", value, part=1e-5)
     for name in ("NO_SUCH_NAME", "", "com_obl_rc_act"):
         t.note(f"list has {name!r}", name in found)
 

@@ -374,11 +374,16 @@ def vehicle(autopilot: str, setup: Setup, *, address: str, number: int, speed: s
         folder = Path(name)
         path = folder / "arena.yaml"
         path.write_text(arena_yaml(autopilot, setup, address, number))
-        slices = {s["name"]: s for s in make_plan(load_arena(path, [f"sim.speed={speed}"])).slices.values()}
+        slices = {
+            s["name"]: s
+            for s in make_plan(load_arena(path, [f"sim.speed={speed}", "sim.processes=many"])).slices.values()
+        }
         _merge(slices["world"]["vehicles"][0]["profile"], setup.profile)
         slices["world"]["vehicles"][0]["sticks"] = False  # the script is the radio
         slices["world"]["faults"] = f"{{rt}}/{FAULTS}"
-        rooms = {"world": "arena.sim"} | ({"px4.uav1": "arena.px4"} if autopilot == "px4" else {})
+        rooms = {"world": "px4_contract.obedient_world"} | (
+            {"px4.uav1": "arena.px4"} if autopilot == "px4" else {}
+        )
         with contextlib.ExitStack() as stack:
             children = [
                 stack.enter_context(_room(module, slices[room], folder)) for room, module in rooms.items()
@@ -409,10 +414,10 @@ def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:
 def _room(module: str, settings: dict[str, Any], folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     file = folder / f"{settings['name']}.json"
     file.write_text(json.dumps(settings).replace("{run}", str(folder)).replace("{rt}", str(folder)))
+    path = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
     with (folder / f"{settings['name']}.log").open("wb") as log:
-        child = subprocess.Popen(
-            [sys.executable, "-m", module, str(file)], stdout=log, stderr=log, env={**os.environ}
-        )
+        child = subprocess.Popen([sys.executable, "-m", module, str(file)], stdout=log, stderr=log, env=env)
         try:
             yield child
         finally:

@@ -10,6 +10,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot import Autopilots
+from arena.autopilot.ulog.recorder import Sink
 from arena.sim.world import World
 from arena.wire.mavlink_codec import Codec
 
@@ -88,6 +89,7 @@ class Flight:
 
     params: of all vehicles, or one set for each
     apart_m: distance between two vehicles [m]
+    ulog: receives the bytes of the logs
     decoded: ids of the telemetry messages that are decoded, None for all
     vision_on: whether poses of a vehicle arrive (V,)
     faults: changes of the pose, (p_n, q_nb) -> (p_n, q_nb), by vehicle
@@ -101,6 +103,7 @@ class Flight:
         params: Params | Sequence[Params] | None = None,
         apart_m: float = 2.0,
         decoded: Container[int] | None = None,
+        ulog: Sink | None = None,
         **world: Any,
     ) -> None:
         each = [params or {}] * vehicles if params is None or isinstance(params, dict) else list(params)
@@ -128,7 +131,7 @@ class Flight:
             **world,
         }
         self.world = World(self.settings)
-        self.pilots = Autopilots(self.settings, self.world.period_s)
+        self.pilots = Autopilots(self.settings, self.world.period_s, ulog=ulog)
         self.rng = np.random.default_rng(seed)
         self.vision_on = np.ones(vehicles, bool)
         self.faults: dict[int, Callable[[Any, Any], tuple[Any, Any]]] = {}

@@ -17,7 +17,7 @@ from flight import PROFILE
 from pymavlink.dialects.v20 import common as mavlink
 from scenarios import Lane, Scenarios, Wait
 
-from arena.autopilot.estimation.estimator import Estimator
+from arena.autopilot.estimation.estimator import Estimator, VisionSample
 from arena.autopilot.estimation.land_detector import LandDetector
 from arena.autopilot.param_table import Params
 from arena.constants import GRAVITY_M_S2
@@ -268,14 +268,11 @@ def standing(params: Params | None = None) -> tuple[Estimator, Callable[[float, 
 
     def go_on(seconds: float, north: float, poses: bool = True, yaw: float = 0.0) -> float:
         nonlocal steps
-        q = np.array([[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]])
+        q = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
         for _ in range(round(seconds / 0.004)):
             est.predict(np.array([[0.0, 0.0, -GRAVITY_M_S2]]), np.zeros((1, 3)))
             if poses and steps % 4 == 0:
-                place = np.array([[north, 0.0, 0.0]])
-                est.fuse_vision(
-                    np.array([0]), place, q, np.full((1, 3), 1e-6), np.full(1, 1e-6), 0.004 * steps
-                )
+                est.fuse_vision(0, VisionSample((north, 0.0, 0.0), q, (1e-6,) * 3, 1e-6), 0.004 * steps)
             steps += 1
         return 0.004 * steps
 

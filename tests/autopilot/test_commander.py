@@ -6,8 +6,11 @@ import dataclasses
 
 import pytest
 
-from arena.autopilot.commander import Commander, Mode, mode_of
-from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams, ManualControl
+from arena.autopilot.commander import Commander
+from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams
+from arena.autopilot.flight_modes import Mode, mode_of
+from arena.autopilot.manual_control import ManualControl, ManualInput
+from arena.wire.sticks import CENTRED
 
 OK = CommanderInputs(
     now=100.0,
@@ -40,7 +43,9 @@ PARAMS = CommanderParams(
 )
 
 
-def inputs(**changes) -> CommanderInputs:
+def inputs(*, manual_control=False, **changes) -> CommanderInputs:
+    if manual_control:
+        changes["manual"] = ManualInput(sticks=CENTRED)
     return dataclasses.replace(OK, **changes)
 
 
@@ -274,9 +279,10 @@ def test_more_severe_of_two_failsafes_acts():
     assert c.mode is Mode.LAND
 
 
-@pytest.mark.parametrize(("there", "mode"), [(True, Mode.HOLD), (False, Mode.LAND)])
-def test_offboard_loss_into_a_manual_mode_holds_with_manual_control_else_lands(there, mode):
-    for action in (0, 1, 2):
+@pytest.mark.parametrize("there", [True, False])
+def test_offboard_loss_into_a_manual_mode_needs_manual_control_else_lands(there):
+    for action, manual in enumerate((Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED)):
+        mode = manual if there else Mode.LAND
         c, up = flying()
         c.update(
             inputs(now=106.0, offboard_age=1.5, manual_control=there, **up), params(com_obl_rc_act=action)

@@ -49,8 +49,9 @@ def break_filter(est: Estimator, first: int) -> None:
     claimed[first + 2] = 0.25
     est._delay_s[first + 1] -= 0.5 * est.dt
 
-    def fuse_overconfident(idx, p, q, var_p, var_yaw, now):
-        fuse(idx, p, q, var_p * claimed[idx, None], var_yaw * claimed[idx], now)
+    def fuse_overconfident(i, sample, now):
+        var_p, var_yaw = (np.multiply(var, claimed[i]) for var in (sample.var_p, sample.var_yaw))
+        fuse(i, sample._replace(var_p=tuple(var_p.tolist()), var_yaw=float(var_yaw)), now)
 
     def predict_by_the_end(accel_b, gyro_b):
         est.omega_b[first + 3] = gyro_b[first + 3] - est.gyro_bias[first + 3]
@@ -146,8 +147,7 @@ def hovering() -> Estimator:
 
 
 def see(est: Estimator, now: float, north: float) -> None:
-    p, q = np.array([[north, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0, 0.0]])
-    est.fuse_vision(np.array([0]), p, q, np.full((1, 3), 1e-6), np.full(1, 1e-6), now)
+    est.fuse_vision(0, VisionSample((north, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (1e-6,) * 3, 1e-6), now)
 
 
 @pytest.mark.parametrize(("comes_back", "followed"), [(False, False), (True, True)])

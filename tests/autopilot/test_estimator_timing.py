@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from arena.autopilot.estimation.estimator import Estimator
+from arena.autopilot.estimation.estimator import Estimator, VisionSample
 from arena.autopilot.estimation.prediction_period import samples_per_prediction
 from arena.autopilot.param_table import Params
 from arena.builtin_parameters import SPECS
 from arena.constants import GRAVITY_M_S2
 
-LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
+LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 
 def estimator(hz: float, **params: float) -> Estimator:
@@ -29,8 +29,7 @@ def predict(est: Estimator, accel_north: float = 0.0) -> None:
 
 def see(est: Estimator, now: float, north: float) -> None:
     """Fuse a pose with a noise of 1 mm and 1 mrad."""
-    p_n = np.array([[north, 0.0, 0.0]])
-    est.fuse_vision(np.array([0]), p_n, LEVEL, np.full((1, 3), 1e-6), np.full(1, 1e-6), now)
+    est.fuse_vision(0, VisionSample((north, 0.0, 0.0), LEVEL, (1e-6,) * 3, 1e-6), now)
 
 
 @pytest.mark.parametrize("hz", [50, 250, 1000])

@@ -10,7 +10,7 @@ from flight import Flight
 from pymavlink.dialects.v20 import common as mavlink
 from scenarios import ALT, LAT, LON, RADIUS_M, lat_lon
 
-from arena.autopilot.commander import Mode
+from arena.autopilot.flight_modes import Mode
 from arena.autopilot.navigation.geofence import read_areas
 from arena.autopilot.navigation.mission_items import Item, Origin, position_of
 from arena.geometry import globe_from_local, local_from_globe

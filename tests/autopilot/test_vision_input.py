@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from arena.autopilot.estimation.estimator import VisionSample
-from arena.autopilot.estimation.vision_input import vision_batch
+from arena.autopilot.estimation.vision_input import VisionInput
 from arena.autopilot.param_table import Params
 from arena.geometry import quat_from_euler
 
 NAN4 = (math.nan,) * 4
-LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]] * 2)
 
 
 def params(**values: float) -> Params:
@@ -27,25 +26,45 @@ def sample(q_nb=(1.0, 0.0, 0.0, 0.0)) -> VisionSample:
     return VisionSample(p_n=(1.0, 2.0, -3.0), q_nb=q_nb, var_p=(0.01, 0.02, 0.03), var_yaw=0.04)
 
 
+def prepared(given: Params, i: int, used: VisionSample, q_nb=(1.0, 0.0, 0.0, 0.0)) -> VisionSample | None:
+    return VisionInput(given).prepare(i, used, lambda: list(q_nb))
+
+
 def test_default_ekf2_ev_ctrl_fuses_nothing():
-    assert vision_batch({0: sample(), 1: sample()}, Params(2), LEVEL) is None
+    assert prepared(Params(2), 0, sample()) is None
 
 
-def test_only_vehicles_that_fuse_vision_are_in_the_batch():
-    batch = vision_batch({0: sample(), 1: sample()}, params(EKF2_EV_CTRL=11), LEVEL)
-    assert batch is not None and batch.idx.tolist() == [1]
-    assert batch.p_n.tolist() == [[1.0, 2.0, -3.0]] and batch.var_p.tolist() == [[0.01, 0.02, 0.03]]
+def test_only_vehicles_that_fuse_vision_have_a_sample_to_fuse():
+    assert prepared(params(EKF2_EV_CTRL=11), 0, sample()) is None
+    assert prepared(params(EKF2_EV_CTRL=11), 1, sample()) == sample()
+
+
+def test_a_parameter_that_changes_acts_on_the_next_sample():
+    changing = Params(2)
+    vision = VisionInput(changing)
+    assert vision.prepare(1, sample(), list) is None
+    changing.set(1, "EKF2_EV_CTRL", 11)
+    assert vision.prepare(1, sample(), list) == sample()
 
 
 def test_noise_mode_1_ignores_the_variances_of_the_message():
-    batch = vision_batch({1: sample()}, params(EKF2_EV_CTRL=11, EKF2_EV_NOISE_MD=1), LEVEL)
-    assert batch is not None and not batch.var_p.any() and not batch.var_yaw.any()
+    found = prepared(params(EKF2_EV_CTRL=11, EKF2_EV_NOISE_MD=1), 1, sample())
+    assert found is not None and not any(found.var_p) and not found.var_yaw
 
 
 @pytest.mark.parametrize("given", [True, False], ids=["attitude of the sample", "estimated attitude"])
 def test_position_of_the_measured_point_is_subtracted_in_body_axes(given):
-    east = quat_from_euler(np.array([0.0, 0.0, math.pi / 2]))
+    east = tuple(quat_from_euler(np.array([0.0, 0.0, math.pi / 2])).tolist())
     set_to = params(EKF2_EV_CTRL=11, EKF2_EV_POS_X=0.1, EKF2_EV_POS_Z=-0.05)
-    q = tuple(east.tolist()) if given else NAN4
-    batch = vision_batch({1: sample(q)}, set_to, LEVEL if given else np.stack([LEVEL[0], east]))
-    assert batch is not None and batch.p_n[0] == pytest.approx([1.0, 1.9, -2.95])
+    found = prepared(set_to, 1, sample(east if given else NAN4), (1.0, 0.0, 0.0, 0.0) if given else east)
+    assert found is not None and found.p_n == pytest.approx([1.0, 1.9, -2.95])
+
+
+@pytest.mark.parametrize("name", ["EKF2_EV_POS_X", "EKF2_EV_POS_Y", "EKF2_EV_POS_Z"])
+def test_offset_that_no_vehicle_has_is_refused(name):
+    """A ground station could write 1e30, and the estimate became NaN."""
+    table = Params(1)
+    table.set(0, name, 0.25)
+    with pytest.raises(ValueError, match=name):
+        table.set(0, name, 1e30)
+    assert table[name][0] == 0.25

@@ -72,17 +72,21 @@ class PositionControl:
         self.integral[which] = 0.0
         self._v_dot[which] = 0.0
 
-    def prepare(self, sp: Setpoints, est: Estimator) -> None:
-        """Read changed parameters, and copy the estimates to the inputs of `law`, the compiled controller.
-
-        sp: setpoints; only those for the position controller are used
-        est: estimator of all vehicles
-        """
+    def begin(self, sp: Setpoints) -> None:
+        """Read changed parameters, and the place of the setpoints. Only those for the position controller are used."""
         if self._version != self.params.version:
             self._read_params()
         if sp is not self._sp:
             self._sp = sp
             self.law.read_setpoints_from(view(sp.p_n), view(sp.v_n), view(sp.a_n), view(sp.yaw))
+
+    def prepare(self, sp: Setpoints, est: Estimator) -> None:
+        """Call `begin`, and copy the estimates to the inputs of `law`, the compiled controller.
+
+        sp: setpoints
+        est: estimator of all vehicles
+        """
+        self.begin(sp)
         for to, estimate in zip(self._inputs, (est.p_n, est.v_n, est.q_nb), strict=True):
             to[...] = estimate
 
@@ -111,13 +115,17 @@ class AttitudeControl:
             p.columns("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX")
         )
 
+    def begin(self) -> None:
+        """Read changed parameters."""
+        if self._version != self.params.version:
+            self._read_params()
+
     def prepare(self, q_nb: Array, r_nb: Array) -> None:
-        """Read changed parameters, and copy the estimates to the inputs of `law`, the compiled controller.
+        """Call `begin`, and copy the estimates to the inputs of `law`, the compiled controller.
 
         q_nb, r_nb: attitude [-] wxyz (V, 4) and its rotation matrix (V, 3, 3)
         """
-        if self._version != self.params.version:
-            self._read_params()
+        self.begin()
         self._inputs[0][...], self._inputs[1][...] = q_nb, r_nb
 
     def update(self, q_nb: Array, r_nb: Array, q_sp: Array, yaw_rate: Array) -> Array:
@@ -162,10 +170,14 @@ class RateControl:
         self.integral[which] = 0.0
         self._yaw_torque[which] = 0.0
 
-    def prepare(self, omega_b: Array) -> None:
-        """Read changed parameters, and copy the body rates [rad/s] [FRD] (V, 3) to the inputs of `law`, the compiled controller."""
+    def begin(self) -> None:
+        """Read changed parameters."""
         if self._version != self.params.version:
             self._read_params()
+
+    def prepare(self, omega_b: Array) -> None:
+        """Call `begin`, and copy the body rates [rad/s] [FRD] (V, 3) to the inputs of `law`, the compiled controller."""
+        self.begin()
         self._omega_b[...] = omega_b
 
     def update(self, omega_b: Array, omega_sp: Array, saturated: Array) -> Array:
@@ -196,6 +208,7 @@ class Cascade:
     q_sp, omega_sp: attitude setpoint wxyz (V, 4) and rate setpoint [rad/s] [FRD] (V, 3)
     thrust: collective thrust 0..1 (V,)
     saturated: sign of the torque that the control allocation could not deliver, for each axis (V, 3)
+    law: the compiled controllers
     """
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
@@ -208,7 +221,7 @@ class Cascade:
         self.thrust, self.saturated = np.zeros(vehicles), array(self.rate.law.saturated)
         self.dt = dt
         self._torque = array(self.rate.law.torque)
-        self._law = CascadeLaw(self.position.law, self.attitude.law, self.rate.law, view(self.thrust))
+        self.law = CascadeLaw(self.position.law, self.attitude.law, self.rate.law, view(self.thrust))
         self._sp: Setpoints | None = None
         self._steps = 0
 
@@ -217,17 +230,28 @@ class Cascade:
         self.position.reset(which)
         self.rate.reset(which)
 
-    def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
-        """Run all controllers. Return the normalised torque [-] [FRD] (V, 3) and the collective thrust 0..1 (V,)."""
+    def begin(self, sp: Setpoints) -> bool:
+        """Begin a step of `law`, whose inputs the caller writes: read changed parameters and the place of the setpoints.
+
+        Return whether the position controller runs in this step.
+        """
         if sp is not self._sp:
             self._sp = sp
             given = (sp.q_nb, sp.omega_b, sp.thrust, sp.yaw_rate, sp.yaw_rate_ff)
-            self._law.read_setpoints_from(integers(sp.level), *(view(each) for each in given))
+            self.law.read_setpoints_from(integers(sp.level), *(view(each) for each in given))
+        self.position.begin(sp)
+        self.attitude.begin()
+        self.rate.begin()
         with_position = self._steps % self._position_every == 0
+        self._steps += 1
+        return with_position
+
+    def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
+        """Run all controllers. Return the normalised torque [-] [FRD] (V, 3) and the collective thrust 0..1 (V,)."""
+        with_position = self.begin(sp)
         if with_position:
             self.position.prepare(sp, est)
         self.attitude.prepare(est.q_nb, est.r_nb)
         self.rate.prepare(est.omega_b)
-        self._law.step(with_position)
-        self._steps += 1
+        self.law.step(with_position)
         return self._torque, self.thrust

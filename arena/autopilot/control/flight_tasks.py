@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from arena.autopilot.commander import Mode
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
+from arena.autopilot.flight_modes import Mode
 from arena.autopilot.param_table import Params
 
 _NAN3 = (math.nan, math.nan, math.nan)

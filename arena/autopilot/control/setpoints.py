@@ -90,7 +90,7 @@ class Setpoints:
         self.level[i] = Level.NONE
         self.p_n[i] = self.v_n[i] = self.a_n[i] = np.nan
         self.yaw[i] = self.yaw_rate[i] = np.nan
-        self.thrust[i] = 0.0
+        self.thrust[i] = self.yaw_rate_ff[i] = 0.0
 
     def set_position(
         self,
@@ -102,7 +102,8 @@ class Setpoints:
         yaw: float = np.nan,
         yaw_rate: float = np.nan,
     ) -> None:
-        """Set a setpoint for the position controller of vehicle i. Axes and values left as NaN are not controlled."""
+        """Set a setpoint for the position controller of vehicle i. Axes and values left as NaN are not
+        controlled. A yaw rate of an earlier attitude setpoint ends."""
         self.level[i] = Level.POSITION
         self.p_n[i], self.v_n[i], self.a_n[i] = p_n, v_n, a_n
-        self.yaw[i], self.yaw_rate[i] = yaw, yaw_rate
+        self.yaw[i], self.yaw_rate[i], self.yaw_rate_ff[i] = yaw, yaw_rate, 0.0

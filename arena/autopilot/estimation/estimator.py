@@ -31,6 +31,7 @@ from arena.constants import GRAVITY_M_S2
 from arena.geometry import matrix_from_quat, quat_from_euler, quat_normalize, yaw_from_quat
 from arena.kernels.arrays import array, view
 from arena.kernels.error_covariance import ErrorCovariance
+from arena.kernels.estimate_validity import EstimateValidity
 from arena.kernels.strapdown import Strapdown
 from arena.kernels.vision_fusion import VisionFusion
 
@@ -73,6 +74,9 @@ class Estimator:
     p_n, v_n, a_n: position [m], velocity [m/s], acceleration [m/s2] [NED] (V, 3)
     q_nb, r_nb: attitude wxyz (V, 4) and its rotation matrix (V, 3, 3)
     omega_b: body rates without bias [rad/s] [FRD] (V, 3)
+    sensed_accel_b, sensed_gyro_b: last measurements of the IMU [m/s2], [rad/s] [FRD] (V, 3)
+    force_b: specific force without bias [m/s2] [FRD] (V, 3)
+    law: the compiled prediction, which owns these arrays
     cov: covariance of the error state (V, 15, 15)
     aligned: True if the initial attitude is set (V,)
     test_ratio: squared innovation divided by its gate, for position and yaw [-] (V, 2)
@@ -89,11 +93,12 @@ class Estimator:
         self.aligned, self.at_rest = np.zeros(v, bool), np.zeros(v, bool)
         # Past states for the largest EKF2_EV_DELAY, half a period and the interpolation.
         past_states = math.ceil(1e-3 * SPECS["EKF2_EV_DELAY"].high / dt) + 3
-        self._state = state = Strapdown(self.aligned, dt, min(1.0, dt / _FORCE_MEAN_S), past_states)
+        self.law = state = Strapdown(self.aligned, dt, min(1.0, dt / _FORCE_MEAN_S), past_states)
         self.p_n, self.v_n, self.a_n = array(state.p_n), array(state.v_n), array(state.a_n)
         self.q_nb, self.r_nb, self.omega_b = array(state.q_nb), array(state.r_nb), array(state.omega_b)
         self.gyro_bias, self.accel_bias = array(state.gyro_bias), array(state.accel_bias)
-        self._sensed = array(state.sensed_accel_b), array(state.sensed_gyro_b)
+        self.sensed_accel_b, self.sensed_gyro_b = array(state.sensed_accel_b), array(state.sensed_gyro_b)
+        self.force_b = array(state.force_b)
         self._accel_mean = array(state.accel_mean)
         self._ring_p, self._ring_q = array(state.ring_p), array(state.ring_q)
         self.q_nb[:, 0] = self._ring_q[..., 0] = 1.0
@@ -102,7 +107,6 @@ class Estimator:
         samples = samples_per_prediction(dt)
         self._covariance = ErrorCovariance(dt, samples, state.r_nb, state.force_b, state.omega_b)
         self.cov = array(self._covariance.cov)
-        self._variances = np.einsum("vii->vi", self.cov)[:, :9]  # of position, velocity and attitude
         self._ctrl, self.rejected = np.zeros(v, int), np.zeros(v, int)
         self._vision = vision = VisionFusion(state, self._covariance, self._ctrl, self.rejected)
         self._delay_s, self._rejected_since = array(vision.delay_s), array(vision.rejected_since)
@@ -111,9 +115,26 @@ class Estimator:
         self.last_xy, self.last_z = array(vision.last_xy), array(vision.last_z)
         self.last_yaw = array(vision.last_yaw)
         self.last_xy[:] = self.last_z[:] = self.last_yaw[:] = _NEVER
-        self.aligned_at, self.reset_counter = np.full(v, np.inf), np.zeros(v, int)
+        self._xy_valid, self._z_valid, self._yaw_valid = np.zeros((3, v), bool)
+        self._validity = validity = EstimateValidity(
+            state,
+            vision,
+            self._covariance.cov,
+            view(_VALID_VARIANCE),
+            _SETTLE_S,
+            self._xy_valid,
+            self._z_valid,
+            self._yaw_valid,
+        )
+        self.aligned_at, self.reset_counter = array(validity.aligned_at), np.zeros(v, int)
         self._baro_offset, self._baro_seen = np.zeros(v), np.zeros(v, bool)
-        self._last_baro, self._baro_at = np.full(v, _NEVER), _NEVER  # last fusion of each, and last call [s]
+        self.last_baro, self._baro_at = (
+            array(validity.last_baro),
+            _NEVER,
+        )  # last fusion of each, and last call [s]
+        self.last_baro[:] = _NEVER
+        self._timeout_s = array(validity.timeout_s)
+        self._pose = np.zeros((1, 11))
         self._height = np.zeros((1, 15))  # derivatives of the position D by the error state
         self._height[0, 2] = 1.0
         self._read_params()
@@ -121,13 +142,13 @@ class Estimator:
     def _read_params(self) -> None:
         p = self.params
         self._version = p.version
-        self._timeout_s = p["EKF2_NOAID_TOUT"] * 1e-6
+        self._timeout_s[:] = p["EKF2_NOAID_TOUT"] * 1e-6
         self._delay_s[:] = p["EKF2_EV_DELAY"] * 1e-3
         self._ctrl[:] = p["EKF2_EV_CTRL"]
         variances = p.columns("EKF2_EVP_NOISE", "EKF2_EVA_NOISE") ** 2
         array(self._vision.least_variance)[:] = variances[:, (0, 0, 0, 1)]
         array(self._vision.gate_squared)[:] = p.columns("EKF2_EVP_GATE", "EKF2_HDG_GATE") ** 2
-        array(self._state.bias_limit)[:] = p["EKF2_ABL_LIM"]
+        array(self.law.bias_limit)[:] = p["EKF2_ABL_LIM"]
         # Velocity, attitude and both biases. As in PX4, each prediction adds (noise * period)^2.
         noise = p.columns("EKF2_ACC_NOISE", "EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_ACC_B_NOISE").repeat(
             3, axis=1
@@ -137,27 +158,29 @@ class Estimator:
     # -- validity --------------------------------------------------------------------------------------------
 
     def xy_valid(self, now: float) -> Bool:
-        """Return a mask of the vehicles whose horizontal position and velocity are valid (V,).
+        """Return a mask of the vehicles whose horizontal position and velocity are valid (V,). The next call overwrites it.
 
         They are valid if vision was fused within the last EKF2_NOAID_TOUT and the filter has converged.
         """
-        return np.asarray(self.aligned & (now - self.last_xy < self._timeout_s) & self._converged(now))
+        self._validity.update(now)
+        return self._xy_valid
 
     def z_valid(self, now: float) -> Bool:
-        """Return a mask of the vehicles whose height is valid (V,).
+        """Return a mask of the vehicles whose height is valid (V,). The next call overwrites it.
 
         It is valid if the height of vision or of the barometer was fused within the last EKF2_NOAID_TOUT. PX4
         has the same timeout (`valid_timeout_max` in EKF2).
         """
-        last = np.maximum(self.last_z, self._last_baro)
-        return np.asarray(self.aligned & (now - last < self._timeout_s))
+        self._validity.update(now)
+        return self._z_valid
 
     def yaw_valid(self, now: float) -> Bool:
-        """Return a mask of the vehicles whose heading is valid (V,).
+        """Return a mask of the vehicles whose heading is valid (V,). The next call overwrites it.
 
         It is valid if yaw was fused within the last EKF2_NOAID_TOUT, or if the parameters disable yaw fusion.
         """
-        return np.asarray(self.aligned & ((now - self.last_yaw < self._timeout_s) | (self._ctrl & 8 == 0)))
+        self._validity.update(now)
+        return self._yaw_valid
 
     def velocity_known(self, i: int) -> bool:
         """Return whether the estimated velocity of vehicle i is accurate enough to stop the vehicle without external vision."""
@@ -167,8 +190,11 @@ class Estimator:
         """Return the magnitude of the specific force, averaged over 0.2 s [m/s2] (V,). At rest the magnitude is 9.8 m/s2."""
         return np.asarray(np.sqrt((self._accel_mean * self._accel_mean).sum(1)))
 
-    def _converged(self, now: float) -> Bool:
-        return np.asarray((self._variances < _VALID_VARIANCE).all(1) & (now - self.aligned_at > _SETTLE_S))
+    def test_ratios(self) -> Array:
+        """Return the squared innovation of each measurement divided by its gate: position [NED] and yaw [-] (V, 4)."""
+        variance = np.minimum(self.innovation_var, self._gate_var)
+        gates = array(self._vision.gate_squared)[:, (0, 0, 0, 1)]
+        return np.asarray(self.innovation**2 / (variance * gates))
 
     # -- prediction ------------------------------------------------------------------------------------------
 
@@ -180,38 +206,31 @@ class Estimator:
         """
         if self._version != self.params.version:
             self._read_params()
-        self._sensed[0][...], self._sensed[1][...] = accel_b, gyro_b
-        self._state.step()
+        self.sensed_accel_b[...], self.sensed_gyro_b[...] = accel_b, gyro_b
+        self.law.step()
         self._covariance.step()
 
     # -- correction ------------------------------------------------------------------------------------------
 
-    def fuse_vision(
-        self, idx: Index, p_n: Array, q_nb: Array, var_p: Array, var_yaw: Array, now: float
-    ) -> None:
-        """Fuse one sample of external vision, received in this IMU period, for each of m vehicles.
+    def fuse_vision(self, i: int, sample: VisionSample, now: float) -> None:
+        """Fuse one sample of external vision of vehicle i, received in this IMU period.
 
         The age of a sample is EKF2_EV_DELAY, as PX4 assumes for samples that are stamped on arrival.
 
-        idx: rows of the vehicles (m,)
-        p_n: position [m] [NED] (m, 3)
-        q_nb: attitude [-] wxyz, NaN if not given (m, 4)
-        var_p, var_yaw: variances [m2] (m, 3) and [rad2] (m,)
         now: time since boot [s]
         """
-        rejected_s = now - self._rejected_since[idx]
-        lost = self.at_rest[idx] & np.isfinite(q_nb[:, 0]) & (rejected_s >= self._timeout_s[idx])
-        self.realign(idx[lost & self.aligned[idx]])
-        fresh = ~self.aligned[idx]
-        if fresh.any():
-            self._align(idx[fresh], p_n[fresh], q_nb[fresh], var_p[fresh], now)
-            idx = idx[~fresh]
-            p_n, q_nb, var_p, var_yaw = (x[~fresh] for x in (p_n, q_nb, var_p, var_yaw))
-        if not len(idx):
-            return
-        pose = np.concatenate([p_n, q_nb, var_p, var_yaw[:, None]], axis=1)
-        for row, i in enumerate(idx.tolist()):
-            self._vision.fuse(i, view(pose), row, now)
+        p_n, q_nb, var_p, var_yaw = sample
+        if self.aligned[i] and self.at_rest[i] and math.isfinite(q_nb[0]):
+            self._realign_after_rejections(i, now)
+        if self.aligned[i]:
+            self._pose[0] = (*p_n, *q_nb, *var_p, var_yaw)
+            self._vision.fuse(i, view(self._pose), 0, now)
+        else:
+            self._align(np.array([i]), np.array([p_n]), np.array([q_nb]), now)
+
+    def _realign_after_rejections(self, i: int, now: float) -> None:
+        if now - self._rejected_since[i] >= self._timeout_s[i]:
+            self.realign(np.array([i]))
 
     def fuse_baro(self, baro_alt_m: Array, now: float) -> None:
         """Fuse the barometer if vision gives no height, else estimate the barometer's offset.
@@ -231,7 +250,7 @@ class Estimator:
         after_s = np.minimum(_BARO_AFTER_S, 0.5 * self._timeout_s)
         lost = alive & self._baro_seen & (now - self.last_z > after_s) & (self.params["EKF2_BARO_CTRL"] > 0)
         if lost.any():
-            self._last_baro[lost] = now
+            self.last_baro[lost] = now
             for i in np.flatnonzero(lost).tolist():
                 self._fuse_height(i, float(self._baro_offset[i] - baro_alt_m[i]))
 
@@ -241,7 +260,7 @@ class Estimator:
         covariance.begin()
         covariance.correct(i, view(self._height), 0, down - float(self.p_n[i, 2]), _BARO_VARIANCE)
         covariance.repair(i)
-        self._state.correct(i, covariance.error, int(self._delay_s[i] / self.dt) + 3)
+        self.law.correct(i, covariance.error, int(self._delay_s[i] / self.dt) + 3)
 
     def realign(self, idx: Index) -> None:
         """Restart the alignment: the next vision sample of each of these vehicles sets its tilt, heading and position again.
@@ -251,10 +270,10 @@ class Estimator:
         self.aligned[idx] = False
         self.reset_counter[idx] += 1
 
-    def _align(self, idx: Index, p_n: Array, q_nb: Array, var_p: Array, now: float) -> None:
+    def _align(self, idx: Index, p_n: Array, q_nb: Array, now: float) -> None:
         """Align the estimates of vehicles at rest: set tilt from gravity, heading and position from vision."""
         ok = np.isfinite(q_nb[:, 0])
-        idx, p_n, q_nb, var_p = idx[ok], p_n[ok], q_nb[ok], var_p[ok]
+        idx, p_n, q_nb = idx[ok], p_n[ok], q_nb[ok]
         if not len(idx):
             return
         down_b = -self._accel_mean[idx]

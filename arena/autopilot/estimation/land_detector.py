@@ -3,7 +3,8 @@
 A vehicle is landed if its thrust is low and it neither moves nor turns for LNDMC_TRIG_TIME. As in PX4, an
 invalid horizontal velocity is not compared with its limit: after a collision without external vision, the
 estimated velocity can be wrong by several metres per second for minutes. The vertical velocity then comes
-from the barometer.
+from the barometer. A landed vehicle leaves this state when its thrust rises or it moves. A setpoint to climb alone does not end it,
+because the motors spool up for a second first.
 
 An armed vehicle takes off when its setpoint is a climb. After COM_SPOOLUP_TIME the allowed climb rate grows
 during MPC_TKO_RAMP_T, from no thrust to its full value (MPC_Z_VEL_MAX_UP in OFFBOARD, else MPC_TKO_SPEED).

@@ -13,11 +13,15 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.commander import CRITICAL, INFO, Mode, mode_of
+from arena.autopilot.commander import CRITICAL, INFO
+from arena.autopilot.flight_modes import Mode, mode_of
 from arena.autopilot.mavlink import streams
 from arena.autopilot.mavlink.link import MavlinkLink
+from arena.autopilot.navigation.mission_items import MISSION
+from arena.autopilot.navigation.orbit import OrbitRequest
 from arena.autopilot.vehicle import RepositionTarget, Vehicle
 from arena.constants import FORCE_ARM_DISARM, INT32_NOT_GIVEN
+from arena.wire import px4_messages
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 _SHORTEST_INTERVAL_S = 0.004
@@ -127,6 +131,15 @@ def _reposition(r: Request) -> int:
     return _accepted_or_rejected(r.vehicle.request_reposition(target, p[0]))
 
 
+def _orbit(r: Request) -> int:
+    """Fly on a circle. The mode is AUTO.LOITER; PX4 reports POSCTL with the sub mode ORBIT, which looks like a manual mode."""
+    p = r.params
+    if any(math.isinf(x) for x in p) or not _is_place(p[4], p[5], p[6]):
+        return DENIED
+    request = OrbitRequest(radius=p[0], speed=p[1], yaw=p[2], lat=p[4], lon=p[5], alt=p[6])
+    return _accepted_or_rejected(r.vehicle.request_orbit(request))
+
+
 def _change_speed(r: Request) -> int:
     speed = r.params[1]
     r.vehicle.requested_speed = speed if math.isfinite(speed) and speed > 0 else -1.0
@@ -212,6 +225,30 @@ def _terminate(r: Request) -> int:
     return ACCEPTED
 
 
+def _set_mission_current(r: Request) -> int:
+    """Select the mission item to fly next. PX4 v1.16 supports this only by the message MISSION_SET_CURRENT."""
+    index, store = r.params[0], r.vehicle.missions
+    if not (math.isfinite(index) and 0 <= index < len(store.items[MISSION])):
+        return DENIED
+    store.set_current(int(index))
+    return ACCEPTED
+
+
+def _actuator_test(r: Request) -> int:
+    v = r.vehicle
+    return v.actuator_tests.request(r.params, v.now, v.rotors, armed=v.commander.armed)
+
+
+def _calibrate(r: Request) -> int:
+    """Refuse a calibration in PX4's words, which ground stations read. Accept the request to end a calibration."""
+    if r.vehicle.commander.armed:
+        return TEMPORARILY_REJECTED
+    if not any(math.isfinite(x) and int(x) for x in r.params):
+        return ACCEPTED
+    r.vehicle.commander.report(CRITICAL, "[cal] calibration failed: simulated sensors need no calibration")
+    return DENIED
+
+
 def _run_prearm_checks(r: Request) -> int:
     return ACCEPTED
 
@@ -224,6 +261,7 @@ COMMANDS: dict[int, Command] = {
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: _return,
     mavlink.MAV_CMD_MISSION_START: _mission_start,
     mavlink.MAV_CMD_DO_REPOSITION: _reposition,
+    mavlink.MAV_CMD_DO_ORBIT: _orbit,
     mavlink.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
     mavlink.MAV_CMD_DO_SET_HOME: _set_home,
     mavlink.MAV_CMD_GET_HOME_POSITION: _request_fixed(mavlink.MAVLINK_MSG_ID_HOME_POSITION),
@@ -231,6 +269,11 @@ COMMANDS: dict[int, Command] = {
     mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: _get_message_interval,
     mavlink.MAV_CMD_REQUEST_MESSAGE: _request_message,
     mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _request_fixed(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+    mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION: _request_fixed(px4_messages.PROTOCOL_VERSION),
+    mavlink.MAV_CMD_REQUEST_FLIGHT_INFORMATION: _request_fixed(mavlink.MAVLINK_MSG_ID_FLIGHT_INFORMATION),
+    mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: _set_mission_current,
+    mavlink.MAV_CMD_ACTUATOR_TEST: _actuator_test,
+    mavlink.MAV_CMD_PREFLIGHT_CALIBRATION: _calibrate,
     mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
     mavlink.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
     mavlink.MAV_CMD_RUN_PREARM_CHECKS: _run_prearm_checks,

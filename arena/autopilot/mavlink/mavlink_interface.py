@@ -20,20 +20,27 @@ from arena.autopilot.commander import CRITICAL, WARNING
 from arena.autopilot.control.setpoints import OffboardSetpoint
 from arena.autopilot.mavlink import (
     command_handlers,
+    file_server,
+    log_server,
     mission_protocol,
     offboard_setpoints,
     param_protocol,
     streams,
 )
 from arena.autopilot.mavlink.external_vision import from_odometry, from_vision_estimate
+from arena.autopilot.mavlink.file_server import FileServer
 from arena.autopilot.mavlink.link import MavlinkLink
+from arena.autopilot.mavlink.log_server import LogServer
 from arena.autopilot.mavlink.telemetry_packer import AVAILABLE, FREQUENT, READERS, TelemetryPacker
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
+from arena.autopilot.mavlink.vehicle_files import VehicleFiles
+from arena.autopilot.stored_logs import LogLibrary
 from arena.autopilot.vehicle import Vehicle
-from arena.wire import mavlink_records
+from arena.wire import mavlink_records, px4_messages
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Frame
 from arena.wire.px4_mode import split_mode
+from arena.wire.sticks import sticks_from_channels, sticks_from_manual_control
 
 _TEXT_BYTES = 50  # of one STATUSTEXT
 _GCS_TEXT_TIMEOUT_S = 10.0  # STATUSTEXT goes to links with a ground station only, as on PX4
@@ -47,6 +54,9 @@ class MavlinkInterface:
     telemetry: function that returns the state of all vehicles at the last step, and the packer of its frequent messages;
         None before the first step
     gate: decides who may command the vehicle; None obeys every sender, as PX4 does
+    on_text: called with severity (MAV_SEVERITY) and text of each message for the user
+    library: the stored logs of all vehicles, None if none are written
+    boot_unix_s: Unix time of the boot [s]
     """
 
     def __init__(
@@ -54,11 +64,18 @@ class MavlinkInterface:
         vehicle: Vehicle,
         telemetry: Callable[[], tuple[TelemetryState, TelemetryPacker] | None],
         gate: CommandGate | None = None,
+        on_text: Callable[[int, str], None] = lambda severity, text: None,
+        library: LogLibrary | None = None,
+        boot_unix_s: float = 0.0,
     ) -> None:
         self.vehicle, self._telemetry, self.gate = vehicle, telemetry, gate
+        self._on_text = on_text
         self.counts: Counter[str] = Counter()
         self.mission_protocol = mission_protocol.MissionProtocol(vehicle.missions, tuple(streams.LINK_RATES))
         self.param_server = param_protocol.ParamServer(vehicle.row, vehicle.params)
+        files = VehicleFiles(vehicle.commander.name, library)
+        self.file_server, self.log_server = FileServer(files), LogServer(files, boot_unix_s)
+        self._servers = (self.param_server, self.file_server, self.log_server)
         self._idle_until = 0.0  # [s]
         self._text_id = 0
         self._pings = 0
@@ -88,6 +105,8 @@ class MavlinkInterface:
                 self._receive_fast(data, frame)
             elif frame.msgid in MESSAGES and self._refuses(link, data, frame):
                 self.counts["refused: another has control"] += 1
+            elif frame.msgid == px4_messages.REQUEST_EVENT:
+                self._on_event_request(link, data, frame)
             elif (message := link.codec.decode(data, frame)) is not None:
                 self._receive_message(link, message)
 
@@ -157,11 +176,13 @@ class MavlinkInterface:
             link.gcs_heartbeat_at = self.vehicle.gcs_heartbeat_at = self.vehicle.now
 
     def _on_rc_override(self, link: MavlinkLink, m: Any) -> None:
-        self.vehicle.manual_control.receive("radio", self.vehicle.now)
+        sticks = sticks_from_channels(m.chan1_raw, m.chan2_raw, m.chan3_raw, m.chan4_raw)
+        self.vehicle.manual_control.receive("radio", self.vehicle.now, sticks)
 
     def _on_manual_control(self, link: MavlinkLink, m: Any) -> None:
         if m.target in (0, self.vehicle.system_id):
-            self.vehicle.manual_control.receive("joystick", self.vehicle.now)
+            sticks = sticks_from_manual_control(m.x, m.y, m.z, m.r)
+            self.vehicle.manual_control.receive("joystick", self.vehicle.now, sticks)
 
     def _on_global_target(self, link: MavlinkLink, m: Any) -> None:
         v = self.vehicle
@@ -187,6 +208,21 @@ class MavlinkInterface:
         if m.target_system == 0:
             reply = mavlink.MAVLink_ping_message(m.time_usec, m.seq, m.get_srcSystem(), m.get_srcComponent())
             link.send(reply)
+
+    def _on_file_request(self, link: MavlinkLink, m: Any) -> None:
+        for message in self.file_server.receive(link.name, m, self.vehicle.now):
+            link.send(message)
+
+    def _on_log_request(self, link: MavlinkLink, m: Any) -> None:
+        self.log_server.receive(link.name, m)
+
+    def _on_event_request(self, link: MavlinkLink, data: bytes, frame: Frame) -> None:
+        """Reply that a requested event is not available, because the vehicle sends no events."""
+        asked = px4_messages.read_event_request(data, frame)
+        if (asked.target_system, asked.target_component) in ((self.vehicle.system_id, c) for c in (0, 1)):
+            link.send(px4_messages.response_event_error(asked.first, 0, frame.sysid, frame.compid))
+        else:
+            self.counts["other target"] += 1
 
     def _on_mission(self, link: MavlinkLink, m: Any) -> None:
         """Pass a message of the mission protocol to `MissionProtocol` if it addresses this vehicle.
@@ -263,9 +299,9 @@ class MavlinkInterface:
             self._send_mission_messages()
         if self.vehicle.commander.texts:
             self._send_texts(now)
-        if self.param_server.busy:
-            for link in self.links.values():
-                for message in self.param_server.next_values(link.name):
+        for server in self._servers:
+            for link in self.links.values() if server.busy else ():
+                for message in server.next_messages(link.name):
                     link.send(message)
         until = now + _ROUNDING_S
         return [(link, link.take_due(now)) for link in self.links.values() if link.next_due() <= until]
@@ -303,6 +339,8 @@ class MavlinkInterface:
 
     def _send_texts(self, now: float) -> None:
         texts, self.vehicle.commander.texts = self.vehicle.commander.texts, []
+        for severity, text in texts:
+            self._on_text(severity, text)
         for link in self.links.values():
             if now - link.gcs_heartbeat_at < _GCS_TEXT_TIMEOUT_S:
                 for severity, text in texts:
@@ -322,7 +360,8 @@ class MavlinkInterface:
         links = self.links.values()
         datagrams = [(link.name, link.take_datagram()) for link in links if link.queue]
         due = min([link.next_due() for link in links])
-        self._idle_until = 0.0 if self.param_server.busy else due - _ROUNDING_S
+        busy = any(server.busy for server in self._servers)
+        self._idle_until = 0.0 if busy else due - _ROUNDING_S
         return datagrams
 
     def received_counts(self) -> Counter[str]:
@@ -345,6 +384,8 @@ _HANDLERS: dict[int, Callable[[MavlinkInterface, MavlinkLink, Any], None]] = {
     mavlink.MAVLINK_MSG_ID_PING: MavlinkInterface._on_ping,
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: MavlinkInterface._on_rc_override,
     mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: MavlinkInterface._on_manual_control,
+    **dict.fromkeys(file_server.MESSAGE_IDS, MavlinkInterface._on_file_request),
+    **dict.fromkeys(log_server.MESSAGE_IDS, MavlinkInterface._on_log_request),
     **dict.fromkeys(param_protocol.MESSAGE_IDS, MavlinkInterface._on_param),
 }
 # Messages that are accepted with target_system 0 (broadcast). Every other message must be addressed to this
@@ -355,4 +396,5 @@ _BROADCAST = {
     mavlink.MAVLINK_MSG_ID_PING,
     mavlink.MAVLINK_MSG_ID_TIMESYNC,
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE,
+    *file_server.MESSAGE_IDS,
 }

@@ -10,7 +10,6 @@ a value that is not finite or outside its documented range: the reply then conta
 from __future__ import annotations
 
 import struct
-import zlib
 from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,6 +18,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.param_table import Params
 from arena.builtin_parameters import SPECS, effect_problem
+from arena.wire.px4_messages import px4_crc32
 
 HASH_NAME = "_HASH_CHECK"
 _VALUES_PER_STEP = 8
@@ -61,7 +61,7 @@ class ParamServer:
         """True while a parameter list is being sent on any link."""
         return any(self._to_list.values())
 
-    def next_values(self, link: str) -> list[Any]:
+    def next_messages(self, link: str) -> list[Any]:
         """Return the next messages of the parameter list that was requested on this link."""
         left = self._to_list.get(link)
         return [self.value(left.popleft()) for _ in range(min(_VALUES_PER_STEP, len(left)))] if left else []
@@ -80,7 +80,7 @@ class ParamServer:
         return mavlink.MAVLink_param_value_message(name.encode(), value, kind, count, self.params.index[name])
 
     def hash(self) -> int:
-        """Return the hash of all parameter names and values, by which a client detects a change.
+        """Return PX4's hash of all parameter names and values: the CRC-32 of `px4_crc32` over the names, each with its value.
 
         A ground station that has cached the same hash need not request the list.
         """
@@ -88,7 +88,7 @@ class ParamServer:
         for name in self.params.names:
             value = float(self.params[name][self.row])
             raw = struct.pack("<i", int(value)) if SPECS[name].type == "int32" else struct.pack("<f", value)
-            found = zlib.crc32(name.encode() + raw, found)
+            found = px4_crc32(name.encode() + raw, found)
         return found
 
     def _read(self, m: Any) -> list[Any]:

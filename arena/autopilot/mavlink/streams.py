@@ -14,7 +14,8 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.atmosphere import pressure_hpa
-from arena.autopilot.commander import Mode
+from arena.autopilot.flight_modes import Mode
+from arena.autopilot.mavlink import status_messages
 from arena.autopilot.mavlink.telemetry_packer import FREQUENT
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.vehicle import Vehicle
@@ -22,21 +23,36 @@ from arena.constants import INT32_MAX, INT32_MIN
 from arena.geometry import EARTH_M
 from arena.kernels.telemetry_packing import global_position
 from arena.wire.mavlink_frame import MavlinkSender
+from arena.wire.px4_messages import CURRENT_EVENT_SEQUENCE, ESC_INFO, ESC_STATUS
 from arena.wire.px4_mode import ADVANCED, AVAILABLE_MODES, CURRENT_MODE, AvailableMode, CurrentMode
 
 Builder = Callable[[Vehicle, TelemetryState], Any]
 
 # MAV_STANDARD_MODE
-STANDARD = {Mode.RTL: 5, Mode.MISSION: 6, Mode.LAND: 7, Mode.DESCEND: 7, Mode.TAKEOFF: 8}
+STANDARD = {
+    Mode.POSCTL: 1,
+    Mode.ALTCTL: 4,
+    Mode.RTL: 5,
+    Mode.MISSION: 6,
+    Mode.LAND: 7,
+    Mode.DESCEND: 7,
+    Mode.TAKEOFF: 8,
+}
 _SELECTABLE = {
+    Mode.MANUAL: "Manual",
+    Mode.ALTCTL: "",
+    Mode.POSCTL: "",
     Mode.MISSION: "",
     Mode.HOLD: "Hold",
     Mode.RTL: "",
+    Mode.ACRO: "Acro",
     Mode.OFFBOARD: "Offboard",
+    Mode.STABILIZED: "Stabilized",
     Mode.TAKEOFF: "",
     Mode.LAND: "",
 }
 _NAN = math.nan
+_MOST_FLOAT32 = 3.4e38
 _INT32, _INT16 = (INT32_MIN, INT32_MAX), (-32768, 32767)
 
 
@@ -54,7 +70,7 @@ class AllModes:
                 custom_mode=mode.custom_mode,
                 index=k + 1,
                 count=len(_SELECTABLE),
-                properties=ADVANCED,
+                properties=0 if mode in (Mode.ALTCTL, Mode.POSCTL) else ADVANCED,
                 standard=STANDARD.get(mode, 0),
                 name=name,
             )
@@ -137,7 +153,7 @@ def estimator_status(v: Vehicle, s: TelemetryState) -> Any:
         flags |= mavlink.ESTIMATOR_POS_HORIZ_ABS if v.origin else 0
     if s.z_valid[i]:
         flags |= mavlink.ESTIMATOR_VELOCITY_VERT | mavlink.ESTIMATOR_POS_VERT_ABS
-    ratio, var = s.est.test_ratio[i], s.variance[i]
+    ratio, var = [min(float(r), _MOST_FLOAT32) for r in s.est.test_ratio[i]], s.variance[i]
     return mavlink.MAVLink_estimator_status_message(
         s.us,
         flags,
@@ -164,6 +180,7 @@ def autopilot_version(v: Vehicle, s: TelemetryState) -> Any:
         | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
         | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
         | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+        | mavlink.MAV_PROTOCOL_CAPABILITY_FTP
         | mavlink.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
     )
     # 1.16.0 is the PX4 version whose contract is kept; the custom version identifies the built-in autopilot.
@@ -182,6 +199,7 @@ BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
     CURRENT_MODE: current_mode,
     AVAILABLE_MODES: available_modes,
+    **status_messages.BUILDERS,
 }
 SUPPORTED = BUILDERS.keys() | FREQUENT.keys() | {mavlink.MAVLINK_MSG_ID_PING}
 """Ids of all messages that can be streamed or requested."""
@@ -191,6 +209,7 @@ _SLOW = {
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 5.0,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,
+    CURRENT_EVENT_SEQUENCE: 1.0 / 3.0,
 }
 _ONBOARD = _SLOW | {
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 100.0,
@@ -211,6 +230,14 @@ _ONBOARD = _SLOW | {
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: 1.0,
     mavlink.MAVLINK_MSG_ID_PING: 1.0,
     CURRENT_MODE: 0.5,
+    ESC_INFO: 10.0,
+    ESC_STATUS: 10.0,
+    mavlink.MAVLINK_MSG_ID_VIBRATION: 0.5,
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: 20.0,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: 10.0,
+    mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: 1.0,
+    mavlink.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: 5.0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 5.0,
 }
 
 # Messages per second, by link and message id. The vision and panic links carry only what their one partner

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.atmosphere import pressure_hpa
-from arena.autopilot.commander import Mode
 from arena.autopilot.control.controllers import Cascade
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
+from arena.autopilot.flight_modes import MANUAL_MODES, Mode
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.vehicle import Vehicle
 from arena.geometry import EARTH_M
@@ -59,7 +59,6 @@ FREQUENT: dict[int, dict[str, str | float]] = {
         "current_battery": "current_ca",
         "battery_remaining": "remaining",
     },
-    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: {**_BOOT},
     mavlink.MAVLINK_MSG_ID_ATTITUDE: {**_BOOT, "roll pitch yaw": "rpy", _RATES: "omega_b"},
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: {**_BOOT, "q1 q2 q3 q4": "q_nb", _RATES: "omega_b"},
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: {**_BOOT, "x y z": "p_n", "vx vy vz": "v_n"},
@@ -71,6 +70,19 @@ FREQUENT: dict[int, dict[str, str | float]] = {
         "relative_alt": "relative_alt_mm",
         "vx vy vz": "velocity_cm_s",
         "hdg": "heading_cdeg",
+    },
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: {
+        # SDKs wait for a satellite fix before they fly to a global position. The position is the estimate.
+        **_TIME,
+        "fix_type": mavlink.GPS_FIX_TYPE_3D_FIX,
+        "lat": "lat",
+        "lon": "lon",
+        "alt": "alt_mm",
+        "eph": 65535,
+        "epv": 65535,
+        "vel": 65535,
+        "cog": 65535,
+        "satellites_visible": 255,
     },
     mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: {
         "time_usec": "time_us_32",
@@ -249,8 +261,12 @@ def _base_mode(v: Vehicle) -> int:
     base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (
         mavlink.MAV_MODE_FLAG_SAFETY_ARMED if v.commander.armed else 0
     )
-    base |= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
-    if v.commander.mode is not Mode.OFFBOARD:
+    mode = v.commander.mode
+    if mode is not Mode.ACRO:
+        base |= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+    if mode in MANUAL_MODES:
+        base |= mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+    elif mode is not Mode.OFFBOARD:
         base |= mavlink.MAV_MODE_FLAG_AUTO_ENABLED | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
     return int(base)
 
@@ -306,6 +322,7 @@ def _has_global(v: Vehicle, s: TelemetryState) -> bool:
 AVAILABLE: dict[int, Callable[[Vehicle, TelemetryState], bool]] = {
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _is_aligned,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _has_global,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: _has_global,
     mavlink.MAVLINK_MSG_ID_ODOMETRY: _has_horizontal,
 }
 """Message id -> function that returns whether a vehicle has valid content for the message. All other messages can always be sent."""

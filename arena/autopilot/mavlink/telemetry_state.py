@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 
 Array = NDArray[np.float64]
@@ -26,6 +27,9 @@ class TelemetryState:
     battery_v, battery_a: voltage [V] and current [A] (V,)
     battery: remaining charge 0..1 (V,)
     consumed_mah: consumed charge [mAh] (V,)
+    setpoint_n, setpoint_v_n, setpoint_yaw: setpoint of position [m] (V, 3), velocity [m/s] (V, 3) [NED] and heading [rad] (V,), NaN
+        if not controlled
+    boot_unix_us: time of the boot, Unix time [us]
     """
 
     def __init__(
@@ -37,12 +41,15 @@ class TelemetryState:
         thrust: Array,
         motors: Array,
         consumed_mah: Array,
+        sp: Setpoints,
+        boot_unix_us: int,
     ) -> None:
         self.now_s, self.est, self.thrust, self.motors = now_s, est, thrust, motors
         self.gyro_b, self.accel_b, self.mag_b = sensors["gyro_b"], sensors["accel_b"], sensors["mag_b"]
         self.baro_alt_m, self.battery_v = sensors["baro_alt_m"], sensors["battery_v"]
         self.battery_a, self.battery = sensors["battery_current_a"], sensors["battery_remaining"]
-        self.consumed_mah = consumed_mah
+        self.consumed_mah, self.boot_unix_us = consumed_mah, boot_unix_us
+        self.setpoint_n, self.setpoint_v_n, self.setpoint_yaw = sp.p_n, sp.v_n, sp.yaw
         self.ms, self.us = int(now_s * 1e3) & 0xFFFFFFFF, int(now_s * 1e6)
         self._xy_valid: list[bool] | None = None
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from arena.autopilot.commander import CRITICAL, Mode
+from arena.autopilot.commander import CRITICAL
 from arena.autopilot.commander_inputs import CommanderInputs
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
+from arena.autopilot.flight_modes import Mode
 from arena.autopilot.navigation import mission_feasibility
 from arena.autopilot.navigation.geofence import Fence, read_areas, usable_areas
 from arena.autopilot.navigation.legs import Situation
@@ -63,9 +64,13 @@ class AutoModes:
             s.fence = checked.fence.breach(self.est.p_n[v.row].tolist()) if s.xy_valid else ""
 
     def is_flying(self, v: Vehicle) -> bool:
-        """Return whether `AutoModes` flies the vehicle in its present mode: MISSION, RTL, or HOLD with a reposition target."""
+        """Return whether `AutoModes` flies the vehicle in its present mode: MISSION, RTL, or HOLD with a reposition
+        target or an orbit.
+        """
         mode = v.commander.mode
-        return mode in _MODES or (mode is Mode.HOLD and self._is_repositioned(v))
+        if v.commander.failsafe:
+            v.orbit = None
+        return mode in _MODES or (mode is Mode.HOLD and (v.orbit is not None or self._is_repositioned(v)))
 
     def fly(self, v: Vehicle, s: CommanderInputs, sp: Setpoints) -> Mode | None:
         """Write the vehicle's setpoint. Return the flight mode that the mission requests, or None."""
@@ -75,6 +80,8 @@ class AutoModes:
         situation = self._situation(v, s, v.origin, v.home_n)
         if v.commander.mode is Mode.HOLD:
             self._start_reposition(v, n, situation)
+            if v.orbit is not None:
+                n.fly_orbit(v.orbit, situation)
         elif n.mode is not v.commander.mode:
             n.enter(v.commander.mode, situation)
         v.reposition_target = None
@@ -82,7 +89,13 @@ class AutoModes:
             n.change_speed(v.requested_speed if v.requested_speed > 0 else math.nan)
             v.requested_speed = math.nan
         n.fly(sp, situation, self.dt)
+        v.leg_target_n = n.target_n
         return n.requested_mode
+
+    def is_inside_fence(self, v: Vehicle, points: list[Point]) -> bool:
+        """Return whether all points [m] [NED] are inside the vehicle's geofence."""
+        fence = self._checked[v.row].fence
+        return not any(fence.breach(point) for point in points)
 
     def leave(self, v: Vehicle, *, armed: bool) -> None:
         """End a vehicle's mission flight, return or flight to a reposition target. Call this for every vehicle that is disarmed,
@@ -91,11 +104,11 @@ class AutoModes:
         n = self._navigators.get(v.row)
         if n is not None:
             n.leave(armed=armed)
-        v.reposition_target = None
+        v.reposition_target = v.leg_target_n = v.orbit = None
 
     def _is_repositioned(self, v: Vehicle) -> bool:
         n = self._navigators.get(v.row)
-        return v.reposition_target is not None or (n is not None and n.mode is Mode.HOLD)
+        return v.reposition_target is not None or (n is not None and n.mode is Mode.HOLD and n.orbit is None)
 
     def _start_reposition(self, v: Vehicle, n: Navigator, s: Situation) -> None:
         target = v.reposition_target

@@ -10,6 +10,7 @@ from arena.autopilot.control.flight_tasks import landing_speed
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.control.trajectory import Trajectory, TrajectoryLimits, wrap_angle
 from arena.autopilot.navigation.mission_items import Origin
+from arena.autopilot.navigation.orbit import Orbit
 from arena.autopilot.param_table import Params
 
 Point = tuple[float, float, float]
@@ -44,13 +45,15 @@ class Situation:
 class Leg:
     """Leg of a flight: a movement to a target position, or a wait in place.
 
-    kind: climb, go, land, stay (until another leg is set), wait (for hold_s) or instant (complete at once)
+    kind: climb, go, land, stay (until another leg is set), orbit (until another leg is set), wait (for hold_s) or instant
+        (complete at once)
     to: target position [m] [NED]
     yaw: heading [rad]; NaN points the nose along the path
     within_m, within_up_m: acceptance radius, horizontal and vertical [m]
     hold_s: time to stay at the target [s]
     reports: whether the end of this leg reports that the mission item is reached
     then: next stage of the same mission item, "" if the next item follows
+    orbit: circle of a leg of kind orbit
     """
 
     kind: str
@@ -61,6 +64,7 @@ class Leg:
     hold_s: float = 0.0
     reports: bool = True
     then: str = ""
+    orbit: Orbit | None = None
 
 
 @dataclass(slots=True)
@@ -78,6 +82,8 @@ class LegFollower:
     cruise: float = math.nan
     _arrived_at: float = math.nan
     _heading_met: bool = False
+    _circling: bool = False
+    _circle_speed: float = 0.0
 
     def begin(self, s: Situation) -> None:
         """Start the trajectory at the vehicle's present position, velocity and heading."""
@@ -86,11 +92,12 @@ class LegFollower:
     def set_leg(self, leg: Leg) -> None:
         """Replace the current leg."""
         self.leg, self._arrived_at, self._heading_met = leg, math.nan, False
+        self._circling = self._circling and leg.kind == "orbit"
 
     def is_complete(self, s: Situation) -> bool:
         """Return whether position and heading of the leg are reached and its hold time has passed."""
         leg = self.leg
-        if leg.kind in ("stay", "instant"):
+        if leg.kind in ("stay", "instant", "orbit"):
             return leg.kind == "instant"
         if leg.kind == "land":
             return s.landed
@@ -123,6 +130,9 @@ class LegFollower:
             # Keep descending on the ground: the land detector needs it to stay landed.
             sp.set_position(self.row, v_n=(0.0, 0.0, self._param("MPC_LAND_SPEED")), yaw=trajectory.yaw)
             return
+        if leg.orbit is not None:
+            self._fly_circle(leg.orbit, sp, s, dt)
+            return
         trajectory.turn(self._heading(s), limits, dt)
         if leg.kind == "land":
             speed = landing_speed(s.home_n[2] - s.p_n[2], self.params, self.row)
@@ -131,14 +141,35 @@ class LegFollower:
         elif leg.kind == "climb" and not s.flying:
             self._lift_off(sp, s)
         else:
-            trajectory.advance(leg.to, s.p_n, limits, dt)
-            sp.set_position(
-                self.row,
-                p_n=tuple(trajectory.p_n),
-                v_n=tuple(trajectory.v_n),
-                a_n=tuple(trajectory.a_n),
-                yaw=trajectory.yaw,
+            self._fly_to(leg.to, sp, s, dt)
+
+    def _fly_to(self, to: Point, sp: Setpoints, s: Situation, dt: float) -> None:
+        trajectory = self.trajectory
+        trajectory.advance(to, s.p_n, self._limits(), dt)
+        sp.set_position(
+            self.row,
+            p_n=tuple(trajectory.p_n),
+            v_n=tuple(trajectory.v_n),
+            a_n=tuple(trajectory.a_n),
+            yaw=trajectory.yaw,
+        )
+
+    def _fly_circle(self, orbit: Orbit, sp: Setpoints, s: Situation, dt: float) -> None:
+        """Fly to the circle, then along it. The speed along the circle begins at 0."""
+        limits = self._limits()
+        if not self._circling and orbit.is_reached(s.p_n, self._param("NAV_MC_ALT_RAD")):
+            self._circling, self._circle_speed = True, 0.0
+        if not self._circling:
+            self.trajectory.turn(
+                math.atan2(orbit.centre[1] - s.p_n[1], orbit.centre[0] - s.p_n[0]), limits, dt
             )
+            self._fly_to(orbit.nearest(s.p_n), sp, s, dt)
+            return
+        most = limits.accel * dt
+        self._circle_speed += min(max(orbit.velocity - self._circle_speed, -most), most)
+        target = orbit.setpoint(s.p_n, self._circle_speed)
+        self.trajectory.turn(target.yaw, limits, dt)
+        sp.set_position(self.row, p_n=target.p_n, v_n=target.v_n, a_n=target.a_n, yaw=self.trajectory.yaw)
 
     def _lift_off(self, sp: Setpoints, s: Situation) -> None:
         """Set a climb rate until the take-off is complete, as AUTO.TAKEOFF does."""

@@ -13,12 +13,14 @@ import math
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.commander import CRITICAL, INFO, Mode
+from arena.autopilot.commander import CRITICAL, INFO
 from arena.autopilot.control.setpoints import Setpoints
+from arena.autopilot.flight_modes import Mode
 from arena.autopilot.navigation.legs import Leg, LegFollower, Point, Situation
 from arena.autopilot.navigation.mission_feasibility import moves
 from arena.autopilot.navigation.mission_items import MISSION, RALLY, Item, position_of
 from arena.autopilot.navigation.mission_store import MissionStore
+from arena.autopilot.navigation.orbit import Orbit
 from arena.autopilot.param_table import Params
 
 _RALLY_MARGIN_M = 2.0  # a rally point must be nearer than home by this
@@ -47,6 +49,11 @@ class Navigator:
         self._disarmed = False
         self._destination: Point = (0.0, 0.0, 0.0)
 
+    @property
+    def target_n(self) -> Point:
+        """Target of the current leg [m] [NED]."""
+        return self._follower.leg.to
+
     # -- interface -------------------------------------------------------------------------------------------
 
     def enter(self, mode: Mode, s: Situation) -> None:
@@ -68,6 +75,19 @@ class Navigator:
             self.mode, self.requested_mode = Mode.HOLD, None
             self._follower.begin(s)
         self._follower.set_leg(Leg(kind="stay", to=to, yaw=yaw))
+
+    def fly_orbit(self, orbit: Orbit, s: Situation) -> None:
+        """Fly on a circle until another flight begins (DO_ORBIT)."""
+        if self.mode is not Mode.HOLD:
+            self.mode, self.requested_mode = Mode.HOLD, None
+            self._follower.begin(s)
+        if self.orbit is not orbit:
+            self._follower.set_leg(Leg(kind="orbit", to=orbit.centre, orbit=orbit))
+
+    @property
+    def orbit(self) -> Orbit | None:
+        """Circle that the vehicle flies; None if it flies none."""
+        return self._follower.leg.orbit if self.mode is Mode.HOLD else None
 
     def change_speed(self, speed: float) -> None:
         """Set the cruise speed [m/s], NaN for MPC_XY_CRUISE."""

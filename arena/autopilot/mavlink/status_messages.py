@@ -1,0 +1,199 @@
+"""Builders of telemetry messages that ground stations and SDKs use, and that are sent rarely.
+
+Each function builds the message of one vehicle. It returns None if the vehicle has no valid content for the message now.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.autopilot.flight_modes import Mode
+from arena.autopilot.mavlink import component_files
+from arena.autopilot.mavlink.telemetry_state import TelemetryState
+from arena.autopilot.vehicle import LANDED_STATE_ON_GROUND, Vehicle
+from arena.constants import GRAVITY_M_S2
+from arena.geometry import EARTH_M
+from arena.kernels.telemetry_packing import global_position
+from arena.wire import px4_messages
+
+_FULL_SPEED_RPM = 6000.0  # at motor command 1; PX4 SITL reports the same, because no rotor speed is simulated
+_RC_TIMEOUT_S = 1.0
+_RC_CENTRE_US, _RC_END_US, _NO_CHANNEL = 1500, 500, 65535
+_RC_SHOWN = 8  # channels of the simulated radio
+_RSSI_UNKNOWN = 255
+_HAS_TARGET = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND}
+_UINT16_MAX = 65535
+_ALL_AXES = 0
+
+
+def system_time(v: Vehicle, s: TelemetryState) -> Any:
+    return mavlink.MAVLink_system_time_message(s.boot_unix_us + s.us, s.ms)
+
+
+def rc_channels(v: Vehicle, s: TelemetryState) -> Any:
+    """Return the channels of the radio: roll, pitch, throttle, yaw, and four centred ones. None without a radio."""
+    if s.now_s - v.manual_control.radio > _RC_TIMEOUT_S:
+        return None
+    sticks = v.manual_control.sticks_of("radio")
+    moved = (sticks.roll, sticks.pitch, sticks.throttle, sticks.yaw)
+    given = [round(_RC_CENTRE_US + _RC_END_US * x) for x in moved] + [_RC_CENTRE_US] * (_RC_SHOWN - 4)
+    channels = given + [_NO_CHANNEL] * (18 - _RC_SHOWN)
+    return mavlink.MAVLink_rc_channels_message(s.ms, _RC_SHOWN, *channels, _RSSI_UNKNOWN)
+
+
+def vibration(v: Vehicle, s: TelemetryState) -> Any:
+    """Return VIBRATION with zeros: the simulated rotors do not vibrate, and the simulated accelerometers do not clip."""
+    return mavlink.MAVLink_vibration_message(s.us, 0.0, 0.0, 0.0, 0, 0, 0)
+
+
+def esc_info(v: Vehicle, s: TelemetryState) -> Any:
+    return px4_messages.esc_info(s.us, int(s.now_s * 10), v.rotors)
+
+
+def esc_status(v: Vehicle, s: TelemetryState) -> Any:
+    """Return ESC_STATUS. The speeds are proportional to the motor commands; the battery's current is divided among the ESCs."""
+    i, n = v.row, v.rotors
+    commands = s.motors[i, :n].tolist()
+    total = sum(commands)
+    amperes = float(s.battery_a[i]) if math.isfinite(s.battery_a[i]) else 0.0
+    current = [amperes * c / total if total > 0 else 0.0 for c in commands]
+    rpm = [_FULL_SPEED_RPM * c for c in commands]
+    return px4_messages.esc_status(s.us, rpm, float(s.battery_v[i]), current)
+
+
+def position_target_global_int(v: Vehicle, s: TelemetryState) -> Any:
+    """Return the position to which the autopilot flies in its own modes. None in other modes, and without origin or target."""
+    target = s.setpoint_n[v.row].tolist()
+    if not v.commander.armed or v.origin is None or v.commander.mode not in _HAS_TARGET:
+        return None
+    if not all(math.isfinite(x) for x in target):
+        return None
+    lat0, lon0, alt0, heading = v.origin
+    lat, lon = global_position(target[0], target[1], heading, lat0, lon0, EARTH_M)
+    velocity = [x if math.isfinite(x) else 0.0 for x in s.setpoint_v_n[v.row].tolist()]
+    yaw = float(s.setpoint_yaw[v.row])
+    return mavlink.MAVLink_position_target_global_int_message(
+        s.ms,
+        mavlink.MAV_FRAME_GLOBAL_INT,
+        _ALL_AXES,
+        int(lat),
+        int(lon),
+        alt0 - target[2],
+        *velocity,
+        0.0,
+        0.0,
+        0.0,
+        yaw + heading if math.isfinite(yaw) else 0.0,
+        0.0,
+    )
+
+
+def nav_controller_output(v: Vehicle, s: TelemetryState) -> Any:
+    """Return distance and bearing of the point to which a mission, return or reposition flies. None if there is none."""
+    if v.leg_target_n is None or v.origin is None:
+        return None
+    i = v.row
+    north, east, down = (to - at for to, at in zip(v.leg_target_n, s.est.p_n[i].tolist(), strict=True))
+    bearing = math.degrees(math.atan2(east, north) + v.origin.heading)
+    bearing = (bearing + 180.0) % 360.0 - 180.0
+    r = s.est.r_nb[i]
+    return mavlink.MAVLink_nav_controller_output_message(
+        math.degrees(math.atan2(r[2, 1], r[2, 2])),
+        math.degrees(-math.asin(max(-1.0, min(1.0, float(r[2, 0]))))),
+        round(bearing),
+        round(bearing),
+        min(round(math.hypot(north, east)), _UINT16_MAX),
+        -down,
+        0.0,
+        0.0,
+    )
+
+
+def actuator_output_status(v: Vehicle, s: TelemetryState) -> Any:
+    """Return the pulse of each motor [us], as in SERVO_OUTPUT_RAW; 900 while disarmed."""
+    motors = s.motors[v.row, : v.rotors].tolist()
+    pulses = [1000.0 + 1000.0 * m if v.commander.armed else 900.0 for m in motors]
+    return mavlink.MAVLink_actuator_output_status_message(
+        s.us, len(pulses), pulses + [0.0] * (32 - len(pulses))
+    )
+
+
+def scaled_imu(v: Vehicle, s: TelemetryState) -> Any:
+    i = v.row
+    accel = [_int16(x * 1e3 / GRAVITY_M_S2) for x in s.accel_b[i].tolist()]
+    rates = [_int16(x * 1e3) for x in s.gyro_b[i].tolist()]
+    field = [_int16(x * 1e3) for x in s.mag_b[i].tolist()]
+    return mavlink.MAVLink_scaled_imu_message(s.ms, *accel, *rates, *field, 2500)
+
+
+def orbit_execution_status(v: Vehicle, s: TelemetryState) -> Any:
+    """Return the circle that the vehicle flies. None if it flies none, and without an origin."""
+    if v.orbit is None or v.origin is None:
+        return None
+    lat0, lon0, alt0, heading = v.origin
+    north, east, down = v.orbit.centre
+    lat, lon = global_position(north, east, heading, lat0, lon0, EARTH_M)
+    radius = math.copysign(v.orbit.radius, v.orbit.velocity)
+    frame = mavlink.MAV_FRAME_GLOBAL
+    return mavlink.MAVLink_orbit_execution_status_message(
+        s.us, radius, frame, int(lat), int(lon), alt0 - down
+    )
+
+
+def _int16(value: float) -> int:
+    return int(min(max(value, -32768.0), 32767.0)) if math.isfinite(value) else 0
+
+
+def flight_information(v: Vehicle, s: TelemetryState) -> Any:
+    """Return the times of arming and take-off, 0 while disarmed or on the ground. As in PX4 v1.16 they count from the boot."""
+    armed, up = v.commander.armed, v.landed_state != LANDED_STATE_ON_GROUND
+    return mavlink.MAVLink_flight_information_message(
+        s.ms,
+        int(v.commander.armed_since * 1e6) if armed else 0,
+        int(v.took_off_at * 1e6) if up else 0,
+        v.flights,
+    )
+
+
+def protocol_version(v: Vehicle, s: TelemetryState) -> Any:
+    return px4_messages.protocol_version()
+
+
+def component_metadata(v: Vehicle, s: TelemetryState) -> Any:
+    return px4_messages.component_metadata(s.ms, *component_files.GENERAL)
+
+
+def component_information(v: Vehicle, s: TelemetryState) -> Any:
+    return px4_messages.component_information(s.ms, *component_files.GENERAL)
+
+
+def available_modes_monitor(v: Vehicle, s: TelemetryState) -> Any:
+    return px4_messages.available_modes_monitor()
+
+
+def current_event_sequence(v: Vehicle, s: TelemetryState) -> Any:
+    """Return CURRENT_EVENT_SEQUENCE of a vehicle that has sent no event. Its messages for people are STATUSTEXT."""
+    return px4_messages.current_event_sequence(0, px4_messages.SEQUENCE_RESET)
+
+
+BUILDERS = {
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
+    mavlink.MAVLINK_MSG_ID_VIBRATION: vibration,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: position_target_global_int,
+    mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: nav_controller_output,
+    mavlink.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS: actuator_output_status,
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU: scaled_imu,
+    mavlink.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: orbit_execution_status,
+    mavlink.MAVLINK_MSG_ID_FLIGHT_INFORMATION: flight_information,
+    px4_messages.ESC_INFO: esc_info,
+    px4_messages.ESC_STATUS: esc_status,
+    px4_messages.PROTOCOL_VERSION: protocol_version,
+    px4_messages.COMPONENT_METADATA: component_metadata,
+    px4_messages.COMPONENT_INFORMATION: component_information,
+    px4_messages.AVAILABLE_MODES_MONITOR: available_modes_monitor,
+    px4_messages.CURRENT_EVENT_SEQUENCE: current_event_sequence,
+}

@@ -1,0 +1,1 @@
+"""Download of log files from vehicles over MAVLink (`arena log fetch`)."""

@@ -1,0 +1,54 @@
+"""Ranges of a file that were not received yet. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+Range = tuple[int, int]
+
+
+class MissingRanges:
+    """Missing bytes of a file, as ranges (first byte, byte after the last), in their order.
+
+    size: size of the file [byte]
+    """
+
+    def __init__(self, size: int, ranges: Iterable[Range] | None = None) -> None:
+        """Begin with these missing ranges; None: the whole file is missing."""
+        self.size = size
+        whole = [(0, size)] if ranges is None else sorted(ranges)
+        self._ranges: list[Range] = [(max(a, 0), min(b, size)) for a, b in whole if a < min(b, size)]
+
+    @property
+    def ranges(self) -> tuple[Range, ...]:
+        return tuple(self._ranges)
+
+    @property
+    def left(self) -> int:
+        """Number of missing bytes."""
+        return sum(b - a for a, b in self._ranges)
+
+    def first(self, most: int) -> Range | None:
+        """Return the first missing range, at most `most` bytes of it; None if nothing is missing."""
+        if not self._ranges:
+            return None
+        a, b = self._ranges[0]
+        return a, min(b, a + most)
+
+    def receive(self, first: int, end: int) -> bool:
+        """Remove a received range. Return whether any byte of it was missing."""
+        if not self.is_missing(first, end):
+            return False
+        left: list[Range] = []
+        for a, b in self._ranges:
+            if b <= first or a >= end:
+                left.append((a, b))
+                continue
+            left += [(a, first)] if a < first else []
+            left += [(end, b)] if end < b else []
+        self._ranges = left
+        return True
+
+    def is_missing(self, first: int, end: int) -> bool:
+        """Return whether a byte of this range is missing."""
+        return first < end and any(a < end and first < b for a, b in self._ranges)
