@@ -1,0 +1,52 @@
+"""User who has opened a TCP connection on this computer, from the kernel's table /proc/net/tcp."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import sys
+from pathlib import Path
+
+Address = tuple[str, int]
+
+
+def peer_uid(client: Address, server: Address, folder: Path = Path("/proc/net")) -> int | None:
+    """Return the user id of the program at the other end of a connection; None if it is not on this computer, or not found.
+
+    client, server: numeric address and port of both ends.  folder: with the kernel's tables.
+    """
+    name = "tcp6" if ":" in client[0] else "tcp"
+    try:
+        text = (folder / name).read_text()
+    except OSError:  # not Linux
+        return None
+    return uid_in(text, client, server)
+
+
+def uid_in(table: str, local: Address, remote: Address) -> int | None:
+    """Return the user id of a TCP connection's owner; None if the table does not contain the connection.
+
+    table: text of /proc/net/tcp or /proc/net/tcp6.  local, remote: address and port of the owner's end, and of the other end.
+    """
+    wanted = [_written(local), _written(remote)]
+    for line in table.splitlines()[1:]:
+        words = line.split()
+        if words[1:3] == wanted:
+            return int(words[7])
+    return None
+
+
+def allowed_uids() -> frozenset[int]:
+    """Return the user ids that may use the page of `arena monitor` without a token.
+
+    They are the user of this process, and root. If this process was started with sudo, the user who called sudo is a third one.
+    """
+    uid, sudo = os.getuid(), os.environ.get("SUDO_UID", "")
+    return frozenset({uid, 0} | ({int(sudo)} if uid == 0 and sudo.isdigit() else set()))
+
+
+def _written(address: Address) -> str:
+    """Return an address as the kernel writes it: each group of 4 bytes as a number of this machine, in hexadecimal digits."""
+    packed = ipaddress.ip_address(address[0]).packed
+    words = (int.from_bytes(packed[i : i + 4], sys.byteorder) for i in range(0, len(packed), 4))
+    return "".join(f"{word:08X}" for word in words) + f":{address[1]:04X}"

@@ -1,0 +1,26 @@
+"""Entry of the list of what happened in a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal[
+    "crash", "failsafe", "fault", "pilot", "copilot", "process", "refused", "warning", "text", "flight", "mode", "arena", "step"
+]  # fmt: skip
+Level = Literal["bad", "warn", "good", "note"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Happening:
+    """Entry of the list of what happened.
+
+    at_s: time on the report's time axis [s], NaN if unknown.  vehicles: names of the vehicles concerned, () for all or none.
+    level: "bad" is a crash or a failure, "warn" needs attention, "good" is a normal part of a flight, "note" is a detail.
+    """
+
+    at_s: float
+    kind: Kind
+    level: Level
+    vehicles: tuple[str, ...]
+    text: str

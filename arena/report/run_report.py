@@ -1,0 +1,223 @@
+"""The report of a run: `python -m arena.report RUN` writes report.html, summary.json and summary.txt.
+
+If a run was killed, some files are missing or incomplete. The report lists the missing files and uses the others.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from arena.errors import InputError
+from arena.flight_log.csv_file import write_csv
+from arena.flight_log.flight import Flight
+from arena.flight_log.record_completion import complete_record
+from arena.flight_log.run_folder import (
+    CSV_FOLDER,
+    TLOG_FOLDER,
+    has_record,
+    link_px4_ulogs,
+    ulogs_of,
+    write_tlog_files,
+)
+from arena.report.analysis import analyse
+from arena.report.happenings import disarming_of
+from arena.report.run_data import RunData, read_run, unix_s
+from arena.report.summary import as_text
+from arena.wire.flight_record import FILE_NAME
+
+PAGE = "report.html"
+"""Name of the page in the run folder."""
+
+_OUTCOME = (
+    "name",
+    "start",
+    "end",
+    "duration_s",
+    "cause",
+    "reason",
+    "exit_code",
+    "failed",
+    "landing",
+    "real_time",
+)
+_PROCESS = (
+    "state",
+    "reason",
+    "exit_code",
+    "exit",
+    "starts",
+    "alive_s",
+    "cpu_s",
+    "cpu_mean",
+    "rss_peak_mb",
+    "over_budget",
+    "stats",
+)
+_WORLD = ("lateness_p99_ms", "lateness_worst_ms", "rtf", "rtf_min", "rtf_max", "skipped", "sim_time_s")
+
+
+def main(argv: list[str] | None = None) -> int:
+    arguments = sys.argv[1:] if argv is None else argv
+    if len(arguments) != 1 or not Path(arguments[0]).is_dir():
+        print("report: expected one argument: the path of a run folder", file=sys.stderr)
+        return 2
+    print(report(Path(arguments[0])))
+    return 0
+
+
+def report(folder: Path) -> str:
+    """Write report.html, summary.json and summary.txt into the run folder. Return the text of summary.txt."""
+    broken = _complete(folder)
+    run = read_run(folder)
+    run.missing.extend(broken)
+    _write_logs(run)
+    summary = {
+        **summarise(run.names, run.flights, run.outcome, run.missing, disarmed_vehicles(run)),
+        "px4": _px4(folder, run.plan, run.outcome),
+    }
+    text = _write(folder, summary)  # first, because a page that cannot be made must not cost the summary
+    write_page(run)
+    return text
+
+
+def _complete(folder: Path) -> list[str]:
+    """Complete the record of a recorder that was killed or restarted. Return texts about a failure."""
+    try:
+        if has_record(folder):
+            complete_record(folder / FILE_NAME)
+    except (InputError, OSError) as error:
+        return [f"{FILE_NAME}: it has no index, and cannot be completed: {error}"]
+    return []
+
+
+def _write_logs(run: RunData) -> None:
+    """Write `csv/<vehicle>.csv` from the logs that were computed from the record of the flight, if the run has one. Write
+    `tlog/<vehicle>.tlog`, too.
+    """
+    if not has_record(run.folder):
+        return
+    try:
+        (run.folder / CSV_FOLDER).mkdir(exist_ok=True)
+        for flight in run.flights.values():
+            write_csv(run.folder / CSV_FOLDER / f"{flight.name}.csv", flight)
+        write_tlog_files(run.folder)
+    except (InputError, OSError) as error:
+        run.missing.append(f"{CSV_FOLDER}, {TLOG_FOLDER}: {error}")
+
+
+def _write(folder: Path, summary: Mapping[str, Any]) -> str:
+    text = as_text(summary)
+    (folder / "summary.json").write_text(json.dumps(summary, indent=1))
+    (folder / "summary.txt").write_text(text + "\n")
+    return text
+
+
+def write_page(run: RunData, path: Path | None = None) -> Path:
+    """Write the page of a run and return its path. path: None for report.html in the run folder."""
+    from arena.report.run_page import (
+        run_page,
+    )  # imported only here, because the summary does not need its libraries
+
+    path = path or run.folder / PAGE
+    path.write_text(run_page(run))
+    return path
+
+
+def disarmed_vehicles(run: RunData) -> list[str]:
+    """Return the vehicles that were disarmed at the end of the run."""
+    return [name for name in run.names if disarming_of(name, run) is not None]
+
+
+def summarise(
+    names: Sequence[str],
+    flights: Mapping[str, Flight],
+    outcome: Mapping[str, Any],
+    missing: list[str],
+    disarmed: Collection[str] = (),
+) -> dict[str, Any]:
+    """Return the summary of a run as one JSON-ready object.
+
+    names: names of the vehicles.  flights: vehicle -> log.  outcome: content of outcome.json, {} if missing.
+    missing: texts about missing files.  disarmed: vehicles whose disarming was reported after the last row of the log.
+    """
+    processes = outcome.get("processes", {})
+    stats = {name: row.get("stats", {}) for name, row in processes.items()}
+    judged = stats.get("world", {}).get("vehicles", {})
+    began = unix_s(outcome.get("start"))
+    vehicles = {}
+    for name in names:
+        found: dict[str, Any] = (
+            analyse(flights[name], disarmed=True if name in disarmed else None) if name in flights else {}
+        )
+        airborne = _recorded(name, stats).get("airborne_unix_s")
+        found["airborne_after_s"] = round(airborne - began, 2) if airborne and began else None
+        found["verdict"] = judged.get(name)
+        found["crashed"] = (
+            judged[name].get("crashed", "") if judged.get(name) else None
+        )  # only the simulated world reports crashes
+        found["rates"] = _rates(name, stats)
+        vehicles[name] = found
+    return {
+        **{key: outcome.get(key) for key in _OUTCOME},
+        "world": {key: stats.get("world", {}).get(key) for key in _WORLD},
+        "first_airborne_s": min(
+            (v["airborne_after_s"] for v in vehicles.values() if v["airborne_after_s"]), default=None
+        ),
+        "vehicles": vehicles,
+        "processes": {name: _process(row) for name, row in processes.items()},
+        "missing": missing,
+    }
+
+
+def _rates(name: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the rates of messages and poses [Hz] that the recorder and the pose forwarder of one vehicle have
+    reported.
+
+    name: name of the vehicle.  stats: process -> its measurements.
+    """
+    found = {"recorder": _recorded(name, stats), "forward": stats.get(f"forward.{name}", {})}
+    return {
+        f"{room}.{key}": value
+        for room, own in found.items()
+        for key, value in own.items()
+        if key.endswith("_hz")
+    }
+
+
+def _recorded(name: str, stats: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any]:
+    """Return what the recorder has reported about a vehicle; in older runs the vehicle's logger has reported it."""
+    found: Mapping[str, Any] = stats.get("recorder", {}).get("vehicles", {}).get(name, {})
+    return found or stats.get(f"logger.{name}", {})
+
+
+def _process(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: row.get(key) for key in _PROCESS}
+
+
+def _px4(run: Path, plan: Mapping[str, Any], outcome: Mapping[str, Any]) -> dict[str, Any]:
+    """Return vehicle -> data of its PX4: version, how PX4 ended if it ended by itself, and paths of the ULog files."""
+    found = {}
+    for name, given in plan.get("slices", {}).items():
+        if not name.startswith("px4."):
+            continue
+        stats = outcome.get("processes", {}).get(name.removesuffix(".json"), {}).get("stats") or {}
+        logs = _px4_ulogs(run, given["vehicle"])
+        found[given["vehicle"]] = {
+            "version": given.get("version", ""),
+            "stand_in": given.get("stand_in", False),
+            "ended": stats.get("ended", ""),
+            "ulogs": [str(log.relative_to(run)) for log in logs],
+        }
+    return found
+
+
+def _px4_ulogs(run: Path, vehicle: str) -> list[Path]:
+    """Return the ULogs of a vehicle's PX4, with their names in the folder `ulog` if this folder can be written."""
+    try:
+        return link_px4_ulogs(run, vehicle)
+    except OSError:  # the disk is full
+        return ulogs_of(run, vehicle)

@@ -1,0 +1,40 @@
+"""A real browser for tests of pages: Debian's chromium without a screen, driven by playwright."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+SOFTWARE_GL = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+def chromium() -> str:
+    """Return the path of chromium; skip the test if there is none."""
+    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
+        pytest.skip("no chromium is found: apt-get install chromium")
+    pytest.importorskip("playwright")
+    return found
+
+
+@contextlib.contextmanager
+def open_page(url: str, *, width: int = 1440, height: int = 900) -> Iterator[Any]:
+    """Open a URL in a new browser, and give its playwright page."""
+    path = chromium()
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        patient = Path(folder) / "chromium"  # a page drawn in software must not slow the arena down
+        patient.write_text(f'#!/bin/sh\nexec nice -n 15 {path} "$@"\n')
+        patient.chmod(0o700)
+        browser = playwright.chromium.launch(executable_path=str(patient), args=list(SOFTWARE_GL))
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.goto(url, timeout=120_000)
+        yield page
+        browser.close()

@@ -1,0 +1,271 @@
+"""Touchdown, landing and disarming of a flight, and the causes of changes of mode."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recorded_flights import make_run
+
+from arena.report.analysis import tracking
+from arena.report.errors import tracking_error
+from arena.report.happenings import disarming_of, happenings
+from arena.report.landings import touchdown_row
+from arena.report.link_record import LinkRecord, StatusText
+from arena.report.run_data import Event, RunData, read_run
+from arena.report.run_report import disarmed_vehicles, summarise
+from arena.report.verdict import fate_of, verdict
+
+LAND_S = 5.0 + 180 / 30  # AUTO.LAND in the log of `make_run`
+DISARMED_S = 5.0 + 240 / 30
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> RunData:
+    """Return a run of one vehicle that flies in OFFBOARD, lands in AUTO.LAND, and is disarmed."""
+    return read_run(make_run(tmp_path / "run"))
+
+
+def armed_to_the_end(run: RunData, *texts: tuple[float, str]) -> RunData:
+    """Return the run with a log that ends before the disarming, and with these STATUSTEXTs. texts: (time [s], text)."""
+    flight = run.flights["uav1"]
+    known = replace(flight, armed=np.ones(flight.t.size, bool))
+    link = LinkRecord(texts=tuple(StatusText(at_s=at, severity=6, text=text) for at, text in texts))
+    return replace(run, flights={"uav1": known}, links={"uav1": link})
+
+
+def texts_of(run: RunData, kind: str) -> list[tuple[float, str]]:
+    return [(round(h.at_s, 1), h.text) for h in happenings(run) if h.kind == kind]
+
+
+def asked(**audit: Any) -> Event:
+    return Event(at_s=LAND_S - 0.1, process="router", audit={"vehicle": "uav1", "refused": "", **audit})
+
+
+def test_disarming_that_only_a_text_reports_counts(run):
+    early = armed_to_the_end(run, (5.1, "Armed by external command"), (14.98, "Disarmed by landing"))
+    assert fate_of("uav1", early, happenings(early)).end == "landed"
+    off = disarming_of("uav1", early)
+    assert off is not None and (off.at_s, off.in_log) == (14.98, False)
+    assert (15.0, "disarmed (reported by the autopilot; the log ends before the next row)") in texts_of(
+        early, "flight"
+    )
+    found = summarise(run.names, early.flights, {}, [], disarmed_vehicles(early))
+    assert found["vehicles"]["uav1"]["landing"]["landed"]
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        (),
+        ((14.0, "Disarmed by landing"), (14.5, "Armed by external command")),
+        ((4.0, "Disarmed by landing"),),
+    ],
+)
+def test_vehicle_without_a_newer_disarming_stayed_armed(run, texts):
+    late = armed_to_the_end(run, *texts)
+    assert disarming_of("uav1", late) is None
+    assert fate_of("uav1", late, happenings(late)).end == "landed but stayed armed"
+    assert not summarise(run.names, late.flights, {}, [], disarmed_vehicles(late))["vehicles"]["uav1"][
+        "landing"
+    ]["landed"]
+
+
+def test_landing_error_is_known_before_the_disarming(run):
+    late = armed_to_the_end(run)
+    landing = summarise(run.names, late.flights, {}, [])["vehicles"]["uav1"]["landing"]
+    assert (landing["landed"], landing["error_m"]) == (False, pytest.approx(0.12, abs=1e-3))
+
+
+def test_touchdown_is_before_the_landing_that_the_detector_reports(run):
+    flight = run.flights["uav1"]
+    down = flight.pos.copy()
+    down[170:180, 2] = -0.05  # on the floor 10 rows before the report
+    numbers = {**flight.numbers, "truth.pos.down": down[:, 2]}
+    assert touchdown_row(replace(flight, numbers=numbers), 0, 180) == 170
+
+
+def test_touchdown_landing_and_disarming_are_three_events(run):
+    assert texts_of(run, "flight")[-3:] == [
+        (LAND_S, "touched the floor"),
+        (LAND_S, "landed (reported by the land detector)"),
+        (DISARMED_S, "disarmed"),
+    ]
+
+
+def test_time_on_the_floor_is_no_tracking_error(run):
+    flight = run.flights["uav1"]
+    down, landed = flight.pos[:, 2].copy(), flight.landed.copy()
+    down[:60], landed[:30] = -0.05, True  # on the floor for 2 s, of which the land detector reports the first
+    waiting = replace(flight, numbers={**flight.numbers, "truth.pos.down": down}, landed=landed)
+    assert tracking(waiting)["max_m"] == pytest.approx(0.05, abs=1e-3)
+    error = tracking_error(waiting)
+    assert np.isnan(error[:60]).all() and np.isfinite(error[60:180]).all()
+
+
+def test_log_without_a_take_off_has_a_tracking_error(run):
+    flight = run.flights["uav1"]
+    hover = replace(flight, numbers={**flight.numbers, "truth.pos.down": np.full(flight.t.size, -1.0)})
+    assert tracking(hover)["max_m"] == pytest.approx(0.05, abs=1e-3)
+
+
+def test_commanded_landing_names_the_sender(run):
+    told = replace(run, events=[asked(role="program", request="mode AUTO.LAND")])
+    assert (LAND_S, "mode OFFBOARD -> AUTO.LAND, commanded by program.uav1") in texts_of(told, "mode")
+    judged = verdict(told, happenings(told))
+    assert "at 11.0 s program.uav1 commanded AUTO.LAND" in judged.causes and judged.level == "good"
+
+
+@pytest.mark.parametrize("failsafe", [False, True])
+def test_landing_with_a_drained_battery_states_charge_and_threshold(run, failsafe):
+    fault = "fault: the battery of uav1 discharges from full to empty in 30 s"
+    events = [
+        Event(at_s=6.0, process="world", text=fault),
+        asked(role="program", request="mode AUTO.LAND"),
+    ]
+    if failsafe:
+        events.append(Event(at_s=8.0, process="router", text="uav1: Failsafe activated: low battery"))
+    slices = {"world.json": {"vehicles": [{"name": "uav1", "params": {"BAT_LOW_THR": 0.5}}]}}
+    told = replace(run, events=events, plan={**run.plan, "slices": slices})
+    words = "at 11.0 s program.uav1 commanded AUTO.LAND (no failsafe; battery 87 %, BAT_LOW_THR 50 %)"
+    assert (words in verdict(told, happenings(told)).causes) is not failsafe
+
+
+def test_refused_and_other_requests_are_no_cause(run):
+    events = [
+        asked(role="program", request="mode AUTO.LAND", refused="it flies"),
+        asked(role="program", request="mode AUTO.LOITER"),
+        asked(role="program", request="mode AUTO.LAND", vehicle="uav2"),
+        replace(asked(role="program", request="mode AUTO.LAND"), at_s=LAND_S - 5.0),
+    ]
+    assert (LAND_S, "mode OFFBOARD -> AUTO.LAND") in texts_of(replace(run, events=events), "mode")
+
+
+def test_failsafe_and_its_change_of_mode_are_one_entry(run):
+    events = [
+        Event(
+            at_s=LAND_S - 0.1,
+            process="router",
+            text="uav1: Failsafe activated: offboard control lost: AUTO.LAND",
+        ),
+        Event(at_s=LAND_S, process="router", text="uav1: OFFBOARD has ended without a command: AUTO.LAND"),
+        asked(role="program", request="mode AUTO.LAND"),
+    ]
+    told = replace(run, events=events)
+    assert texts_of(told, "mode") == [(LAND_S, "mode OFFBOARD -> AUTO.LAND, because of the failsafe")]
+    assert verdict(told, happenings(told)).causes == (
+        "at 10.9 s the failsafe of uav1 switched to AUTO.LAND (offboard control lost)",
+    )
+
+
+def scenario(run: RunData, step: str, at_s: float) -> RunData:
+    """Return the run as a smoke flight that passed, with one step."""
+    place = {"file": "a.smoke.yaml", "line": 4, "text": step}
+    steps = [{"place": place, "outcome": "passed", "kind": "do", "begun_s": at_s, "done_s": at_s}]
+    rule = {"place": {**place, "text": "no process fails"}, "outcome": "passed", "worst": None}
+    charge = {
+        "place": {**place, "text": "each.battery > 20 %"},
+        "outcome": "passed",
+        "worst": 51.0,
+        "unit": "%",
+    }
+    told = {"passed": True, "scenario": "loss [one]", "verdict": {"steps": steps, "rules": [rule, charge]}}
+    return replace(run, scenario=told)
+
+
+def test_program_killed_by_the_scenario_is_an_injected_fault(run):
+    dead = Event(at_s=8.1, process="program.uav1", before="READY", after="EXITED", reason="killed by SIGKILL")
+    stop = Event(at_s=13.0, process="arena", text="SIGTERM: landing, then stopping")
+    killed = scenario(replace(run, events=[dead, stop]), "at each.airborne + 5 s: kill program each", 8.0)
+    assert texts_of(killed, "fault") == [(8.1, "injected fault: program.uav1 was killed by the scenario")]
+    assert texts_of(killed, "arena") == [(13.0, "the scenario has ended: the run is stopped")]
+
+
+@pytest.mark.parametrize("step", ["drain battery uav1 in 30 s", "kill program uav2", "kill router"])
+def test_process_that_no_step_has_killed_has_failed(run, step):
+    dead = Event(at_s=8.1, process="program.uav1", before="READY", after="EXITED", reason="killed by SIGKILL")
+    other = scenario(replace(run, events=[dead]), step, 8.0)
+    assert texts_of(other, "process") == [(8.1, "program.uav1 ended: killed by SIGKILL")]
+
+
+def test_faults_and_landings_of_several_vehicles_name_all_of_them(tmp_path):
+    two = read_run(make_run(tmp_path / "two", vehicles=2))
+    names = ("uav2", "uav1")
+    events = [
+        Event(at_s=8.1, process=f"program.{n}", before="READY", after="EXITED", reason="killed by SIGKILL")
+        for n in names
+    ]
+    killed = scenario(replace(two, events=events), "kill program each", 8.0)
+    assert verdict(killed, happenings(killed)).causes == (
+        "at 8.1 s the programs of uav1 and uav2 were killed by the scenario (injected fault)",
+    )
+    drained = [
+        Event(
+            at_s=8.0, process="world", text=f"fault: the battery of {n} discharges from full to empty in 30 s"
+        )
+        for n in names
+    ]
+    asking = [asked(vehicle=n, role="program", request="mode AUTO.LAND") for n in names]
+    landed = replace(two, events=[*drained, *asking])
+    assert verdict(landed, happenings(landed)).causes == (
+        "at 8.0 s the battery of uav1 and uav2 discharges from full to empty in 30 s (injected fault)",
+        "at 11.0 s the programs of uav1 and uav2 commanded AUTO.LAND",
+    )
+
+
+def test_page_of_a_scenario_names_it_and_what_it_allows(run):
+    from arena.report.run_page import run_page
+
+    outcome = {**run.outcome, "failed": ["program.uav1: killed by SIGKILL"], "exit_code": 1}
+    page = run_page(scenario(replace(run, outcome=outcome), "kill program each", 20.0))
+    assert "<h1>test: loss [one]" in page and ">51 %<" in page
+    assert "no process fails, except those that the scenario allows (program.uav1)" in page
+    assert payload_time(page) > 20.0  # the last step is on the time axis
+
+
+def payload_time(page: str) -> float:
+    from report_payload import payload
+
+    return float(payload(page)["options"]["time"][1])
+
+
+def test_battery_figure_has_the_thresholds_of_the_run(tmp_path):
+    from report_payload import payload
+
+    from arena.report.run_page import run_page
+
+    folder = make_run(tmp_path / "run")
+    plan = json.loads((folder / "plan.json").read_text())
+    own = [{"name": "uav1", "params": {"BAT_LOW_THR": 0.5, "BAT_CRIT_THR": 0.07}}]
+    plan["slices"]["world.json"] = {"size_m": [7.0, 4.0, 3.0], "vehicles": own}
+    (folder / "plan.json").write_text(json.dumps(plan))
+    figure = payload(run_page(read_run(folder)))["figures"]["battery"]
+    lines = {t["name"]: t["y"] for t in figure["data"] if t["name"].startswith("BAT_")}
+    assert lines == {"BAT_LOW_THR 50 %": [50.0, 50.0], "BAT_CRIT_THR 7 %": [7.0, 7.0]}
+
+
+@pytest.mark.parametrize("asked_speed", [None, 1.0])
+def test_speed_and_lateness_of_the_simulation(run, asked_speed):
+    from arena.report import run_times
+
+    outcome = {**run.outcome, "real_time": {"factor": 1.98, "asked": asked_speed}, "duration_s": 11.4}
+    outcome["processes"]["world"]["stats"] |= {"sim_time_s": 19.5, "rtf_min": 0.34}
+    events = [
+        Event(at_s=1.4, process="world", after="READY", unix_s=103.0),
+        Event(at_s=2.0, process="recorder", text="uav1: airborne", unix_s=104.0),
+        Event(at_s=18.0, process="router", text="uav1: disarmed", unix_s=112.0),
+    ]
+    started = Event(at_s=float("nan"), process="world", after="STARTING", unix_s=100.0)
+    told = replace(run, outcome=outcome, events=[started, *events])
+    words = run_times.world_words(told)
+    assert ("late by" in words) is (asked_speed is not None)
+    assert ("ran 1.98 times as fast as real time" in words) is (asked_speed is None)
+    assert dict(run_times.facts(told)) == {
+        "simulated time": "19.5 s",
+        "time of the computer": "11.4 s, of which 3.0 s until all processes were ready",
+        "speed from the take-off on": "2.00 times real time",
+    }
