@@ -19,6 +19,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.clock import Clock, LockstepClock
 from arena.errors import ArenaError, InputError, NotConfirmedError
 from arena.transport import Address, open_udp, parse_url, receive_datagrams
+from arena.uav.backend import COMPONENT, Backend, BackendName, Command, MavlinkBackend, Wire
+from arena.uav.measurements import Measurements
 from arena.uav.poses import Poses
 from arena.uav.receiver import Receiver
 from arena.wire.mavlink_codec import Codec
@@ -27,13 +29,12 @@ from arena.wire.telemetry import Telemetry
 if TYPE_CHECKING:
     from arena.mocap.client import MocapClient
 
-COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 _MIN_REFRESH_S = 0.001
 _CHORES_EVERY_S = 0.1
 _HEARTBEAT_S = 1.0
 _MAX_DATAGRAMS = 2000  # in one poll: a flood must not keep the caller
 
-Capture = Mapping[str, Any] | Sequence[Mapping[str, Any]]
+Capture = Mapping[str, Any]
 
 
 class Connection:
@@ -42,9 +43,10 @@ class Connection:
     url: "udpin:HOST:PORT" (the vehicle sends first) or "udpout:HOST:PORT".
     system_id: MAV_SYS_ID of the vehicle.
     poses: object that stores the captured poses.
-    capture: settings for `arena.mocap.client`; a list if different servers track different bodies; None
-    without motion capture.
+    capture: settings for `arena.mocap.client`; None without motion capture.
+    relative: object that stores the measurements of the emulated relative sensors; None: they are ignored.
     receiver: background thread that this connection shares with others; None for a thread of its own.
+    backend: library that sends setpoints and commands.
     """
 
     def __init__(
@@ -55,19 +57,31 @@ class Connection:
         poses: Poses,
         capture: Capture | None = None,
         receiver: Receiver | None = None,
+        backend: BackendName = "mavlink",
+        relative: Measurements | None = None,
     ) -> None:
         self.telemetry = Telemetry(system_id)
         self.poses = poses
+        self._relative = relative
         self.unsent = 0
         self.fault = ""
         self._clock = clock
         self._codec = Codec(system_id, COMPONENT)
         self._socket, self._vehicle = _open(url)
-        self._captures = _open_captures(capture, poses.bodies)
+        self._capture = _open_capture(capture, poses.bodies)
         self._receiving, self._sending = threading.Lock(), threading.Lock()
         self._polled = self._polled_at = -1.0
         self._heartbeat_due = 0.0
         self._ending = threading.Event()
+        self._backend = _open_backend(
+            backend,
+            Wire(
+                system_id=system_id,
+                telemetry=self.telemetry,
+                send=self.send,
+                send_payload=self._send_payload,
+            ),
+        )
         self._receiver = Receiver() if receiver is None else receiver
         self._lockstep = isinstance(clock, LockstepClock) and clock.lockstep
         if isinstance(clock, LockstepClock) and self._lockstep:
@@ -85,19 +99,25 @@ class Connection:
         elif time.monotonic() - self._polled > _MIN_REFRESH_S:
             self.poll()
 
+    def send_setpoint(self, message: mavlink.MAVLink_message) -> None:
+        """Send a setpoint with the backend. Raises NotConfirmedError as `send` does."""
+        self._known_vehicle()
+        self._backend.send_setpoint(message)
+
+    def command(self, number: int) -> Command:
+        """Return a command of the backend, which has not been sent yet. number: MAV_CMD. Raises NotConfirmedError as `send` does."""
+        self._known_vehicle()
+        return self._backend.command(number)
+
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """Send a message to the vehicle.
+        """Send a message to the vehicle, without the backend.
 
         Raises NotConfirmedError before the first message from the vehicle, because its address is unknown.
         """
-        if self._vehicle is None:
-            raise NotConfirmedError(
-                "no message from the vehicle has arrived yet, so its address is not known: is the arena up?"
-            )
-        self.send_to(message, self._vehicle)
+        self.send_to(message, self._known_vehicle())
 
     def send_to(self, message: mavlink.MAVLink_message, address: Address) -> None:
-        """Send a message to a given address, such as the vehicle's logger."""
+        """Send a message to a given address, such as that of the recorder."""
         with self._sending:
             data = self._codec.pack(message)
         self._send_frame(data, address)
@@ -106,10 +126,11 @@ class Connection:
         """Close the sockets. No command is sent, so a vehicle in the air enters its failsafe."""
         self._ending.set()
         self._receiver.remove(self.chores)
+        self._backend.close()
         with self._receiving:
             self._socket.close()
-            for client in self._captures:
-                client.close()
+            if self._capture is not None:
+                self._capture.close()
 
     def poll(self) -> None:
         """Read all sockets: store new telemetry in `telemetry` and new poses in `poses`."""
@@ -121,8 +142,11 @@ class Connection:
             for datagram, sender in receive_datagrams(self._socket, _MAX_DATAGRAMS):
                 if self.telemetry.on_datagram(datagram, now):
                     self._vehicle = sender
-            for client in self._captures:
-                self._poll_capture(client, now)
+                    self._backend.receive(datagram)
+                elif self._relative is not None:
+                    self._relative.on_datagram(datagram, now)
+            if self._capture is not None:
+                self._poll_capture(self._capture, now)
 
     def chores(self) -> None:
         """Receive data, and send the heartbeat if it is due."""
@@ -132,6 +156,20 @@ class Connection:
             self._heartbeat_due = now + _HEARTBEAT_S
             with self._sending:
                 data = self._codec.onboard_heartbeat()
+            self._send_frame(data, self._vehicle)
+
+    def _known_vehicle(self) -> Address:
+        if self._vehicle is None:
+            raise NotConfirmedError(
+                "no message from the vehicle has arrived yet, so its address is not known: is the arena up?"
+            )
+        return self._vehicle
+
+    def _send_payload(self, msgid: int, payload: bytes) -> None:
+        """Send an encoded payload to the vehicle. Called by backends, also on threads of their own."""
+        if self._vehicle is not None and not self._ending.is_set():
+            with self._sending:
+                data = self._codec.frame(msgid, payload)
             self._send_frame(data, self._vehicle)
 
     def _send_frame(self, data: bytes, to: Address) -> None:
@@ -144,7 +182,7 @@ class Connection:
         try:
             for frame in client.poll(now):
                 for pose in frame.poses:
-                    self.poses.receive(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
+                    self.poses.receive(pose.body, pose.p_n, pose.q_nb, now)
         except (ArenaError, OSError) as error:
             self.fault = str(error)
 
@@ -173,20 +211,17 @@ def _open(url: str) -> tuple[socket.socket, Address | None]:
         ) from error
 
 
-def _open_captures(settings: Capture | None, bodies: Sequence[str]) -> list[MocapClient]:
-    """Open a client for each motion-capture server that tracks at least one of the bodies.
-
-    Each body is requested from the first server that has it, so that poses in the axes of two systems are not
-    mixed. If there is only one server, all bodies are requested from it.
-    """
+def _open_capture(settings: Capture | None, bodies: Sequence[str]) -> MocapClient | None:
+    """Open the motion-capture client for these rigid bodies; None without settings or bodies."""
     from arena.mocap.client import open_client
 
-    each = [{**settings, "bodies": None}] if isinstance(settings, Mapping) else settings or ()
-    opened, left = [], list(bodies)
-    for one in each:
-        wanted = one.get("bodies")
-        own = [b for b in left if wanted is None or b in wanted]
-        left = [b for b in left if b not in own]
-        if own:
-            opened.append(open_client({**one, "bodies": own}))
-    return opened
+    return open_client({**settings, "bodies": list(bodies)}) if settings is not None and bodies else None
+
+
+def _open_backend(name: BackendName, wire: Wire) -> Backend:
+    """Return the backend with this name. Raises NotInstalledError if its library is not installed."""
+    if name == "mavsdk":
+        from arena.uav.mavsdk_backend import MavsdkBackend  # loads a library of 19 MB
+
+        return MavsdkBackend(wire)
+    return MavlinkBackend(wire)

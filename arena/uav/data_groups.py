@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from arena.geometry import Array, euler_from_quat, quat_conj, quat_rotate
 from arena.uav.data_source import Body, Source
-from arena.uav.poses import Pose
+from arena.uav.relative_sensors import Beacons, EmulatedSensor, Neighbours
 from arena.wire.telemetry_values import Attitude, Baro, Imu, Local
 
 
@@ -179,45 +177,6 @@ class BaroSensor:
         return self._baro().alt
 
 
-class EmulatedSensor:
-    """Emulated onboard sensor for neighbours: their relative positions and velocities, computed from motion capture."""
-
-    def __init__(self, source: Source) -> None:
-        self._source = source
-
-    @property
-    def age_s(self) -> float:
-        """Age of the oldest pose among those of the vehicle and its neighbours [s]."""
-        self._source.refresh()
-        poses = self._source.poses
-        return max(self._source.age(p) for p in (poses.own, *poses.neighbours))
-
-    @property
-    def rel_pos(self) -> Array:
-        """Neighbours' positions minus the vehicle's [m] [NED] (n, 3), in the order of `neighbours`."""
-        own, others = self._all()
-        return np.array([o.p_n - own.p_n for o in others]).reshape(-1, 3)
-
-    @property
-    def rel_vel(self) -> Array:
-        """Neighbours' velocities minus the vehicle's [m/s] [NED] (n, 3).
-
-        They are the slope of the last nine poses, so they are about 25 ms late.
-        """
-        own, others = self._all()
-        return np.array([o.v_n - own.v_n for o in others]).reshape(-1, 3)
-
-    def _all(self) -> tuple[Pose, list[Pose]]:
-        self._source.refresh()
-        poses = self._source.poses
-        own = self._source.fresh(poses.own, "motion capture pose")
-        names = poses.neighbour_names
-        return own, [
-            self._source.fresh(p, f"motion capture pose of {n}")
-            for n, p in zip(names, poses.neighbours, strict=True)
-        ]
-
-
 @dataclass(frozen=True)
 class Sensors:
     """All sensors of the vehicle, `uav.sen`."""
@@ -228,6 +187,8 @@ class Sensors:
     gps: GpsSensor = field(init=False, repr=False)
     baro: BaroSensor = field(init=False, repr=False)
     emu: EmulatedSensor = field(init=False, repr=False)
+    neighbours: Neighbours = field(init=False, repr=False)
+    beacons: Beacons = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         kinds = {
@@ -236,6 +197,8 @@ class Sensors:
             "gps": GpsSensor,
             "baro": BaroSensor,
             "emu": EmulatedSensor,
+            "neighbours": Neighbours,
+            "beacons": Beacons,
         }
         for name, kind in kinds.items():
             object.__setattr__(self, name, kind(self.source))

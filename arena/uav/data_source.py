@@ -7,10 +7,11 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 from arena.errors import StaleDataError
+from arena.uav.measurements import Measurements, RelativeSensors
 from arena.uav.poses import Poses
 from arena.wire.telemetry import Telemetry
 
@@ -63,6 +64,7 @@ class Source:
     stale_s: float
     telemetry: Telemetry
     poses: Poses
+    relative: Measurements = field(default_factory=lambda: Measurements(RelativeSensors(), 0))
     now: Callable[[], float]
     refresh: Callable[[], None]
 
@@ -75,6 +77,7 @@ class Source:
             stale_s=self.stale_s,
             telemetry=copy.copy(self.telemetry),
             poses=copy.copy(self.poses),
+            relative=copy.copy(self.relative),
             now=lambda: instant,
             refresh=lambda: None,
         )
@@ -83,14 +86,15 @@ class Source:
         """Return the age above which a value is stale [s]. what: name of the value, as in error messages."""
         return self.stale_s * _AGE_LIMITS.get(what, 1.0)
 
-    def fresh(self, value: S | None, what: str) -> S:
+    def fresh(self, value: S | None, what: str, limit_s: float | None = None) -> S:
         """Return the value if it has arrived and is not too old, else raise StaleDataError.
 
-        what: name of the data, for the age limit and the error message.
+        what: name of the data, for the age limit and the error message.  limit_s: age limit [s]; None: that of `limit_s`.
         """
         if value is None:
             raise StaleDataError(f"{self.ns}: no {what} has arrived yet")
-        age, limit = self.now() - value.received_at, self.limit_s(what)
+        age = self.now() - value.received_at
+        limit = self.limit_s(what) if limit_s is None else limit_s
         if age > limit:
             raise StaleDataError(f"{self.ns}: {what} is {age:.2f} s old (limit {limit:g} s)")
         return value

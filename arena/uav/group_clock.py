@@ -106,15 +106,23 @@ class MemberClock(LockstepClock):
 class GroupThreads:
     """Runner of a group's user programs in threads, which also gives each thread its clock.
 
-    path: name of the simulation clock; None for the wall clock.
-    name: name of the group's process, under which it joins the simulation clock.
+    path: path of the simulation clock's files without the suffix, as in `SimClock`; None for the wall clock.
+    name: name of the group's process. The process is a client of the simulation clock with this name.
     """
 
     def __init__(self, path: str | None, name: str) -> None:
-        self._path = path
+        self._path, self._name = path, name
         self._group: GroupClock | None = None
         if path is not None and SimTime(path).lockstep:
             self._group = GroupClock(SimClock(path, name))
+
+    @property
+    def client(self) -> tuple[str, str] | None:
+        """Path of the simulation clock's files (without the suffix), and name of this process as a client of this clock.
+
+        None if the group uses the wall clock.
+        """
+        return None if self._path is None else (self._path, self._name)
 
     @property
     def lockstep(self) -> bool:
@@ -124,7 +132,7 @@ class GroupThreads:
     def clock(self, name: str) -> Clock:
         """Return a clock for one thread.
 
-        name: name under which the thread joins the simulation clock. It is not used in lockstep, where only the process joins.
+        name: name of the thread as a client of the simulation clock. In lockstep the name is not used: the whole process is one client.
         """
         if self._group is not None:
             return MemberClock(self._group)

@@ -4,31 +4,37 @@ connection.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import Clock, WallClock
-from arena.errors import CommandRefusedError, NotConfirmedError, StaleDataError
 from arena.thrust_curve import thrust_curve as curve_of
+from arena.trajectories.trajectory import Trajectory
+from arena.uav.backend import BackendName
 from arena.uav.connection import Capture, Connection
 from arena.uav.data_groups import Actuation, Ekf, Info, Sensors, Snapshot
 from arena.uav.data_source import Body, Source
 from arena.uav.fleet import Fleet
+from arena.uav.flight_steps import FlightSteps
 from arena.uav.heartbeat import Heartbeat
+from arena.uav.measurements import Measurements, RelativeSensors
 from arena.uav.membership import MEMBERSHIP
+from arena.uav.planned_path import PathPublisher
 from arena.uav.poses import Poses
 from arena.uav.receiver import Receiver
-from arena.uav.setpoints import AttitudeKind, Encoder, attitude, duration_s, period_s, scalar, vector
+from arena.uav.setpoints import AttitudeKind, Encoder, duration_s
 from arena.uav.start_barrier import StartBarrier
+from arena.uav.steps import Steps, run
 from arena.uav.vehicle_control import STREAM_HZ, VehicleControl
 
-_LAST_WITH_ACTUATOR_CONTROL = 1, 13
+T = TypeVar("T")
 
 
 class UAV:
@@ -39,17 +45,20 @@ class UAV:
     thrust_curve: settings from the profile, see `arena.thrust_curve`.
     link: "udpin:HOST:PORT", the address that receives the vehicle's MAVLink.
     system_id: MAV_SYS_ID of the vehicle.
-    capture: settings of one or several motion-capture clients.
+    capture: settings of the motion-capture client for the vehicle's own pose.
     body: name of the vehicle's rigid body in motion capture; by default `ns`.
     clock: clock for the arguments `time` and `freq`; the wall clock by default.
-    neighbours: names of vehicles, or (name, rigid body) pairs.
+    sensors: emulated relative sensors of the vehicle, for `sen.neighbours` and `sen.beacons`; None: it has none.
     stale_s: age above which data are too old to use [s].
     heartbeat: address of the copilot, None without one. Heartbeats are sent only in calls of this object.
-    log: address of the vehicle's logger, None without one.
+    log: address of the recorder, None without one.
     run: folder of the run, None for a program started by hand.
     barriers: folder with the files of `wait_for`. programs: vehicles of the run that have a program.
     args: arguments for the program itself.
     receiver: background thread that receives for several vehicles of this process; None for a thread of its own.
+    backend: library that sends setpoints and commands: "mavlink" (pymavlink) or "mavsdk".
+
+    control, steps: the methods as steps, for `AsyncUAV`.
 
     Setpoints are sent only while one of the methods runs. If a program stops calling them, nothing is sent,
     and the autopilot's offboard failsafe lands the vehicle. `close` sends no command.
@@ -69,7 +78,7 @@ class UAV:
         capture: Capture | None = None,
         body: str | None = None,
         clock: Clock | None = None,
-        neighbours: Sequence[str | tuple[str, str]] = (),
+        sensors: RelativeSensors | None = None,
         stale_s: float = 0.5,
         heartbeat: tuple[str, int] | None = None,
         log: tuple[str, int] | None = None,
@@ -78,18 +87,21 @@ class UAV:
         programs: Sequence[str] = (),
         args: Sequence[str] = (),
         receiver: Receiver | None = None,
+        backend: BackendName = "mavlink",
     ) -> None:
         self.clock: Clock = WallClock() if clock is None else clock
         self.args = list(args)
-        self._curve = curve_of(thrust_curve)
-        pairs = [(n, n) if isinstance(n, str) else n for n in neighbours]
-        poses = Poses((body or ns) if capture else None, pairs if capture else ())
-        self._connection = Connection(link, system_id, self.clock, poses, capture, receiver)
+        poses = Poses((body or ns) if capture else None)
+        relative = Measurements(RelativeSensors() if sensors is None else sensors, system_id)
+        self._connection = Connection(
+            link, system_id, self.clock, poses, capture, receiver, backend, relative
+        )
         self._source = Source(
             ns=ns,
             stale_s=stale_s,
             telemetry=self._connection.telemetry,
             poses=poses,
+            relative=relative,
             now=self.clock.now,
             refresh=self._connection.refresh,
         )
@@ -97,8 +109,7 @@ class UAV:
             ns=ns, mass=mass, radius=radius, height=height, num_rotors=num_rotors, thrust_curve=thrust_curve
         )
         self._heartbeat, self._log = Heartbeat(heartbeat, system_id, self.clock), log
-        self._barrier = StartBarrier(ns, None if barriers is None else Path(barriers), programs)
-        self._control = VehicleControl(
+        self.control = VehicleControl(
             self._source,
             self._connection,
             self.clock,
@@ -106,12 +117,15 @@ class UAV:
             self._heartbeat,
             None if run is None else Path(run),
         )
+        barrier = StartBarrier(ns, None if barriers is None else Path(barriers), programs)
+        paths = PathPublisher(None if log is None else lambda m: self._connection.send_to(m, log))
+        curve = curve_of(thrust_curve)
+        self.steps = FlightSteps(self.control, self._source, self.clock, barrier, curve, paths)
         live = Snapshot.of(self._source, self._body)
         self.ekf: Ekf = live.ekf
         self.sen: Sensors = live.sen
         self.act: Actuation = live.act
         self.info: Info = live.info
-        self._due = -np.inf
 
     @classmethod
     def from_args(cls, argv: Sequence[str] | None = None) -> UAV:
@@ -148,20 +162,28 @@ class UAV:
         """Return a copy of the data groups (`ekf`, `sen`, `act`, `info`). Its values stay those of this instant."""
         return Snapshot.of(self._source.fixed(), self._body)
 
+    def last_values(self, limit_s: float = np.inf) -> Snapshot:
+        """Return the data groups without age limit: each access returns the last value that has arrived, however old it is.
+
+        Use it for displays and logs, not for control. A value that has never arrived raises StaleDataError.
+        limit_s: age limit in place of `stale_s` [s]
+        """
+        return Snapshot.of(dataclasses.replace(self._source, stale_s=limit_s), self._body)
+
     def arm_drone(self) -> None:
         """Arm the vehicle and wait for the confirmation.
 
         Raises CommandRefusedError, with the autopilot's reasons.
         """
-        self._control.arm()
+        self._run(self.control.arm())
 
     def disarm_drone(self) -> None:
         """Disarm the vehicle and wait for the confirmation. The autopilot refuses this in the air."""
-        self._control.disarm()
+        self._run(self.control.disarm())
 
     def start_offboard_mode(self) -> None:
         """Enter OFFBOARD at the current position and wait for the confirmation. Setpoints are sent during the wait."""
-        self._control.enter_offboard()
+        self._run(self.control.enter_offboard())
 
     def start_offboard_mission(self) -> None:
         """Wait until the vehicle is ready (at most 20 s), enter OFFBOARD and arm. Wait for the confirmation
@@ -171,36 +193,30 @@ class UAV:
         a moment, it is requested again within the 20 s. Raises CommandRefusedError with the autopilot's reasons
         after that.
         """
-        self._control.start_mission()
+        self._run(self.control.start_mission())
 
-    def auto_land(self) -> None:
+    def auto_land(self, wait: bool = True) -> None:
         """Land at the current position. Return when the vehicle is on the ground and disarmed.
 
         Raises NotConfirmedError after 60 s.
+        wait: False returns as soon as the autopilot has confirmed AUTO.LAND. The vehicle is then still in the air.
         """
-        self._control.land()
+        self._run(self.control.land(wait=wait))
 
     def set_pos_yaw(self, pos: ArrayLike, yaw: ArrayLike, time: ArrayLike) -> None:
         """Fly to a position: send the setpoint at 50 Hz for `time` seconds.
 
         pos: [m] [NED] (3,). yaw: [rad].
+        time: [s]. Then the method returns, even if the vehicle has not reached the position.
         """
-        end = self.clock.now() + duration_s(time)
-        rate = self.clock.rate(STREAM_HZ)
-        while True:
-            now = self.clock.now()
-            self._control.send(self._control.encoder.pos_yaw(pos, yaw, now))
-            if now + 1.0 / STREAM_HZ >= end:
-                break
-            rate.sleep()
-        self.clock.sleep_until(end)
+        self._run(self.steps.pos_yaw(pos, yaw, time))
 
     def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
         """Send a velocity setpoint, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
 
         vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
         """
-        self._send(self._control.encoder.vel_yaw(vel, yaw, self.clock.now()), freq)
+        self._run(self.steps.vel_yaw(vel, yaw, freq))
 
     def set_pos_vel_yaw(
         self,
@@ -218,21 +234,33 @@ class UAV:
         pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
         acc: [m/s2] [NED] (3,), without gravity; None sends no acceleration. yaw_rate: [rad/s]; None sends none.
         """
-        now = self.clock.now()
-        self._send(self._control.encoder.pos_vel_yaw(pos, vel, yaw, now, acc=acc, yaw_rate=yaw_rate), freq)
+        self._run(self.steps.pos_vel_yaw(pos, vel, yaw, freq, acc=acc, yaw_rate=yaw_rate))
+
+    def follow(self, trajectory: Trajectory, freq: ArrayLike = STREAM_HZ) -> None:
+        """Fly along a trajectory: send its position, velocity, acceleration and yaw as setpoints until it ends.
+
+        trajectory: object with `duration_s` and `at(t)`, such as those of `arena.trajectories`. Its positions are those of the arena
+        [m] [NED]. freq: [Hz]. The path of a trajectory of `arena.trajectories` is published as by `planned_path`.
+        """
+        self._run(self.steps.follow(trajectory, freq))
+
+    def planned_path(self, points: ArrayLike) -> None:
+        """Publish the path that the program plans to fly, for viewers and the record. Nothing is sent to the vehicle. Return at once.
+
+        points: [m] [NED] (k, 3), of which at most 200 are sent; an empty list removes the path.
+        """
+        self.steps.paths.publish(points, self.clock.now())
 
     def reference(
         self, p: ArrayLike | None = None, v: ArrayLike | None = None, yaw: ArrayLike | None = None
     ) -> None:
-        """Log the position, velocity and yaw that the program wants to follow: send them to the vehicle's logger. Return at once.
+        """Log the position, velocity and yaw that the program wants to follow: send them to the recorder. Return at once.
 
         Call this method if the setpoints do not contain these values: a controller that sends rate setpoints, for example.
-
         p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. Omit values that the reference does not have.
-        The log repeats the values for 0.5 s, in `pos_ref`, `vel_ref` and `pos_ref.yaw`. Without a logger
-        nothing is sent.
+        The log repeats the values for 0.5 s, in `pos_ref`, `vel_ref` and `pos_ref.yaw`. Without a recorder nothing is sent.
         """
-        message = self._control.encoder.reference(p, v, yaw, self.clock.now())
+        message = self.control.encoder.reference(p, v, yaw, self.clock.now())
         if self._log is not None:
             self._connection.send_to(message, self._log)
 
@@ -247,16 +275,7 @@ class UAV:
         In OFFBOARD the vehicle holds its position while it waits.
         Raises NotConfirmedError after the timeout, with the missing programs.
         """
-        limit = duration_s(timeout)
-        waiting = self._barrier.arrive(name, self.clock.now(), n)
-        start = self._control.wait_until(lambda: waiting.arrivals().start_s, limit)
-        if start is None:
-            raise NotConfirmedError(
-                f"{self.info.drone_ns}: wait_for({name!r}) timed out after {limit:g} s: {waiting.withdraw()}"
-            )
-        self._control.wait_until(lambda: self.clock.now() + 1.0 / STREAM_HZ > start, start - self.clock.now())
-        self.clock.sleep_until(start)
-        return start
+        return self._run(self.steps.wait_for(name, n, timeout))
 
     def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
         """Send a velocity setpoint in vehicle axes, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
@@ -264,7 +283,7 @@ class UAV:
         vel_body: forward, right, down [m/s] (3,). The axes turn with the vehicle's yaw and stay level when the vehicle tilts.
         yaw_rate: [rad/s]. freq: [Hz].
         """
-        self._send(self._control.encoder.vel_body_yaw_rate(vel_body, yaw_rate, self.clock.now()), freq)
+        self._run(self.steps.vel_body_yaw_rate(vel_body, yaw_rate, freq))
 
     def set_att_thrust(
         self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
@@ -274,8 +293,7 @@ class UAV:
         att: roll, pitch, yaw [rad] (3,) for att_type "euler"; q_nb wxyz (4,) for att_type "quaternion".
         thrust: [N], clamped to the thrust that the vehicle can produce. freq: [Hz].
         """
-        q_nb = attitude(att, att_type)
-        self._send(self._control.encoder.att_thrust(q_nb, self._normalised(thrust), self.clock.now()), freq)
+        self._run(self.steps.att_thrust(att, att_type, thrust, freq))
 
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
         """Send a rate setpoint, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
@@ -283,10 +301,7 @@ class UAV:
         ang_vel: body rates [rad/s] [FRD] (3,). thrust: [N], clamped to the thrust that the vehicle can
         produce. freq: [Hz].
         """
-        rates = vector(ang_vel, "ang_vel")
-        self._send(
-            self._control.encoder.ang_vel_thrust(rates, self._normalised(thrust), self.clock.now()), freq
-        )
+        self._run(self.steps.ang_vel_thrust(ang_vel, thrust, freq))
 
     def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
         """Send an actuator setpoint, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
@@ -294,36 +309,23 @@ class UAV:
         group: mixer group 0..3. output: up to 8 numbers -1..1 [-]. freq: [Hz].
         Only PX4 up to v1.13 accepts such setpoints. Raises CommandRefusedError for other autopilots.
         """
-        message = self._control.encoder.act(group, output, self.clock.now())
-        period_s(freq)
-        version = self._source.telemetry.version or self._control.request_version()
-        if version is None or version[:2] > _LAST_WITH_ACTUATOR_CONTROL:
-            who = (
-                "does not report its version"
-                if version is None
-                else f"is v{version[0]}.{version[1]}.{version[2]}"
-            )
-            raise CommandRefusedError(
-                f"{self.info.drone_ns}: set_act needs PX4 v1.13 or older, which accepts SET_ACTUATOR_CONTROL_TARGET; this autopilot "
-                f"{who}. Use set_ang_vel_thrust"
-            )
-        self._send(message, freq)
+        self._run(self.steps.act(group, output, freq))
 
     @property
     def encoder(self) -> Encoder:
         """Encoder of the vehicle's setpoints, for `send`."""
-        return self._control.encoder
+        return self.control.encoder
 
     def send(self, message: mavlink.MAVLink_message) -> None:
         """Send a setpoint and return at once. Raises OffboardLostError if the program no longer controls the vehicle."""
-        self._control.send(message)
+        self.control.send(message)
 
     def hold_until(self, done: Callable[[], bool], timeout: ArrayLike) -> bool:
         """Wait until `done` returns true, at most `timeout` [s]. Return False after the timeout, else True.
 
         In OFFBOARD the vehicle holds its position while it waits.
         """
-        return bool(self._control.wait_until(done, duration_s(timeout)))
+        return bool(self._run(self.control.wait_until(done, duration_s(timeout))))
 
     def chores(self) -> None:
         """Receive data, and send the heartbeat to the vehicle if it is due.
@@ -346,21 +348,5 @@ class UAV:
     ) -> None:
         self.close()
 
-    def _send(self, message: mavlink.MAVLink_message, freq: ArrayLike) -> None:
-        period = period_s(freq)
-        self._control.send(message)
-        now = self.clock.now()
-        # absolute deadlines, so that the rate does not drift; a pause of more than a period starts them again
-        self._due = self._due + period if 0.0 <= now - self._due < period else now + period
-        self.clock.sleep_until(self._due)
-
-    def _normalised(self, thrust: ArrayLike) -> float:
-        """Convert a thrust [N] to a command 0..1 with the thrust curve at the current airspeed. If the
-        airspeed is unknown, 0 m/s is used.
-        """
-        newtons = max(0.0, scalar(thrust, "thrust"))
-        try:
-            speed = float(np.linalg.norm(self.ekf.vel))
-        except StaleDataError:
-            speed = 0.0
-        return float(self._curve.command(newtons, speed))
+    def _run(self, steps: Steps[T]) -> T:
+        return run(steps, self.clock)

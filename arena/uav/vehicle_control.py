@@ -1,4 +1,7 @@
-"""Commands that wait for their confirmation, and the check that the program still controls its vehicle."""
+"""Commands that wait for their confirmation, and the check that the program still controls its vehicle.
+
+Methods that wait return `Steps`, which `UAV` carries out on its clock and `AsyncUAV` in an event loop.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +22,12 @@ from arena.errors import (
     VehicleError,
 )
 from arena.geometry import Array, yaw_from_quat
-from arena.uav.connection import COMPONENT, Connection
+from arena.uav.connection import Connection
 from arena.uav.data_source import Source
 from arena.uav.heartbeat import Heartbeat
 from arena.uav.loss_cause import UNKNOWN, cause_of_loss
 from arena.uav.setpoints import Encoder
+from arena.uav.steps import Steps
 from arena.wire.mavlink_minimal import result_words
 from arena.wire.px4_mode import mode_numbers
 
@@ -48,6 +52,7 @@ class VehicleControl:
 
     heartbeat: sender of the program's heartbeat, called in each method.
     run: the run folder, which records who took control of the vehicle; None without one.
+    record_wait_s: longest wait for this record after a loss of control, in which the caller is blocked [s].
     """
 
     def __init__(
@@ -61,8 +66,8 @@ class VehicleControl:
     ) -> None:
         self.encoder = Encoder(system_id)
         self._source, self._connection, self._clock = source, connection, clock
-        self._own_address = system_id, COMPONENT
         self._heartbeat, self._run = heartbeat, run
+        self.record_wait_s = _RECORD_S
         self._offboard = False
         self._armed = False
         self._lost = ""
@@ -95,41 +100,46 @@ class VehicleControl:
             self._lose("the vehicle was disarmed")
         self._armed = heart.armed
 
+    def has_control(self) -> bool:
+        """Return whether the vehicle is in OFFBOARD for this program. Raises the errors of `guard`."""
+        self.guard()
+        return self._offboard and self._has_state(mode="OFFBOARD", armed=True)
+
     def send(self, message: mavlink.MAVLink_message) -> None:
         """Send a setpoint. Raises OffboardLostError if the program no longer controls the vehicle."""
         self._heartbeat.beat()
         self.guard()
-        self._connection.send(message)
+        self._connection.send_setpoint(message)
 
-    def arm(self, until: float = -math.inf) -> None:
+    def arm(self, until: float = -math.inf) -> Steps[None]:
         """Arm, and wait until the heartbeat confirms it.
 
         until: time until which a temporarily rejected request is repeated, when the vehicle is ready [s]
         """
         while True:
-            result = self._result_of(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,), "arming")
+            result = yield from self._result_of(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,), "arming")
             rejected = result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
             if not rejected or self._clock.now() + _REARM_S > until:
                 break
-            self._wait(lambda: False, _REARM_S)
-            self._wait(self._is_ready, until - self._clock.now())
-        self._check_result(result, "arming")
-        self._confirm(lambda: self._has_state(armed=True), "armed")
+            yield from self._wait(lambda: False, _REARM_S)
+            yield from self._wait(self._is_ready, until - self._clock.now())
+        yield from self._check_result(result, "arming")
+        yield from self._confirm(lambda: self._has_state(armed=True), "armed")
         self._armed = True
 
-    def disarm(self) -> None:
+    def disarm(self) -> Steps[None]:
         """Disarm, and wait until the heartbeat confirms it."""
         offboard, self._offboard = self._offboard, False  # a disarming that was requested is no loss
-        self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0.0,), "disarming")
-        self._confirm(lambda: self._has_state(armed=False), "disarmed")
+        yield from self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0.0,), "disarming")
+        yield from self._confirm(lambda: self._has_state(armed=False), "disarmed")
         self._offboard, self._armed = offboard, False
 
-    def enter_offboard(self) -> None:
+    def enter_offboard(self) -> Steps[None]:
         """Send the current position as setpoint, repeatedly, and request OFFBOARD until the autopilot confirms it."""
         self._begin()
-        self._enter()
+        yield from self._enter()
 
-    def start_mission(self) -> None:
+    def start_mission(self) -> Steps[None]:
         """Wait until the vehicle is ready, enter OFFBOARD and arm. Wait for the confirmation of each step.
 
         Setpoints are sent all the time. If arming is temporarily rejected, e.g. because poses were missing for
@@ -137,39 +147,45 @@ class VehicleControl:
         """
         self._begin()
         end = self._clock.now() + READY_TIMEOUT_S
-        if self._wait(lambda: self._source.telemetry.received_at is not None, READY_TIMEOUT_S):
+        if (yield from self._wait(lambda: self._source.telemetry.received_at is not None, READY_TIMEOUT_S)):
             # heartbeats come once a second: without this, two programs could take off a second apart
             self._request_heartbeat()
-        if not self._wait(self._is_ready, READY_TIMEOUT_S):
+        if not (yield from self._wait(self._is_ready, READY_TIMEOUT_S)):
             raise NotConfirmedError(
                 f"{self._source.ns}: not ready after {READY_TIMEOUT_S:g} s: {self._why_not_ready()}"
             )
-        self._enter()
+        yield from self._enter()
         if not self._has_state(armed=True):
-            self.arm(until=end)
+            yield from self.arm(until=end)
 
-    def wait_until(self, done: Callable[[], T], timeout_s: float) -> T | None:
+    def wait_until(self, done: Callable[[], T], timeout_s: float) -> Steps[T | None]:
         """Call `done` until it returns a true value, and return this value. Return None after `timeout_s`.
 
         In OFFBOARD the vehicle holds its position while it waits. Raises OffboardLostError if the program
         loses control.
         """
         self._hold = None
-        return self._wait(done, timeout_s, stream=self._offboard)
+        return (yield from self._wait(done, timeout_s, stream=self._offboard))
 
-    def land(self) -> None:
+    def land(self, *, wait: bool = True) -> Steps[None]:
         """Enter AUTO.LAND and wait until the vehicle is on the ground and disarmed.
 
         Raises NotConfirmedError after 60 s. Raises OffboardLostError if the vehicle leaves AUTO.LAND in the
         air.
+        wait: False returns when the autopilot has confirmed AUTO.LAND.
         """
         if self._is_down():
             return
         self._hold, self._lost = None, ""
         self._offboard = self._armed = False
-        self._command(mavlink.MAV_CMD_DO_SET_MODE, _mode("AUTO.LAND"), "landing")
-        self._confirm(lambda: self._has_state(mode="AUTO.LAND") or self._is_down(), "in AUTO.LAND")
-        if not self._wait(lambda: self._is_down() or self._has_left_landing(), LAND_TIMEOUT_S, stream=False):
+        yield from self._command(mavlink.MAV_CMD_DO_SET_MODE, _mode("AUTO.LAND"), "landing")
+        yield from self._confirm(lambda: self._has_state(mode="AUTO.LAND") or self._is_down(), "in AUTO.LAND")
+        if not wait:
+            return
+        landing = yield from self._wait(
+            lambda: self._is_down() or self._has_left_landing(), LAND_TIMEOUT_S, stream=False
+        )
+        if not landing:
             raise NotConfirmedError(
                 f"{self._source.ns}: landing not confirmed in {LAND_TIMEOUT_S:g} s: {self._state()}"
             )
@@ -178,26 +194,30 @@ class VehicleControl:
                 f"{self._source.ns}: the vehicle left AUTO.LAND before it was on the ground ({self._cause()}): {self._state()}"
             )
 
-    def request_version(self) -> tuple[int, int, int] | None:
+    def request_version(self) -> Steps[tuple[int, int, int] | None]:
         """Return the version of the autopilot's software, such as (1, 16, 0). Request it first if needed; None without a reply."""
         telemetry = self._source.telemetry
         if telemetry.version is None:
             request = (float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),)
             try:
-                self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, request, "the version request", stream=False)
+                yield from self._command(
+                    mavlink.MAV_CMD_REQUEST_MESSAGE, request, "the version request", stream=False
+                )
             except VehicleError:
                 return None
-            self._wait(lambda: telemetry.version is not None, _RETRY_S, stream=False)
+            yield from self._wait(lambda: telemetry.version is not None, _RETRY_S, stream=False)
         return telemetry.version
 
-    def _enter(self) -> None:
-        self._wait(
+    def _enter(self) -> Steps[None]:
+        yield from self._wait(
             lambda: self._source.age(self._source.telemetry.local) <= self._source.stale_s, READY_TIMEOUT_S
         )
         self._source.fresh(self._source.telemetry.local, "estimated position")
-        self._wait(lambda: self._clock.now() - self._holding_since >= _STREAM_FIRST_S, READY_TIMEOUT_S)
-        self._request_offboard()
-        self._confirm(lambda: self._has_state(mode="OFFBOARD"), "in OFFBOARD")
+        yield from self._wait(
+            lambda: self._clock.now() - self._holding_since >= _STREAM_FIRST_S, READY_TIMEOUT_S
+        )
+        yield from self._request_offboard()
+        yield from self._confirm(lambda: self._has_state(mode="OFFBOARD"), "in OFFBOARD")
         self._offboard = True
 
     def _begin(self) -> None:
@@ -205,57 +225,57 @@ class VehicleControl:
         self._lost, self._hold, self._holding_since = "", None, math.inf
         self._offboard = self._armed = False
 
-    def _request_offboard(self) -> None:
+    def _request_offboard(self) -> Steps[None]:
         """Request OFFBOARD until it is accepted. A final refusal, such as "denied", is not repeated."""
         end = self._clock.now() + _CONFIRM_TIMEOUT_S
         while True:
-            result = self._result_of(mavlink.MAV_CMD_DO_SET_MODE, _mode("OFFBOARD"), "OFFBOARD")
+            result = yield from self._result_of(mavlink.MAV_CMD_DO_SET_MODE, _mode("OFFBOARD"), "OFFBOARD")
             if result != mavlink.MAV_RESULT_TEMPORARILY_REJECTED or self._clock.now() > end:
-                return self._check_result(result, "OFFBOARD")
-            self._wait(lambda: False, _REOFFBOARD_S)
+                return (yield from self._check_result(result, "OFFBOARD"))
+            yield from self._wait(lambda: False, _REOFFBOARD_S)
 
-    def _command(self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True) -> None:
+    def _command(
+        self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True
+    ) -> Steps[None]:
         """Send a command and wait until the autopilot acknowledges it. Raises CommandRefusedError if the autopilot refuses it."""
-        self._check_result(self._result_of(number, params, what, stream=stream), what)
+        result = yield from self._result_of(number, params, what, stream=stream)
+        yield from self._check_result(result, what)
 
-    def _result_of(self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True) -> int:
+    def _result_of(
+        self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True
+    ) -> Steps[int]:
         """Send a command repeatedly until the autopilot acknowledges it, and return its MAV_RESULT.
 
         Raises NotConfirmedError after _TRIES tries.
         number: MAV_CMD.  what: the command in error messages.  stream: send setpoints meanwhile.
         """
         self._connection.refresh()
-        self._source.telemetry.acks.clear()
+        command = self._connection.command(number)
+
+        def answer() -> int | None:
+            """Return 1 + MAV_RESULT, because `_wait` waits for a true value and MAV_RESULT_ACCEPTED is 0."""
+            result = command.result()
+            return None if result is None else result + 1
+
         for confirmation in range(_TRIES):
-            self._connection.send(self.encoder.command(number, params, confirmation))
-            result = self._wait(lambda: self._answer(number), _RETRY_S, stream=stream)
+            command.send(self.encoder.command(number, params, confirmation))
+            result = yield from self._wait(answer, _RETRY_S, stream=stream)
             if result is not None:
                 return result - 1
         raise NotConfirmedError(
             f"{self._source.ns}: no acknowledgement of {what} from the autopilot after {_TRIES} tries{self._texts()}"
         )
 
-    def _answer(self, number: int) -> int | None:
-        """Return 1 + MAV_RESULT of the acknowledgement; None before it arrives.
-
-        1 is added because `_wait` waits for a true value, and MAV_RESULT_ACCEPTED is 0.
-        """
-        for ack in list(self._source.telemetry.acks):
-            for_us = ack.command == number and ack.target == self._own_address
-            if for_us and ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
-                return ack.result + 1
-        return None
-
-    def _check_result(self, result: int, what: str) -> None:
+    def _check_result(self, result: int, what: str) -> Steps[None]:
         if result == mavlink.MAV_RESULT_ACCEPTED:
             return
-        self._wait(lambda: False, 0.3)  # the reason may arrive after the answer
+        yield from self._wait(lambda: False, 0.3)  # the reason may arrive after the answer
         words = result_words(result)
         raise CommandRefusedError(f"{self._source.ns}: the autopilot refused {what} ({words}){self._texts()}")
 
-    def _confirm(self, done: Callable[[], bool], what: str) -> None:
+    def _confirm(self, done: Callable[[], bool], what: str) -> Steps[None]:
         self._request_heartbeat()
-        if not self._wait(done, _CONFIRM_TIMEOUT_S):
+        if not (yield from self._wait(done, _CONFIRM_TIMEOUT_S)):
             late = f"command accepted, but the vehicle is not {what} after {_CONFIRM_TIMEOUT_S:g} s"
             raise NotConfirmedError(f"{self._source.ns}: {late}: {self._state()}")
 
@@ -266,13 +286,13 @@ class VehicleControl:
         heartbeat = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),)
         self._connection.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
 
-    def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> T | None:
+    def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> Steps[T | None]:
         """Call `done` until it returns a true value, and return this value. Return None after `timeout_s`.
 
         stream: during the wait, send setpoints that hold the position.
         Raises OffboardLostError if the program loses control of the vehicle.
         """
-        rate = self._clock.rate(STREAM_HZ)
+        due = self._clock.now() + 1.0 / STREAM_HZ
         end = self._clock.now() + timeout_s
         while True:
             self._heartbeat.beat()
@@ -284,7 +304,10 @@ class VehicleControl:
             found = done()
             if found:
                 return found
-            if rate.sleep() >= end:
+            yield due
+            now = self._clock.now()
+            due = max(due + 1.0 / STREAM_HZ, now)  # missed deadlines are skipped
+            if now >= end:
                 return None
 
     def _stream_hold(self) -> None:
@@ -299,7 +322,7 @@ class VehicleControl:
             self._hold = local.pos, float(yaw_from_quat(attitude.q_nb))
             self._holding_since = min(self._holding_since, self._clock.now())
         if self._hold is not None:
-            self._connection.send(self.encoder.pos_yaw(*self._hold, self._clock.now()))
+            self._connection.send_setpoint(self.encoder.pos_yaw(*self._hold, self._clock.now()))
 
     def _is_ready(self) -> bool:
         t, limit = self._source.telemetry, self._source.limit_s
@@ -347,7 +370,7 @@ class VehicleControl:
     def _cause(self) -> str:
         """Return the cause of the loss of control, as text."""
         worst = mavlink.MAV_SEVERITY_WARNING
-        end = time.monotonic() + (_RECORD_S if self._run is not None else 0.0)
+        end = time.monotonic() + (self.record_wait_s if self._run is not None else 0.0)
         while True:
             texts = self._source.telemetry.recent_texts(self._source.now() - _TEXTS_S, worst)
             cause = cause_of_loss(self._source.ns, texts, self._run, time.monotonic())

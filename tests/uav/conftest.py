@@ -53,7 +53,13 @@ def autopilot(address: Address) -> Iterator[FakeAutopilot]:
 
 
 @pytest.fixture
-def uav(autopilot: FakeAutopilot, address: Address) -> Iterator[UAV]:
-    with make_uav(address) as one:
+def backend() -> str:
+    """Give the name of the backend. Modules whose tests hold for all backends replace this fixture."""
+    return "mavlink"
+
+
+@pytest.fixture
+def uav(autopilot: FakeAutopilot, address: Address, backend: str) -> Iterator[UAV]:
+    with make_uav(address, backend=backend) as one:
         until(lambda: one.ekf.age_s < 0.5 and one.info.is_connected)
         yield one

@@ -35,7 +35,10 @@ def slice_file(tmp_path, **more):
         "body": "aero2",
         "clock": None,
         "profile": PROFILE,
-        "neighbours": [{"name": "uav1", "body": "b1"}],
+        "neighbours": [{"name": "uav1", "id": 1}],
+        "neighbours_stale_s": 0.7,
+        "beacons": [{"name": "door", "number": 3}],
+        "beacons_stale_s": 3.0,
         "stale_s": 0.4,
         **more,
     }
@@ -54,6 +57,7 @@ def test_the_supervisors_slice_is_enough_and_the_rest_is_the_programs(tmp_path):
             0.222,
         )
         assert isinstance(uav.clock, WallClock)
+        assert list(uav.sen.neighbours) == ["uav1"] and list(uav.sen.beacons) == ["door"]
 
 
 def test_a_simulation_clock_is_used_where_there_is_one(tmp_path):
@@ -129,3 +133,17 @@ def test_a_program_does_not_import_what_it_does_not_need():
         ).stdout.strip()
         == "[]"
     )
+
+
+def test_program_below_a_shell_script_finds_its_vehicle_by_the_environment(tmp_path, monkeypatch):
+    monkeypatch.setenv("ARENA_UAV_FILE", str(slice_file(tmp_path)))
+    monkeypatch.setattr(sys, "argv", ["hover.py", "--laps", "2"])
+    found = read_arguments()
+    assert (found["ns"], found["system_id"], found["args"]) == ("uav2", 2, ["--laps", "2"])
+
+
+@pytest.mark.parametrize("option", [("--ns", "uav1"), ("--id", "1"), ("--link", "udpin:127.0.0.1:1")])
+def test_options_select_another_vehicle_than_the_environment(tmp_path, monkeypatch, option):
+    monkeypatch.setenv("ARENA_UAV_FILE", str(slice_file(tmp_path)))
+    monkeypatch.setattr(sys, "argv", ["hover.py", *option])
+    assert read_arguments()["ns"] == "uav1"

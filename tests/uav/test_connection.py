@@ -1,4 +1,4 @@
-"""The connection of a program: motion capture from one server or several."""
+"""The connection of a program: motion capture and measurements of relative sensors."""
 
 from __future__ import annotations
 
@@ -39,39 +39,22 @@ def clients(monkeypatch):
     return FakeClient.made
 
 
-def north_of_each_body(capture) -> tuple:
-    poses = Poses("b1", [("uav2", "b2"), ("uav3", "b3")])
+def opened(body, capture) -> Connection:
     host, port = free_address()
-    connection = Connection(f"udpin:{host}:{port}", 1, WallClock(), poses, capture)
+    return Connection(f"udpin:{host}:{port}", 1, WallClock(), Poses(body), capture)
+
+
+def test_only_the_own_body_is_requested_and_stored(clients):
+    connection = opened("b1", {"north": 1.0, "bodies": ["b1", "b2"]})
     connection.poll()
     connection.close()
-    return tuple(p and p.position[0] for p in (poses.own, *poses.neighbours))
+    assert [r.settings["bodies"] for r in clients] == [["b1"]] and clients[0].closed
+    assert connection.poses.own is not None and connection.poses.own.position[0] == 1.0
 
 
-def test_each_server_is_asked_for_its_own_bodies(clients):
-    emulator, vendor = {"north": 1.0, "bodies": ["b1", "b3"]}, {"north": 2.0, "bodies": ["b2"]}
-    assert north_of_each_body([emulator, vendor]) == (1.0, 2.0, 1.0)
-    assert [r.settings["bodies"] for r in clients] == [["b1", "b3"], ["b2"]]
-    assert all(r.closed for r in clients)
-
-
-def test_body_of_two_servers_is_taken_from_the_first(clients):
-    assert north_of_each_body([{"north": 1.0, "bodies": ["b1", "b2"]}, {"north": 2.0, "bodies": None}]) == (
-        1.0,
-        1.0,
-        2.0,
-    )
-
-
-def test_server_without_a_wanted_body_is_not_opened(clients):
-    assert north_of_each_body([{"north": 1.0, "bodies": ["wand"]}, {"north": 2.0, "bodies": ["b1"]}]) == (
-        2.0,
-        None,
-        None,
-    )
-    assert len(clients) == 1
-
-
-def test_single_server_is_asked_for_all_bodies(clients):
-    assert north_of_each_body({"north": 1.0, "bodies": ["b1"]}) == (1.0, 1.0, 1.0)
-    assert north_of_each_body(None) == (None, None, None)
+@pytest.mark.parametrize(("body", "capture"), [(None, {"north": 1.0}), ("b1", None)])
+def test_without_body_or_settings_no_client_is_opened(clients, body, capture):
+    connection = opened(body, capture)
+    connection.poll()
+    connection.close()
+    assert not clients and connection.poses.own is None

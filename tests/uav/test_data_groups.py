@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -10,11 +12,24 @@ from arena.errors import StaleDataError
 from arena.geometry import quat_from_euler, quat_rotate
 from arena.uav.data_groups import Snapshot
 from arena.uav.data_source import Body, Source
+from arena.uav.measurements import Measurements, RelativeSensors
 from arena.uav.poses import Poses
+from arena.wire.mavlink_codec import Codec
 from arena.wire.px4_mode import mode_numbers, mode_words
+from arena.wire.relative_measurements import (
+    COMPONENT,
+    DEBUG_FLOAT_ARRAY,
+    BeaconMeasurement,
+    Measurement,
+    NeighbourMeasurement,
+    measurement_payload,
+)
 from arena.wire.telemetry import Telemetry
 
 BODY = Body(ns="uav1", mass=1.5, radius=0.3, height=0.1, num_rotors=4, thrust_curve={"kind": "quadratic"})
+SENSORS = RelativeSensors(
+    neighbours={"uav2": 2, "uav3": 3}, beacons={"door": 1, "window": 2}, beacons_stale_s=3.0
+)
 Q_NB = quat_from_euler(np.radians([10, -20, 35]))
 
 
@@ -24,17 +39,24 @@ class Bench:
     def __init__(self) -> None:
         self.now = 100.0
         self.telemetry = Telemetry(1)
-        self.poses = Poses("aero2", [("uav2", "b2"), ("uav3", "b3")])
+        self.poses = Poses("aero2")
+        self.relative = Measurements(SENSORS, 1)
         self.source = Source(
             ns="uav1",
             stale_s=0.5,
             telemetry=self.telemetry,
             poses=self.poses,
+            relative=self.relative,
             now=lambda: self.now,
             refresh=lambda: None,
         )
         self.uav = Snapshot.of(self.source, BODY)
         self._out = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def measure(self, measurement: Measurement, system: int = 1) -> None:
+        self.relative.on_datagram(
+            Codec(system, COMPONENT).frame(DEBUG_FLOAT_ARRAY, measurement_payload(measurement)), self.now
+        )
 
     def receive(self, *messages: mavlink.MAVLink_message, prefix: bytes = b"") -> None:
         self.telemetry.on_datagram(prefix + b"".join(m.pack(self._out) for m in messages), self.now)
@@ -107,8 +129,13 @@ FAST = [
     lambda u: u.sen.baro.alt,
     lambda u: u.sen.emu.rel_pos,
     lambda u: u.sen.emu.rel_vel,
+    lambda u: u.sen.neighbours["uav3"].pos,
+    lambda u: u.sen.neighbours["uav3"].vel,
 ]
 SLOW = [
+    lambda u: u.sen.beacons["window"].range,
+    lambda u: u.sen.beacons["window"].azimuth,
+    lambda u: u.sen.beacons["window"].direction,
     lambda u: u.sen.gps.pos,
     lambda u: u.act.output,
     lambda u: u.act.group,
@@ -127,8 +154,10 @@ def test_value_that_never_arrived_raises(read):
 
 @pytest.mark.parametrize(("read", "age"), [*((r, 0.6) for r in FAST), *((r, 10.5) for r in SLOW)])
 def test_stale_value_raises_with_its_age(bench, read, age):
-    for body in ("aero2", "b2", "b3"):
-        bench.poses.receive(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
+    bench.poses.receive("aero2", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), bench.now)
+    for number in (2, 3):
+        bench.measure(NeighbourMeasurement(99.9, number, (1.0, 2.0, 3.0), (0.1, 0.2, 0.3), 0.01, 0.02))
+    bench.measure(BeaconMeasurement(99.9, 2, 5.0, 0.5, -0.25, 0.1, 0.01, (1.0, -2.0, -3.0)))
     read(bench.uav)
     bench.now += age
     with pytest.raises(StaleDataError, match=f"{age:.2f} s old"):
@@ -145,31 +174,70 @@ def test_is_connected_never_raises():
     assert Bench().uav.info.is_connected is False
 
 
-def test_neighbours_are_relative_to_the_vehicle(bench):
-    for i in range(12):
-        t = i / 180
-        bench.poses.receive("aero2", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
-        bench.poses.receive("b2", (1.0 + 0.5 * t, 2.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
-        bench.poses.receive("b3", (-1.0, 0.0, -2.0 - t), (1.0, 0.0, 0.0, 0.0), t, bench.now)
+def test_neighbours_are_read_by_name_in_the_order_of_the_yaml(bench):
+    bench.measure(NeighbourMeasurement(99.9, 3, (-1.0, 0.5, 2.0), (0.0, 0.0, -1.0), 0.01, 0.02))
+    bench.now += 0.1
+    bench.measure(NeighbourMeasurement(100.0, 2, (1.0, 2.0, -3.0), (0.5, -0.25, 0.0), 0.01, 0.02))
+    near = bench.uav.sen.neighbours
+    assert list(near) == ["uav2", "uav3"]
+    assert near["uav2"].pos.tolist() == [1.0, 2.0, -3.0] and near["uav2"].vel.tolist() == [0.5, -0.25, 0.0]
+    assert near["uav3"].pos.tolist() == [-1.0, 0.5, 2.0]
+    assert (near["uav2"].age_s, near["uav2"].stamp_s) == (0.0, 100.0)
+    assert near["uav3"].age_s == pytest.approx(0.1)
     emu = bench.uav.sen.emu
-    assert emu.rel_pos.shape == (2, 3)
-    assert emu.rel_pos[0] == pytest.approx([1.0 + 0.5 * 11 / 180, 2.0, 0.0])
-    assert emu.rel_vel == pytest.approx(np.array([[0.5, 0, 0], [0, 0, -1.0]]), abs=1e-9)
+    assert emu.rel_pos.tolist() == [[1.0, 2.0, -3.0], [-1.0, 0.5, 2.0]]
+    assert emu.rel_vel.tolist() == [[0.5, -0.25, 0.0], [0.0, 0.0, -1.0]]
+    assert emu.age_s == pytest.approx(0.1)
 
 
-def test_hidden_neighbour_makes_the_sensor_stale(bench):
-    for body in ("aero2", "b3"):
-        bench.poses.receive(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
+def test_missing_neighbour_makes_the_array_stale(bench):
+    bench.measure(NeighbourMeasurement(99.9, 3, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.01, 0.02))
+    assert bench.uav.sen.neighbours["uav3"].pos.shape == (3,)
     with pytest.raises(StaleDataError, match="uav2"):
         _ = bench.uav.sen.emu.rel_pos
 
 
+def test_values_without_age_limit_contain_measurements_too(bench):
+    bench.measure(NeighbourMeasurement(99.9, 2, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0), 0.01, 0.02))
+    bench.now += 60.0
+    last = Snapshot.of(dataclasses.replace(bench.source, stale_s=np.inf), BODY)
+    assert last.sen.neighbours["uav2"].pos.tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(StaleDataError):
+        _ = bench.uav.sen.neighbours["uav2"].pos
+
+
+def test_unknown_neighbour_is_refused_with_the_names(bench):
+    with pytest.raises(KeyError, match="uav2, uav3"):
+        _ = bench.uav.sen.neighbours["uav9"]
+    with pytest.raises(KeyError, match="door, window"):
+        _ = bench.uav.sen.beacons["roof"]
+
+
+def test_direction_of_a_beacon_is_a_unit_vector_in_body_axes(bench):
+    bench.measure(BeaconMeasurement(99.9, 2, 5.0, np.pi / 2, 0.5, 0.1, 0.01, (1.0, -2.0, -3.0)))
+    window = bench.uav.sen.beacons["window"]
+    assert (window.range, window.pos.tolist()) == (5.0, [1.0, -2.0, -3.0])
+    assert window.direction == pytest.approx([0.0, np.cos(0.5), -np.sin(0.5)], abs=1e-6)
+    assert [beacon.range for beacon in bench.uav.sen.beacons.in_range()] == [5.0]
+    bench.now += 3.1
+    assert bench.uav.sen.beacons.in_range() == []
+
+
+def test_measurements_of_another_vehicle_are_ignored(bench):
+    bench.measure(NeighbourMeasurement(99.9, 2, (9.0, 9.0, 9.0), (0.0, 0.0, 0.0), 0.0, 0.0), system=2)
+    with pytest.raises(StaleDataError, match="no measurement of neighbour uav2 has arrived yet"):
+        _ = bench.uav.sen.neighbours["uav2"].pos
+
+
 def test_snapshot_does_not_change(bench):
+    bench.measure(NeighbourMeasurement(99.9, 2, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0), 0.0, 0.0))
     fixed = Snapshot.of(bench.source.fixed(), BODY)
     bench.now += 0.3
+    bench.measure(NeighbourMeasurement(99.9, 2, (5.0, 2.0, 3.0), (0.0, 0.0, 0.0), 0.0, 0.0))
     bench.receive(mavlink.MAVLink_local_position_ned_message(1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0))
     assert fixed.ekf.pos[0] == 1.0 and bench.uav.ekf.pos[0] == 9.0
     assert fixed.ekf.age_s == 0.0
+    assert fixed.sen.neighbours["uav2"].pos[0] == 1.0 and bench.uav.sen.neighbours["uav2"].pos[0] == 5.0
 
 
 def test_returned_vectors_are_copies(bench):
@@ -228,10 +296,3 @@ def test_chunks_of_a_long_text_are_joined(bench):
 def test_mode_names_and_numbers_agree(words):
     main, sub = mode_numbers(words)
     assert mode_words(main << 16 | sub << 24) == words
-
-
-def test_neighbour_after_a_gap_has_no_velocity():
-    poses = Poses(None, [("uav2", "b2")])
-    poses.receive("b2", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, 1.0)
-    poses.receive("b2", (3.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 2.0, 2.0)
-    assert poses.neighbours[0] is not None and poses.neighbours[0].v_n.tolist() == [0.0, 0.0, 0.0]

@@ -12,9 +12,18 @@ from pymavlink.dialects.v20 import common as mavlink
 from served import let_pass, until
 
 from arena.errors import CommandRefusedError, NotConfirmedError, OffboardLostError, StaleDataError
+from arena.trajectories import Circle
 from arena.uav import UAV, vehicle_control
 
 from .conftest import free_address, make_uav, sending_to
+
+
+@pytest.fixture(params=["mavlink", "mavsdk"])
+def backend(request) -> str:
+    if request.param == "mavsdk":
+        pytest.importorskip("mavsdk.plugins.mavlink_direct", reason="mavsdk is not installed")
+    return request.param
+
 
 OFFBOARD_TIMEOUT_S = 1.0  # COM_OF_LOSS_T: a longer pause between setpoints is a failsafe
 
@@ -32,6 +41,34 @@ def test_no_setpoint_is_sent_between_calls(autopilot, uav):
     until(lambda: len(autopilot.heartbeats) >= beats + 1)  # the program hangs, its link lives
     let_pass(autopilot, 25)
     assert len(autopilot.setpoints) == sent
+
+
+def test_slow_program_leaves_gaps_between_its_setpoints(autopilot, uav):
+    uav.start_offboard_mission()
+    let_pass(autopilot, 3)
+    before = len(autopilot.setpoints)
+    for _ in range(3):
+        uav.set_vel_yaw([0, 0, -1], 0.0, 50)
+        let_pass(autopilot, 30)  # longer than half a second of computation
+    until(lambda: len(autopilot.setpoints) >= before + 3)
+    assert len(autopilot.setpoints) == before + 3
+    assert gaps(autopilot)[-2:].min() > 0.4
+
+
+def test_a_trajectory_is_sent_with_velocity_and_acceleration_until_it_ends(autopilot, uav):
+    uav.start_offboard_mission()
+    before = len(autopilot.setpoints)
+    trajectory = Circle(np.zeros(3), 1.0, lap_s=2.0, laps=0.5, ramp_s=0.5)
+    began = uav.clock.now()
+    uav.follow(trajectory, 50)
+    assert uav.clock.now() - began == pytest.approx(trajectory.duration_s, abs=0.1)
+    sent = [m for _, m in autopilot.setpoints[before:]]
+    assert len(sent) > 15
+    assert (
+        max(m.x for m in sent) > 1.5
+        and max(abs(m.vy) for m in sent) > 2.0
+        and max(abs(m.afx) for m in sent) > 5.0
+    )
 
 
 def test_program_that_only_reads_sends_no_setpoint(autopilot, uav):

@@ -1,0 +1,56 @@
+"""Command line of a program of the thesis: `ns mass radius height num_rotors thrust_curve`, then the program's own arguments."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from arena.errors import InputError
+
+OPTION = "--uav"
+_settings_file: list[str] = []
+
+
+def translate() -> None:
+    """Change `sys.argv` from the arguments of `arena up` to those of the thesis's launcher.
+
+    `arena up` passes `--uav FILE` and the arguments of the YAML. The program reads `sys.argv[1]` to `sys.argv[6]` (name, mass [kg],
+    radius [m], height [m], number of rotors, name of the thrust curve), and its own arguments after them. A command line without
+    `--uav` stays as it is. Raises InputError if FILE cannot be read.
+    """
+    if sys.argv[1:2] == [OPTION] and len(sys.argv) > 2:
+        _settings_file[:] = [sys.argv[2]]
+        sys.argv[1:3] = _launcher_arguments(sys.argv[2])
+
+
+def uav_options(name: str) -> list[str]:
+    """Return the command line for `arena.UAV.from_args`. name: of the vehicle, for a program that was started by hand."""
+    return [OPTION, *_settings_file] if _settings_file else ["--ns", name]
+
+
+def vehicle_name() -> str | None:
+    """Return the name of the vehicle that `arena up` has selected, None for a program that was started by hand."""
+    return _settings()["vehicle"] if _settings_file else None
+
+
+def clock_path() -> str | None:
+    """Return the path of the simulation clock, without suffix. None if the program runs by the wall clock."""
+    return _settings().get("clock") if _settings_file else None
+
+
+def _settings(file: str = "") -> dict[str, Any]:
+    file = file or _settings_file[0]
+    try:
+        found: dict[str, Any] = json.loads(Path(file).read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{OPTION} {file}: {error}") from error
+    return found
+
+
+def _launcher_arguments(file: str) -> list[str]:
+    settings = _settings(file)
+    profile = settings["profile"]
+    numbers = [profile[key] for key in ("mass_kg", "radius_m", "height_m", "num_rotors")]
+    return [settings["vehicle"], *map(str, numbers), str(profile["name"])]

@@ -1,0 +1,117 @@
+"""The functions of `rospy` that programs of the thesis use, by the clock of the arena and without ROS."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from arena.compat import thread_clocks
+from arena.compat.messages import PoseStamped
+from arena.compat.uav_mavros import VEHICLES
+from arena.errors import InputError
+from arena.geometry import ned_from_world
+
+REFERENCE_TOPIC = "/mavros/waypoints/position"
+
+
+class ROSInterruptException(Exception):
+    """Never raised. Programs catch it around their loop."""
+
+
+class Time:
+    """Instant [s], by the simulation clock, or Unix time in a program that runs by the wall clock."""
+
+    def __init__(self, secs: float = 0.0) -> None:
+        self._s = float(secs)
+
+    @classmethod
+    def now(cls) -> Time:
+        return cls(thread_clocks.time_s())
+
+    @classmethod
+    def from_sec(cls, secs: float) -> Time:
+        """Return the instant of a time [s]."""
+        return cls(secs)
+
+    def to_sec(self) -> float:
+        """Return the time [s]."""
+        return self._s
+
+    @property
+    def secs(self) -> int:
+        """Whole seconds of the time."""
+        return int(self._s)
+
+    @property
+    def nsecs(self) -> int:
+        """Rest of the time below a second [ns]."""
+        return round(1e9 * (self._s - int(self._s)))
+
+
+class Rate:
+    """Timer for a loop with a fixed rate [Hz]. A new object sleeps one period."""
+
+    def __init__(self, hz: float) -> None:
+        self._rate = thread_clocks.clock().rate(float(hz))
+
+    def sleep(self) -> None:
+        """Sleep until the next deadline."""
+        self._rate.sleep()
+
+
+class Publisher:
+    """Publisher of a topic. Only the reference of the program exists: `NAME/mavros/waypoints/position`, NAME of the vehicle.
+
+    Each message goes to the recorder, as `UAV.reference` does. Raises InputError for another topic.
+    """
+
+    def __init__(self, name: str, data_class: type[Any], queue_size: int = 1, **_options: Any) -> None:
+        vehicle, topic, rest = name.strip("/").partition(REFERENCE_TOPIC)
+        if not topic or rest or data_class is not PoseStamped:
+            raise InputError(
+                f"rospy.Publisher: the topic {name!r} does not exist here. Only NAME{REFERENCE_TOPIC} exists, with PoseStamped"
+            )
+        self._vehicle = vehicle
+
+    def publish(self, message: PoseStamped) -> None:
+        """Log the position of the message [m] [ENU] as the reference of the vehicle. Ignored before the `UAV` exists."""
+        uav = VEHICLES.get(self._vehicle)
+        if uav is not None:
+            at = message.pose.position
+            uav.reference(p=ned_from_world([float(np.squeeze(v)) for v in (at.x, at.y, at.z)]))
+
+
+def Subscriber(name: str, *_arguments: Any, **_options: Any) -> None:
+    """Raise InputError: topics cannot be read. The data are in the groups of `UAV`."""
+    raise InputError(
+        f"rospy.Subscriber: the topic {name!r} cannot be read here. Use the groups of UAV, such as ekf.pos"
+    )
+
+
+def init_node(name: str, *_arguments: Any, **_options: Any) -> None:
+    """Do nothing: there are no nodes."""
+
+
+def get_time() -> float:
+    """Return the simulation time [s], or Unix time [s] in a program that runs by the wall clock."""
+    return thread_clocks.time_s()
+
+
+def sleep(duration: float) -> None:
+    """Sleep for a duration [s]."""
+    clock = thread_clocks.clock()
+    clock.sleep_until(clock.now() + float(duration))
+
+
+def is_shutdown() -> bool:
+    """Return False. A stopped program ends by a signal."""
+    return False
+
+
+def loginfo(text: str, *arguments: Any) -> None:
+    """Print a line. text: format for the operator `%`. arguments: its values."""
+    print(text % arguments if arguments else text, flush=True)
+
+
+logwarn = logerr = loginfo

@@ -1,0 +1,126 @@
+"""`arena.connect`: a vehicle of a running arena for a notebook, IPython or a shell."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from arena.clock import Clock, Rate, SimClock, SimTime, WallClock
+from arena.errors import InputError, VehicleError
+from arena.fly.running_vehicle import RunningVehicle, find_vehicle
+from arena.uav import UAV
+from arena.uav.arguments import read_file
+
+_POLL_S = 0.001
+
+
+class FollowedClock:
+    """Simulation time for a person: the clock sleeps until the simulation time has come, but the world does not wait for it.
+
+    path: path of the simulation clock without suffix
+    """
+
+    def __init__(self, path: str) -> None:
+        self._time = SimTime(path)
+        self._last, self._since = -1.0, time.monotonic()
+
+    def now(self) -> float:
+        """Return the simulation time [s]."""
+        return self._time.now()
+
+    def sleep_until(self, t: float) -> float:
+        """Sleep until the simulation time t [s]. Return the time after the sleep [s]. Ctrl-C interrupts."""
+        while (now := self._time.now()) < t:
+            time.sleep(max(_POLL_S, min(0.02, 0.5 * (t - now))))
+        return now
+
+    def rate(self, hz: float) -> Rate:
+        """Return a timer for a loop with a fixed rate [Hz]."""
+        return Rate(self, hz)
+
+
+class Session:
+    """Session of a person who flies a vehicle from a notebook or a shell. Its attribute `uav` flies the vehicle; `end` lands it.
+
+    vehicle: the vehicle. lockstep: in a simulation that is not in real time, the world waits while this session does not sleep
+    Raises InputError if another program of this vehicle has its port.
+    """
+
+    def __init__(self, vehicle: RunningVehicle, *, lockstep: bool = False) -> None:
+        self.vehicle = vehicle
+        self.uav = open_uav(vehicle, lockstep=lockstep)
+
+    def end(self, say: Callable[[str], None] = print) -> None:
+        """Land the vehicle if this session flies it, then close the connection.
+
+        A vehicle that is disarmed, or that a pilot, `land-all` or a ground station has taken, is not commanded. A vehicle that cannot
+        be landed enters its offboard failsafe, because no setpoints are sent any more.
+        """
+        try:
+            if self._flies():
+                say(f"{self.vehicle.name}: landing")
+                self.uav.auto_land()
+                say(f"{self.vehicle.name}: landed and disarmed")
+        except VehicleError as error:
+            say(f"{self.vehicle.name}: LANDING NOT CONFIRMED: {error}. Use `arena land-all`")
+        finally:
+            self.uav.close()
+
+    def _flies(self) -> bool:
+        with contextlib.suppress(VehicleError):
+            return self.uav.info.is_armed and self.uav.info.flight_mode == "OFFBOARD"
+        return False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end()
+
+
+def connect(
+    name: str | None = None, run: str | Path | None = None, *, lockstep: bool = False, real: bool = False
+) -> UAV:
+    """Return a vehicle of a running arena, for a notebook, IPython or a shell.
+
+    name: name of the vehicle; None for the only vehicle. run: run folder, if several arenas have a vehicle with this name.
+    lockstep: in a simulation that is faster than real time, the world waits while this session flies the vehicle and does not sleep.
+        Without it, the world never waits, and setpoints may come too late for the autopilot.
+    real: allow a real vehicle. A notebook that was written for a simulation must not fly one by mistake.
+    The vehicle must have no program of its own that runs: only one process can receive at the program's port. Clocks are as in a
+    program: simulation time for simulated vehicles, wall time for real vehicles.
+    `close` sends no command: a vehicle in the air then enters its offboard failsafe, and lands.
+    Raises RunError if no arena runs, and InputError if the name fits no vehicle, the vehicle is real without `real`, or the port is
+    in use.
+    """
+    vehicle = find_vehicle(name, None if run is None else Path(run))
+    if vehicle.is_real and not real:
+        raise InputError(
+            f"{vehicle.name} is a real vehicle: use `arena.connect({vehicle.name!r}, real=True)`"
+        )
+    return open_uav(vehicle, lockstep=lockstep)
+
+
+def open_uav(vehicle: RunningVehicle, *, lockstep: bool) -> UAV:
+    """Connect to a vehicle as its program would. Raises InputError if another program uses the program's port."""
+    arguments = read_file(str(vehicle.program_file), partial(_clock, lockstep=lockstep))
+    try:
+        return UAV(**{**arguments, "heartbeat": None})
+    except InputError as error:
+        raise InputError(
+            f"{vehicle.name}: {error} A vehicle with a running program cannot be flown from here: end the program, or write no "
+            "`program` in the YAML"
+        ) from error
+
+
+def _clock(stem: str | None, name: str, *, lockstep: bool) -> Clock:
+    if stem is None:
+        return WallClock()
+    return SimClock(stem, name) if lockstep else FollowedClock(stem)

@@ -1,0 +1,37 @@
+"""Python shell with a connected vehicle: IPython if it is installed, else the shell of Python."""
+
+from __future__ import annotations
+
+import code
+import importlib
+from typing import Any
+
+from arena.fly.connect import Session
+
+_HELP = """\
+uav is {name}, {state}. Examples:
+  uav.ekf.pos                                       estimated position [m] [NED]
+  uav.start_offboard_mission()                      arm and enter OFFBOARD
+  uav.set_pos_yaw([0, 0, -1], 0, 5)                 fly to a position for 5 s
+  uav.hold_until(lambda: False, 10)                 hold for 10 s
+  uav.auto_land()
+Setpoints are sent only during a call: after {limit:g} s without one, the offboard failsafe of the autopilot lands the vehicle.
+Ctrl-D leaves the shell, and lands a vehicle that this shell flies."""
+_OFFBOARD_LOSS_S = 1.0
+
+
+def interact(session: Session) -> None:
+    """Run a shell in this terminal until the user leaves it. The caller ends the session."""
+    uav = session.uav
+    uav.hold_until(lambda: uav.info.is_connected, 3.0)
+    names: dict[str, Any] = {"uav": uav, "arena": importlib.import_module("arena")}
+    names["np"] = importlib.import_module("numpy")
+    state = "connected" if uav.info.is_connected else "NOT CONNECTED: no heartbeat yet"
+    banner = _HELP.format(name=session.vehicle.name, state=state, limit=_OFFBOARD_LOSS_S)
+    try:
+        embed = importlib.import_module("IPython").embed
+    except ImportError:
+        code.interact(banner=banner, local=names, exitmsg="")
+        return
+    print(banner, flush=True)
+    embed(user_ns=names, banner1="", colors="neutral")

@@ -1,0 +1,65 @@
+"""Process of the ROS 2 bridge. Run as `python -m arena.ros2 slice.json`. No process of the arena needs it or waits for it."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+from arena.process_context import ProcessContext, run_process
+from arena.ros2.bridge import Bridge
+
+POLL_S = 0.005
+"""Time between two polls [s]: the longest delay of a setpoint in the bridge."""
+_REPORT_PERIOD_S = 1.0
+
+
+class Ros2Process:
+    """Process of the bridge: the loop."""
+
+    def __init__(self, room: ProcessContext) -> None:
+        self._room = room
+        self._bridge = Bridge(room.settings)
+        self._reported = float("-inf")
+        room.ready()
+
+    def run(self) -> None:
+        """Run until a stop signal, or until the supervisor has died."""
+        due = time.monotonic()
+        while not self._room.stopping:
+            now = time.monotonic()
+            self._bridge.poll(now)
+            for text in self._bridge.events():
+                self._room.event(text)
+            if now - self._reported >= _REPORT_PERIOD_S:
+                self._reported = now
+                self._room.stats(self._bridge.stats())
+                if self._room.orphaned:
+                    return
+            due = max(due + POLL_S, now)
+            time.sleep(max(0.0, due - time.monotonic()))
+
+    def close(self) -> None:
+        self._room.stats(self._bridge.stats())
+        self._bridge.close()
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the process and return its exit code."""
+    return run_process("arena:ros2", _make, argv)
+
+
+def _make(room: ProcessContext) -> Callable[[], None]:
+    process = Ros2Process(room)
+
+    def serve() -> None:
+        try:
+            process.run()
+        finally:
+            process.close()
+
+    return serve
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,109 @@
+"""Backends of a user program's connection: the libraries that send its setpoints and commands.
+
+The connection owns the sockets and decodes the telemetry, for all backends in the same way. A backend only turns setpoints and
+commands into bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.wire.telemetry import Telemetry
+
+COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+BackendName = Literal["mavlink", "mavsdk"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wire:
+    """Part of a connection that a backend uses.
+
+    system_id: MAV_SYS_ID of the vehicle, and of the program.
+    telemetry: received telemetry of the vehicle.
+    send: function that packs a message and sends it to the vehicle.
+    send_payload: function that packs an encoded payload (message id, payload) and sends it to the vehicle.
+    """
+
+    system_id: int
+    telemetry: Telemetry
+    send: Callable[[mavlink.MAVLink_message], None]
+    send_payload: Callable[[int, bytes], None]
+
+    @property
+    def own_address(self) -> tuple[int, int]:
+        """System and component id of the program."""
+        return self.system_id, COMPONENT
+
+    def acknowledged(self, number: int) -> int | None:
+        """Return the MAV_RESULT of the received acknowledgement of a command; None before the final one has arrived.
+
+        number: MAV_CMD. Acknowledgements for other senders are ignored.
+        """
+        for ack in list(self.telemetry.acks):
+            for_us = ack.command == number and ack.target == self.own_address
+            if for_us and ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
+                return ack.result
+        return None
+
+
+class Command(Protocol):
+    """A command to the autopilot that waits for its acknowledgement."""
+
+    def send(self, message: mavlink.MAVLink_message) -> None:
+        """Send the command, or send it again. message: COMMAND_LONG with the number of earlier tries as `confirmation`."""
+
+    def result(self) -> int | None:
+        """Return the MAV_RESULT of the acknowledgement; None before it has arrived."""
+
+
+class Backend(Protocol):
+    """Interface of a backend. All methods but `receive` are called only inside calls of the user program."""
+
+    def receive(self, datagram: bytes) -> None:
+        """Take in a datagram that contains messages of the vehicle."""
+
+    def send_setpoint(self, message: mavlink.MAVLink_message) -> None:
+        """Send one setpoint. The setpoint has been sent when the method returns."""
+
+    def command(self, number: int) -> Command:
+        """Return a command that has not been sent yet. number: MAV_CMD."""
+
+    def close(self) -> None:
+        """Stop the threads of the backend. Send nothing."""
+
+
+class MavlinkCommand:
+    """A command that is packed by pymavlink. See `Command`."""
+
+    def __init__(self, wire: Wire, number: int) -> None:
+        self._wire, self._number = wire, number
+        wire.telemetry.acks.clear()
+
+    def send(self, message: mavlink.MAVLink_message) -> None:
+        self._wire.send(message)
+
+    def result(self) -> int | None:
+        return self._wire.acknowledged(self._number)
+
+
+class MavlinkBackend:
+    """Backend that packs messages with pymavlink. See `Backend`."""
+
+    def __init__(self, wire: Wire) -> None:
+        self._wire = wire
+
+    def receive(self, datagram: bytes) -> None:
+        """Do nothing: the connection has decoded the datagram."""
+
+    def send_setpoint(self, message: mavlink.MAVLink_message) -> None:
+        self._wire.send(message)
+
+    def command(self, number: int) -> Command:
+        return MavlinkCommand(self._wire, number)
+
+    def close(self) -> None:
+        """Do nothing: this backend has no threads."""

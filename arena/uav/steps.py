@@ -1,0 +1,23 @@
+"""`Steps`, the waits of a method as a generator, so that blocking and asynchronous programs share the same code."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import TypeVar
+
+from arena.clock import Clock
+
+T = TypeVar("T")
+Steps = Generator[float, None, T]
+"""Generator that yields the time until which the program must sleep [s], and returns the result of the method."""
+
+
+def run(steps: Steps[T], clock: Clock) -> T:
+    """Carry out the steps: sleep until each time that they yield. Return their result."""
+    while True:
+        try:
+            due = next(steps)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        clock.sleep_until(due)
