@@ -61,18 +61,22 @@ def prediction(count: int) -> Callable[[], object]:
 
 def vision(count: int) -> Callable[[], object]:
     """Return the fusion of one pose of every vehicle."""
-    from arena.autopilot.estimation.estimator import Estimator
+    from arena.autopilot.estimation.estimator import Estimator, VisionSample
     from arena.autopilot.param_table import Params
 
     params = Params(count)
     for i in range(count):
         params.set(i, "EKF2_EV_CTRL", 11)
-    estimator, rows = Estimator(params, count, 0.004), np.arange(count)
+    estimator = Estimator(params, count, 0.004)
     for _ in range(10):
         estimator.predict(np.tile([0.0, 0.0, -9.8], (count, 1)), np.zeros((count, 3)))
-    p_n, q_nb = np.zeros((count, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
-    var_p, var_yaw = np.full((count, 3), 1e-6), np.full(count, 1e-4)
-    return lambda: estimator.fuse_vision(rows, p_n, q_nb, var_p, var_yaw, 1.0)
+    sample = VisionSample((0.0,) * 3, (1.0, 0.0, 0.0, 0.0), (1e-6,) * 3, 1e-4)
+
+    def fuse() -> None:
+        for i in range(count):
+            estimator.fuse_vision(i, sample, 1.0)
+
+    return fuse
 
 
 def rotors(count: int) -> Callable[[], object]:

@@ -1,6 +1,6 @@
 """The process of the fused arena, which is a whole simulated arena in one process: `python -m arena.fused FILE.json`.
 
-FILE.json names the members (router, motion capture, pose forwarders, loggers). Their configuration files (slices) are in the
+FILE.json names the members (router, motion capture, pose forwarders, recorder). Their configuration files (slices) are in the
 same folder.
 """
 
@@ -15,6 +15,7 @@ from arena.fused.members import Members
 from arena.process_context import ProcessContext, read_slice, run_process
 from arena.sim.__main__ import autopilots_by_kind
 from arena.sim.loop import run
+from arena.socket_watch import SocketWatch
 
 
 def main() -> int:
@@ -24,8 +25,10 @@ def main() -> int:
 def _make(process: ProcessContext, folder: Path) -> Callable[[], None]:
     slices = {name: read_slice(folder / f"{name}.json") for name in process.settings["members"]}
 
-    def links(context: ProcessContext, world: Mapping[str, Any], budget_s: float) -> Members:
-        return Members(context, {**slices, "world": world}, budget_s=budget_s)
+    def links(
+        context: ProcessContext, world: Mapping[str, Any], budget_s: float, watch: SocketWatch
+    ) -> Members:
+        return Members(context, {**slices, "world": world}, budget_s=budget_s, watch=watch)
 
     return lambda: run(process, slices["world"], autopilots_by_kind, links)
 

@@ -1,6 +1,6 @@
 """Context of a member of the fused arena.
 
-A member is a part of the arena, such as the router or a logger. Normally, each of these parts is a process of its own. In the
+A member is a part of the arena, such as the router or the recorder. Normally, each of these parts is a process of its own. In the
 fused arena (`arena.fused`), all members run in one process.
 """
 

@@ -1,4 +1,4 @@
-"""The members of the fused arena around the world: router, motion capture, pose forwarders and loggers.
+"""The members of the fused arena around the world: router, motion capture, pose forwarders and recorder.
 
 In each step of the world they run in a fixed order, so the same inputs give the same messages.
 """
@@ -10,16 +10,22 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from arena.clock import Rate
+from arena.emulated_sensors.core import EmulatedSensors
+from arena.emulated_sensors.settings import Settings
 from arena.fused.captured_frames import FrameConverter
 from arena.fused.member import MemberContext
-from arena.fused.memory_links import Inbox, LoggerLink, MemoryCapture, VisionLink, address
+from arena.fused.memory_links import Inbox, MemoryCapture, RecorderLink, VisionLink, address
 from arena.fused.router import FusedRouter
+from arena.mocap.client import CapturedFrame
 from arena.mocap.emulator.interface import MeasuredFrame
 from arena.mocap.emulator.shell import EmulatorShell
 from arena.pose_forwarder.shell import TICK_S, ForwarderShell
 from arena.process_context import ProcessContext
-from arena.recorder.logger import Logger
+from arena.recorder.flight_recorder import REPORT_PERIOD_S, FlightRecorder
+from arena.recorder.truth_sampler import TruthSampler
 from arena.sim.vehicle_links import Receive, VehicleLinks
+from arena.socket_watch import SocketWatch
+from arena.transport import Address
 from arena.wire.truth_page import TruthReader
 
 READY_TIMEOUT_S = 30.0
@@ -28,7 +34,7 @@ _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in bin
 
 
 class Members:
-    """Router, motion capture, pose forwarders and loggers of the fused arena: its members, all parts except the world.
+    """Router, motion capture, pose forwarders and recorder of the fused arena: its members, all parts except the world.
 
     The world uses this object as its MAVLink links (`LinkInterface`). Messages of built-in autopilots are exchanged in memory.
     Vehicles that PX4 flies, and the panic links (reserved for emergencies), use sockets.
@@ -39,10 +45,16 @@ class Members:
 
     process: context of the process.  slices: name of each member -> its configuration.
     budget_s: longest wall time for reading the panic links in one step [s].
+    watch: finds the sockets with data; the world polls it in each step, before `drain`.
     """
 
     def __init__(
-        self, process: ProcessContext, slices: Mapping[str, Mapping[str, Any]], *, budget_s: float
+        self,
+        process: ProcessContext,
+        slices: Mapping[str, Mapping[str, Any]],
+        *,
+        budget_s: float,
+        watch: SocketWatch,
     ) -> None:
         world = slices["world"]
         vehicles = world["vehicles"]
@@ -56,7 +68,6 @@ class Members:
             name: MemberContext(process, dict(s)) for name, s in slices.items() if name != "world"
         }
         truth = TruthReader(world["truth"])
-        self._loggers = [_Logger(self._contexts[f"logger.{v['name']}"], self._time, truth) for v in vehicles]
         self._forwarders = {
             i: _Forwarder(self._contexts[name], self._time, i, self._inbox if i in in_memory else None)
             for i, v in enumerate(vehicles)
@@ -67,21 +78,30 @@ class Members:
             self._time.now,
             frozenset(in_memory),
             self._inbox,
-            {address(x.settings, "listen"): x.link.waiting.append for x in self._loggers},
         )
+        self._recorder = _Recorder(self._contexts["recorder"], self._time, self._router.sockets, truth)
+        sensors = self._contexts.get("sensors")
+        self._sensors = None if sensors is None else _Sensors(sensors, self._time, self._router)
+        self._router.record = self._on_copy
         mocap = self._contexts["mocap"]
         self._frames = FrameConverter(mocap.settings["bodies"])
         self._mocap = EmulatorShell(mocap, self._time.now(), self._on_frame)
+        self._watch = watch
+        members = self._panic, self._mocap.faults, self._router, self._router.faults, self._recorder.link
+        for member in members:
+            watch.add(member.fileno())
 
     @property
     def ready(self) -> bool:
-        """True if the router, the motion capture, and every pose forwarder and logger have reported that they are ready."""
+        """True if the router, the motion capture, every pose forwarder and the recorder have reported that they are ready."""
         return all(context.is_ready for context in self._contexts.values())
 
     def drain(self, receive: Receive) -> None:
         """Pass the datagrams that have arrived to the autopilots."""
-        self._panic.drain(receive)
-        self._router.drain(self._time.now())
+        if self._watch.has_data(self._panic.fileno()):
+            self._panic.drain(receive)
+        if self._watch.has_data(self._router.fileno()):
+            self._router.drain(self._time.now())
         waiting = self._inbox[:]
         self._inbox.clear()
         for vehicle, link, data in waiting:
@@ -111,14 +131,16 @@ class Members:
         if self._ready_at_once:
             self._ready_at_once = False
             self._process.ready()
-        self._mocap.apply_faults()
+        if self._watch.has_data(self._mocap.faults.fileno()):
+            self._mocap.apply_faults()
         while self._mocap.due <= now + _EARLY_S:
             self._mocap.advance(now)
         for forwarder in self._forwarders.values():
             forwarder.step(now)
-        self._router.step(now)
-        for logger in self._loggers:
-            logger.step(now)
+        if self._sensors is not None:
+            self._sensors.step(now)
+        self._router.step(now, faults=self._watch.has_data(self._router.faults.fileno()))
+        self._recorder.step(now, references=self._watch.has_data(self._recorder.link.fileno()))
 
     def on_request(self, request: Mapping[str, Any]) -> None:
         """Pass a request of the supervisor to the router."""
@@ -129,9 +151,8 @@ class Members:
         return self._panic.stats()
 
     def close(self) -> None:
-        """Write the rest of the logs, and close all sockets and files."""
-        for logger in self._loggers:
-            logger.close()
+        """Complete the record, and close all sockets and files."""
+        self._recorder.close()
         for forwarder in self._forwarders.values():
             forwarder.close()
         self._contexts["router"].stats(self._router.stats())
@@ -139,12 +160,19 @@ class Members:
         self._mocap.close()
         self._panic.close()
 
+    def _on_copy(self, socket: int, data: bytes) -> None:
+        """Pass a copy of a routed datagram to the recorder and the sensors. socket: index of the router's socket that sends it."""
+        self._recorder.link.add(socket, data)
+        if self._sensors is not None:
+            self._sensors.on_copy(socket, data)
+
     def _on_frame(self, frame: MeasuredFrame, now: float) -> None:
         captured = self._frames.convert(frame, now)
         for forwarder in self._forwarders.values():
             forwarder.capture.waiting.append(captured)
-        for logger in self._loggers:
-            logger.capture.waiting.append(captured)
+        if self._sensors is not None:
+            self._sensors.on_frame(captured, now)
+        self._recorder.on_frame(captured, now)
 
 
 class _Forwarder:
@@ -195,29 +223,82 @@ class _Forwarder:
             self._context.ready()
 
 
-class _Logger:
-    def __init__(self, context: MemberContext, time: StepTime, truth: TruthReader) -> None:
-        self.settings = context.settings
-        self.capture, self.link = MemoryCapture(), LoggerLink(address(context.settings, "listen"))
-        self._logger = Logger(context, time, self.capture, self.link, truth)
-        self._period_s = 1.0 / float(self.settings["rate_hz"])
-        self._rows = 0
+class _Sensors:
+    """Emulated sensors of the arena. They receive telemetry as copies of the router's datagrams."""
+
+    def __init__(self, context: MemberContext, time: StepTime, router: FusedRouter) -> None:
+        self._context, self._time, self._router = context, time, router
+        self._core = EmulatedSensors(Settings.of(context.settings))
+        vehicles = self._core.settings.vehicles
+        self._names = [v.name for v in vehicles]
+        row_of = {v.serve: row for row, v in enumerate(vehicles) if v.estimated}
+        self._row_of = {key: row_of[at] for key, at in enumerate(router.sockets) if at in row_of}
+        self._next_report = 0.0
         context.ready()
 
+    def on_frame(self, frame: CapturedFrame, now: float) -> None:
+        self._core.on_frame(frame, True, now)
+
+    def on_copy(self, socket: int, data: bytes) -> None:
+        """Store the estimates in a datagram from an autopilot. socket: index of the router's socket that sends it."""
+        if (row := self._row_of.get(socket)) is not None:
+            self._core.on_datagram(row, data, self._time.now())
+
     def step(self, now: float) -> None:
-        """Write a row of the vehicle's log if the time for the next row has come."""
-        if now + _EARLY_S >= self._rows * self._period_s:
-            self._rows = int((now + _EARLY_S) / self._period_s) + 1
-            self._logger.step(now)
+        """Send the measurements of one step. now: simulation time [s]."""
+        for row, data in self._core.step(now):
+            self._router.from_sensors(self._names[row], data, now)
+        if now >= self._next_report:
+            self._next_report = now + REPORT_PERIOD_S
+            self._context.stats(self._core.stats())
+
+
+class _Recorder:
+    """Recorder of the arena. sockets: addresses of the router's sockets, in their order."""
+
+    def __init__(
+        self, context: MemberContext, time: StepTime, sockets: Sequence[Address], truth: TruthReader
+    ) -> None:
+        settings = context.settings
+        self.link = RecorderLink(address(settings, "listen"), sockets, settings["vehicles"])
+        self._time = time
+        self._truth = TruthSampler(truth, float(settings["rate_hz"]), simulation_clock=True)
+        self._recorder = FlightRecorder(context, time.now())
+        self._next_tick = 0.0
+        context.ready()
+
+    def on_frame(self, frame: CapturedFrame, now: float) -> None:
+        self._recorder.on_frame(frame, True, now)
+
+    def step(self, now: float, *, references: bool = True) -> None:
+        """Record the datagrams and the true state of one step.
+
+        now: simulation time [s].  references: read the references of user programs from the socket.
+        """
+        for vehicle, up, data in self.link.receive(references):
+            self._recorder.on_datagram(vehicle, up, data, now)
+        for time_s, truth in self._truth.due(now):
+            self._recorder.on_truth(truth, time_s)
+        self._recorder.tick(now, wall_time.monotonic())
 
     def close(self) -> None:
-        self._logger.close()
+        """Record the last data, and complete the file."""
+        self.step(self._time.now())
+        self._recorder.close(self._time.now())
+        self.link.close()
+
+
+_CANNOT_SLEEP = (
+    "a part of the process `world` wanted to sleep, which would stop the simulation. This is an error of arena: please report it. "
+    "`arena up --processes` runs each part in a process of its own, where it can sleep"
+)
 
 
 class StepTime:
-    """Clock of the router, pose forwarders and loggers in the fused arena. It returns the time of the present step.
+    """Clock of the router, pose forwarders and recorder in the fused arena. It returns the time of the present step.
 
-    The world calls these members in each step. A member that slept would stop the world, so this clock cannot sleep.
+    The simulation calls these parts of the process `world` in each step. A part that slept would stop the simulation, so this
+    clock cannot sleep.
 
     value: simulation time [s].
     """
@@ -230,14 +311,10 @@ class StepTime:
         return self.value
 
     def sleep_until(self, t: float) -> float:
-        raise NotImplementedError(
-            "StepTime cannot sleep: the world calls every member in each step, and a member that sleeps would stop the world"
-        )
+        raise NotImplementedError(_CANNOT_SLEEP)
 
     def rate(self, hz: float) -> Rate:
-        raise NotImplementedError(
-            "StepTime cannot sleep: the world calls every member in each step, and a member that sleeps would stop the world"
-        )
+        raise NotImplementedError(_CANNOT_SLEEP)
 
 
 def _panic_only(vehicle: Mapping[str, Any]) -> dict[str, Any]:

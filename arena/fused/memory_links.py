@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from arena.mocap.client import CapturedFrame
-from arena.transport import Address, listen_udp
+from arena.recorder.router_copies import RouterCopies
+from arena.transport import Address
 
 Inbox = list[tuple[int, str, bytes]]
 """Datagrams for the autopilots: (index of the vehicle in the world, name of the link, data), oldest first."""
@@ -44,25 +45,42 @@ class VisionLink:
         self.waiting.clear()
 
 
-class LoggerLink:
-    """Source of the datagrams for one logger: those of the router come from memory, those of the user program from a socket.
+class RecorderLink:
+    """Source of the datagrams for the recorder: copies of the router come from memory, references of user programs from a socket.
 
-    at: address of the socket.
+    listen: address of the socket.  sockets: addresses of the router's sockets, in their order.
+    vehicles: as for `CopySenders`.
     """
 
-    def __init__(self, at: Address) -> None:
-        self.waiting: deque[bytes] = deque()
-        self._socket = listen_udp(at, "the logger")
+    def __init__(
+        self, listen: Address, sockets: Sequence[Address], vehicles: Sequence[Mapping[str, Any]]
+    ) -> None:
+        self._copies = RouterCopies(listen, vehicles)
+        self._owners = [self._copies.senders.owner(at) for at in sockets]
+        self._waiting: list[tuple[str, bool, bytes]] = []
 
-    def recv(self, size: int) -> bytes:
-        """Return the next datagram: first those of the router, then those of the user program, each oldest first.
+    def add(self, socket: int, data: bytes) -> None:
+        """Store a copy of a datagram. socket: index of the router's socket from which it is sent."""
+        if (owner := self._owners[socket]) is not None:
+            self._waiting.append((*owner, data))
 
-        Raises BlockingIOError if there is none.
+    def fileno(self) -> int:
+        """Return the file descriptor of the socket, which is readable when a reference of a user program has arrived."""
+        return self._copies.fileno()
+
+    def receive(self, references: bool = True) -> Iterator[tuple[str, bool, bytes]]:
+        """Yield (vehicle, up, data) for each datagram that has arrived. The datagrams that the router has copied come first.
+
+        references: read the socket, too
         """
-        return self.waiting.popleft() if self.waiting else self._socket.recv(size)
+        waiting, self._waiting = self._waiting, []
+        yield from waiting
+        if references:
+            for vehicle, up, data, _ in self._copies.receive():
+                yield vehicle, up, data
 
     def close(self) -> None:
-        self._socket.close()
+        self._copies.close()
 
 
 class MemoryCapture:

@@ -1,4 +1,4 @@
-"""MAVLink router of the fused arena: built-in autopilots and loggers are in the same process, PX4 and other clients use sockets."""
+"""MAVLink router of the fused arena: built-in autopilots and the recorder are in the same process, PX4 and other clients use sockets."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from arena.wire.mavlink_frame import Buffer
 
 _TICK_S, _SECOND_S = 0.25, 1.0
 _MAX_DATAGRAMS = 2000  # read from one socket in one step: a flood must not stop the world
-ToLogger = Callable[[bytes], None]
 
 
 class FusedRouter:
@@ -29,7 +28,10 @@ class FusedRouter:
 
     in_memory: indices, in the world, of the vehicles with such links. The links of the other vehicles are sockets.
     inbox: receives the datagrams for the built-in autopilots.
-    loggers: address of each logger, and the function that gives a datagram to it.
+    record: function that gives a copy of a datagram to the recorder, with the index of the socket from which it is sent. The owner
+        sets it.
+    sockets: addresses of the router's sockets, in their order.
+    faults: socket of the injected faults.
     """
 
     def __init__(
@@ -38,22 +40,26 @@ class FusedRouter:
         now: Callable[[], float],
         in_memory: Collection[int],
         inbox: Inbox,
-        loggers: Mapping[Address, ToLogger],
     ) -> None:
-        self._process, self._inbox, self._loggers = process, inbox, loggers
+        self._process, self._inbox = process, inbox
         table = Table.from_slice(process.settings)
         self._router = Router(table, now)
+        self.sockets = self._router.sockets
+        self.record: Callable[[int, bytes], None] = lambda socket, data: None
+        self._recorder = table.recorder
         self._impaired = ImpairedRouter(self._router, int(process.settings["seed"]))
-        self._faults = FaultReceiver(process.settings.get("faults"))
+        self.faults = FaultReceiver(process.settings.get("faults"))
         self._station = GroundStation()
         links = self._router.links
         self._keys = [links[v.name] for v in table.vehicles]
         self._remotes = [v.remote for v in table.vehicles]
+        self._sensor_keys, self._sensors = self._router.sensor_sockets, table.sensors
+        in_calls = set(self._sensor_keys.values())
         self._vehicle_of = {key: i for i, key in enumerate(self._keys) if i in in_memory}
         self._sockets = {
             key: listen_udp(address, "the router")
             for key, address in enumerate(self._router.sockets)
-            if key not in self._vehicle_of
+            if key not in self._vehicle_of and key not in in_calls
         }
         self._key_of = {s.fileno(): key for key, s in self._sockets.items()}
         self._poll = select.epoll()
@@ -67,18 +73,28 @@ class FusedRouter:
         """Route a datagram that an autopilot has sent. vehicle: index in the world."""
         self._route(self._keys[vehicle], self._remotes[vehicle], data, now)
 
+    def from_sensors(self, vehicle: str, data: bytes, now: float) -> None:
+        """Route the measurements of a vehicle's emulated sensors. vehicle: its name."""
+        assert self._sensors is not None  # a vehicle has sensors
+        self._route(self._sensor_keys[vehicle], self._sensors, data, now)
+
     def drain(self, now: float) -> None:
         """Route the datagrams that have arrived at the sockets, socket after socket in a fixed order."""
         if ready := self._poll.poll(0):
             for key in sorted(self._key_of[fd] for fd, _ in ready):
                 self._read(key, now)
 
-    def step(self, now: float) -> None:
+    def fileno(self) -> int:
+        """Return a file descriptor that is readable when a datagram has arrived at a socket of the router."""
+        return self._poll.fileno()
+
+    def step(self, now: float, *, faults: bool = True) -> None:
         """Do the work of one step of the world that no datagram starts. Call it once per step.
 
         Apply injected faults, send delayed datagrams and heartbeats, and report warnings and events to the supervisor.
+        faults: read the socket of the injected faults.
         """
-        for text in self._faults.apply(self._impaired.apply):
+        for text in self.faults.apply(self._impaired.apply) if faults else ():
             self._process.event(text)
         if self._impaired.active:
             self._send(self._impaired.release(now, now))
@@ -96,7 +112,7 @@ class FusedRouter:
 
     def close(self) -> None:
         self._poll.close()
-        self._faults.close()
+        self.faults.close()
         for s in self._sockets.values():
             s.close()
 
@@ -122,8 +138,8 @@ class FusedRouter:
                 counts.bytes_out += len(data)
                 if (vehicle := self._vehicle_of.get(key)) is not None:
                     self._inbox.append((vehicle, "router", bytes(data)))
-                elif (logger := self._loggers.get(to)) is not None:
-                    logger(bytes(data))
+                elif to == self._recorder:
+                    self.record(key, bytes(data))
                 else:
                     self._send_to_socket(key, data, to)
 

@@ -25,7 +25,7 @@ def floats(*shape: int, fill: float = 0.0) -> Floats:
 
 
 def view(array: Array) -> Floats:
-    """Return a view of an array of float64. The array must be contiguous in memory."""
+    """Return a view of an array of float64. For most kernels the array must be contiguous in memory."""
     return cast("Floats", memoryview(array))  # type: ignore[arg-type]
 
 

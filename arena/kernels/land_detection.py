@@ -64,7 +64,7 @@ class LandDetection:
             low = self._has_low_thrust(i)
             self.contact[i] = held > self.trigger_s[i] / 3.0
             if self.landed[i]:
-                self.landed[i] = resting or (low and not self.climbing[i])
+                self.landed[i] = resting or low
             else:
                 self.landed[i] = held > self.trigger_s[i]
             if not (self.landed[i] and self._is_quiet(i) and abs(self.force[i] - _G) < _REST_M_S2):

@@ -6,6 +6,8 @@ This is the only module that connects the world with the built-in autopilot and 
 from __future__ import annotations
 
 import sys
+import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -45,9 +47,13 @@ def autopilots_by_kind(settings: dict[str, Any], dt: float) -> AutopilotSet:
 
 
 def _builtin(settings: dict[str, Any], dt: float) -> AutopilotSet:
-    from arena.autopilot import Autopilots
+    from arena.autopilot import Autopilots, UlogFiles
 
-    return Autopilots(settings, dt, authority=True)
+    folder = settings.get("ulog")
+    files = UlogFiles(Path(folder)) if folder else None
+    if settings.get("speed") == 1.0:  # a faster flight is repeatable, so its date must not be the computer's
+        settings = {**settings, "boot_unix_us": time.time_ns() // 1000}
+    return Autopilots(settings, dt, authority=True, ulog=files, library=files)
 
 
 def _px4(settings: dict[str, Any], dt: float) -> AutopilotSet:

@@ -1,6 +1,6 @@
 """Rigid bodies of a fleet, with the project's conventions: vectors are NED and FRD, quaternions wxyz.
 
-The kernel `free_flight` moves a vehicle that is away from floor, walls, ceiling and other vehicles. Pybullet (`PybulletRoom`)
+The kernel `free_flight` moves a vehicle that is away from floor, walls, ceiling, obstacles and other vehicles. Pybullet (`PybulletRoom`)
 moves the vehicles near an obstacle. Before each sensor period the kernel `clearance` decides this for each vehicle. A vehicle
 that changes from one to the other keeps its position, attitude and velocities.
 """
@@ -20,9 +20,12 @@ from arena.geometry import (
 )
 from arena.kernels.arrays import array
 from arena.kernels.clearance import Clearance
+from arena.kernels.flight_period import FlightPeriod
 from arena.kernels.free_flight import FreeFlight
+from arena.obstacles import Obstacle
 from arena.sim.pybullet_room import Contacts, Motion, PybulletRoom
 from arena.sim.vehicle_arrays import Fleet
+from arena.vehicle_models import Dynamics
 
 Array = NDArray[np.float64]
 
@@ -35,6 +38,7 @@ class Bodies:
     fleet: the vehicles' bodies and their start positions
     size_m: size of the room: north, east, height [m]
     ceiling: False for a room that is open to the sky
+    obstacles: fixed bodies in the room
     step_s: physics step [s]
     period_s: sensor period [s], the time between two calls of `begin`
     gui: True opens pybullet's window; all vehicles then stay in pybullet
@@ -59,9 +63,12 @@ class Bodies:
         step_s: float,
         period_s: float,
         ceiling: bool = True,
+        obstacles: Sequence[Obstacle] = (),
         gui: bool = False,
     ) -> None:
-        self._room = PybulletRoom(fleet, size_m=size_m, step_s=step_s, ceiling=ceiling, gui=gui)
+        self._room = PybulletRoom(
+            fleet, size_m=size_m, step_s=step_s, ceiling=ceiling, obstacles=obstacles, gui=gui
+        )
         self._free = np.zeros(fleet.size, bool)
         self._law = law = FreeFlight(self._free, step_s)
         array(law.mass)[:], array(law.inertia)[:] = fleet.mass, fleet.inertia
@@ -121,6 +128,10 @@ class Bodies:
         self._force_b[...], self._torque_b[...] = force_b, torque_b
         self._law.step()
         self._law.finish()
+
+    def free_flight(self, dynamics: Dynamics) -> FlightPeriod:
+        """Return the kernel that makes the physics steps of a sensor period while no vehicle is in pybullet, instead of `step`."""
+        return FlightPeriod(dynamics.law, self._law)
 
     def contacts(self) -> Contacts:
         """Return which vehicles touched the floor, a wall, the ceiling or another vehicle in the last step."""

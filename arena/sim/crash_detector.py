@@ -99,7 +99,7 @@ class CrashDetector:
 
         now: simulation time [s]
         floor: True for each vehicle that touches the floor (V,)
-        others: name of the wall, ceiling or vehicle that a vehicle touches, by row of the vehicle
+        others: name of the wall, ceiling, obstacle or vehicle that a vehicle touches, by row of the vehicle
         """
         for i, what in others.items():
             self._crash(i, now, f"touched {what}")

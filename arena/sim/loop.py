@@ -1,7 +1,6 @@
 """The world's step loop: steps autopilots and bodies, and exchanges data with sockets and shared memory.
 
 It is the only module of this package that uses sockets and the wall clock.
-
 One step with built-in autopilots: wait, read the links, sample the sensors, step the autopilots, step the
 bodies, publish the true state, send the autopilots' messages, publish the time. So a client that the new time
 wakes finds the state and the messages of this time.
@@ -36,6 +35,7 @@ from arena.sim.fault_injection import inject_fault
 from arena.sim.pacing import Pacer, own_core, speed_of
 from arena.sim.vehicle_links import LinkInterface, VehicleLinks
 from arena.sim.world import World
+from arena.socket_watch import SocketWatch
 from arena.wire.truth_page import TruthWriter
 
 _CHECK_S = 0.1  # between two checks of the supervisor and of new events
@@ -47,8 +47,10 @@ _RTF_TOLERANCE = 0.02
 _JOIN_TIMEOUT_S = 30.0
 _AFTER_DONE_S = 2.0
 _LAST_STEPS_S = 3.0
-MakeLinks = Callable[[ProcessContext, Mapping[str, Any], float], LinkInterface]
-"""Function that opens the links of all vehicles: (context, configuration of the world, wall time for reading in one step [s])."""
+MakeLinks = Callable[[ProcessContext, Mapping[str, Any], float, SocketWatch], LinkInterface]
+"""Opens the links of all vehicles: (context, settings of the world, wall time for reading in one step [s], watch of their sockets).
+
+The world polls the watch directly before each call of `LinkInterface.drain`."""
 
 
 class Loop:
@@ -76,8 +78,10 @@ class Loop:
         self._keep_to_a_core(settings["vehicles"])
         self._truth_path = Path(settings["truth"])
         self._truth, self._clock = self._pages(settings["clock"])
+        self._watch = SocketWatch()
+        self._watch.add(self._clock.fileno())
         try:
-            self._links = make_links(context, settings, _DRAIN_SHARE * period_s)
+            self._links = make_links(context, settings, _DRAIN_SHARE * period_s, self._watch)
         except BaseException:
             self._close_pages()
             raise
@@ -89,6 +93,7 @@ class Loop:
         self._done_at = math.inf  # simulation time [s]
         self._stop_by = math.inf  # wall time [s]
         self._faults = self._listen(settings.get("faults"))
+        self._watch.add(self._faults.fileno())
         self._shutdown = ShutdownPolicy()
         self._clients_dropped = 0
 
@@ -106,6 +111,7 @@ class Loop:
 
     def close(self) -> None:
         """Close all sockets and remove the shared memory pages."""
+        self._watch.close()
         self._faults.close()
         self._links.close()
         if (close := getattr(self._autopilots, "close", None)) is not None:
@@ -171,28 +177,35 @@ class Loop:
     def _step(self) -> None:
         world, autopilots = self._world, self._autopilots
         if self._external is None:
-            self._links.drain(autopilots.receive)
-            self._inject_faults()
+            self._read_sockets()
             world.step(autopilots.step(world.now, world.sense()))
             self._truth.write(world.truth())
             self._links.send(autopilots.transmit(), world.now)
-            self._clock.tick(world.now)
+            self._clock.tick(world.now, poll=self._speed == 1.0)
         else:
             truth = world.truth()
             self._external.receive_truth(truth)
             self._external.begin(world.now, world.sense(self._external.requested))
             world.observe()
             self._until_clients_sleep()
-            self._links.drain(autopilots.receive)
-            self._inject_faults()
+            self._read_sockets()
             self._truth.write(truth)
             self._links.send(self._unsent, world.now)
-            self._clock.tick(world.now)
+            self._clock.tick(world.now, poll=self._speed == 1.0)
             world.advance(self._external.finish())
             self._unsent = autopilots.transmit()
 
+    def _read_sockets(self) -> None:
+        """Read the datagrams, requests to the clock and faults that have arrived. Called in every step, before the vehicles move."""
+        self._watch.poll()
+        if self._watch.has_data(self._clock.fileno()):
+            self._clock.poll()
+        self._links.drain(self._autopilots.receive)
+        if self._watch.has_data(self._faults.fileno()):
+            self._inject_faults()
+
     def _inject_faults(self) -> None:
-        """Apply the faults that have arrived. Called in every step, before the vehicles move."""
+        """Apply the faults that have arrived."""
         for text in self._faults.apply(lambda fault: inject_fault(self._world, self._autopilots, fault)):
             self._context.event(text)
 
@@ -279,9 +292,7 @@ class Loop:
         return clock.has_disconnected(program) or (program in self._ended and program not in clock.joined)
 
     def _wait(self, pacer: Pacer) -> float:
-        """Serve the clients of the simulation clock until the next step may begin. Return the wall time at
-        the end of the wait [s].
-        """
+        """Serve the clients of the simulation clock until the next step may begin. Return the wall time after the wait [s]."""
         now = time.monotonic()
         while (left := pacer.wait_s(now)) > 0.0 and not self._context.stopping:
             self._idle(min(left, _MAX_WAIT_S))
@@ -292,9 +303,9 @@ class Loop:
         return now
 
     def _idle(self, left_s: float) -> None:
-        """Wait before the next step, and serve the clients of the simulation clock meanwhile. left_s: time to wait, in wall time [s].
+        """Wait for `left_s` of wall time, and serve the clients of the simulation clock meanwhile.
 
-        Poll the clock's sockets first. Sleep during the last milliseconds, because sleeping is more precise.
+        Sleep during the last milliseconds, because sleeping is more precise.
         """
         if left_s > 2.0 * _MILLI_S:
             self._clock.poll((math.floor(left_s / _MILLI_S) - 1) * _MILLI_S)
@@ -321,11 +332,7 @@ class Loop:
         return self._shutdown.over(orphaned=orphaned, any_armed=bool(np.any(self._autopilots.armed)), now=now)
 
     def _on_request(self, request: Mapping[str, Any]) -> None:
-        """Process a request of the supervisor.
-
-        until_done: simulation time stops after all programs have ended.
-        program_ended: the world no longer waits for this program.
-        """
+        """Process a request of the supervisor: that the time stops after all programs, or that a program has ended."""
         match request.get("do"):
             case "until_done":
                 self._until_done = True
@@ -387,5 +394,7 @@ def run(
         loop.close()
 
 
-def _open_links(context: ProcessContext, settings: Mapping[str, Any], budget_s: float) -> VehicleLinks:
+def _open_links(
+    context: ProcessContext, settings: Mapping[str, Any], budget_s: float, watch: SocketWatch
+) -> VehicleLinks:
     return VehicleLinks(settings["vehicles"], budget_s=budget_s)

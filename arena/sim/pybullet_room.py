@@ -1,4 +1,4 @@
-"""The room in pybullet: floor, walls, ceiling, and the vehicles that are near them or near each other.
+"""The room in pybullet: floor, walls, ceiling, obstacles, and the vehicles that are near them or near each other.
 
 Only this module calls pybullet. Quaternions are xyzw, and all vectors are in pybullet's world with z up. By default
 pybullet damps linear and angular velocity by 0.04 and computes the inertia from the collision shape; both are
@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError, NotInstalledError, RunError
-from arena.geometry import world_from_ned
+from arena.geometry import q_wf_from_q_nb, world_from_ned, xyzw_from_wxyz
+from arena.obstacles import Obstacle
 from arena.sim.vehicle_arrays import Fleet
 
 Array = NDArray[np.float64]
@@ -30,14 +31,15 @@ _WALL_M = 1.0
 # Contacts with a larger distance are gaps [m]. A resting body stays below this distance.
 _TOUCH_M = 1e-3
 _ORIGIN = (0.0, 0.0, 0.0)
+_LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contacts:
-    """Contacts of the vehicles with the floor, walls, ceiling and other vehicles after one step.
+    """Contacts of the vehicles with the floor, walls, ceiling, obstacles and other vehicles after one step.
 
     floor: True for each vehicle that touches the floor (V,)
-    others: name of the wall, ceiling or vehicle that a vehicle touches, by row of the vehicle
+    others: name of the wall, ceiling, obstacle or vehicle that a vehicle touches, by row of the vehicle
     """
 
     floor: NDArray[np.bool_]
@@ -60,19 +62,27 @@ class Motion:
 
 
 class PybulletRoom:
-    """Floor, walls and ceiling in pybullet, with some vehicles of a fleet. It begins without vehicles.
+    """Floor, walls, ceiling and obstacles in pybullet, with some vehicles of a fleet. It begins without vehicles.
 
     fleet: the vehicles' bodies
     size_m: size of the room: north, east, height [m]
     ceiling: False for a room that is open to the sky
+    obstacles: fixed bodies in the room
     step_s: physics step [s]
     gui: True opens pybullet's window
 
-    boxes: centre and half size of each wall and of the ceiling [m] (B, 6)
+    boxes: centre and half size of each wall, of the ceiling, and of the box around each obstacle [m] (B, 6)
     """
 
     def __init__(
-        self, fleet: Fleet, *, size_m: Sequence[float], step_s: float, ceiling: bool, gui: bool
+        self,
+        fleet: Fleet,
+        *,
+        size_m: Sequence[float],
+        step_s: float,
+        ceiling: bool,
+        gui: bool,
+        obstacles: Sequence[Obstacle] = (),
     ) -> None:
         self._bullet = _import()
         self._client = _connect(self._bullet, gui)
@@ -83,8 +93,10 @@ class PybulletRoom:
             numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=self._client
         )
         boxes = _walls(size_m) | ({"the ceiling": _ceiling(size_m)} if ceiling else {})
-        self.boxes: Array = np.stack(list(boxes.values()))
+        around = [_in_world(np.array(o.centre_n), np.array(o.half_extents_n)) for o in obstacles]
+        self.boxes: Array = np.stack([*boxes.values(), *around])
         self._things = {self._floor(): "floor"} | {self._box(box): name for name, box in boxes.items()}
+        self._things |= {self._obstacle(o): f"the obstacle {o.name}" for o in obstacles}
         self._bodies: dict[int, int] = {}  # vehicle -> its body in pybullet
         self._shapes: dict[int, int] = {}  # vehicle -> its collision shape in pybullet
         self._vehicles: dict[int, int] = {}  # body in pybullet -> vehicle
@@ -141,7 +153,7 @@ class PybulletRoom:
         return Motion(place=found[:, :3], quat=found[:, 3:7], speed=found[:, 7:10], rate=found[:, 10:])
 
     def contacts(self) -> Contacts:
-        """Return which vehicles touched the floor, a wall, the ceiling or another vehicle in the last step."""
+        """Return which vehicles touched the floor, a wall, the ceiling, an obstacle or another vehicle in the last step."""
         if not self._bodies:
             return self._no_contacts
         floor, vehicles = np.zeros(self._fleet.size, bool), self._vehicles
@@ -175,8 +187,24 @@ class PybulletRoom:
         )
         return self._fixed(shape, box[:3].tolist())
 
-    def _fixed(self, shape: int, place: Sequence[float]) -> int:
-        body = self._bullet.createMultiBody(0.0, shape, basePosition=place, physicsClientId=self._client)
+    def _obstacle(self, obstacle: Obstacle) -> int:
+        """Add an obstacle; return its pybullet id."""
+        bullet, (length, width, height) = self._bullet, obstacle.size_m
+        if obstacle.shape == "box":
+            kind: int = bullet.GEOM_BOX
+            sizes: dict[str, Any] = {"halfExtents": [0.5 * length, 0.5 * width, 0.5 * height]}
+        elif obstacle.shape == "cylinder":
+            kind, sizes = bullet.GEOM_CYLINDER, {"radius": 0.5 * length, "height": height}
+        else:
+            kind, sizes = bullet.GEOM_SPHERE, {"radius": 0.5 * length}
+        shape = bullet.createCollisionShape(kind, physicsClientId=self._client, **sizes)
+        quat = xyzw_from_wxyz(q_wf_from_q_nb(obstacle.q_nb)).tolist()
+        return self._fixed(shape, world_from_ned(obstacle.centre_n).tolist(), quat)
+
+    def _fixed(self, shape: int, place: Sequence[float], quat: Sequence[float] = _LEVEL) -> int:
+        body = self._bullet.createMultiBody(
+            0.0, shape, basePosition=place, baseOrientation=quat, physicsClientId=self._client
+        )
         self._bullet.changeDynamics(
             body, -1, restitution=0.0, lateralFriction=_FRICTION, physicsClientId=self._client
         )

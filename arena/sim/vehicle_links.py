@@ -88,6 +88,10 @@ class VehicleLinks:
                 if name in vehicle.get("links", {}):
                     self._open(i, str(vehicle["name"]), name, vehicle["links"][name])
 
+    def fileno(self) -> int:
+        """Return a file descriptor that is readable when a datagram has arrived at a link."""
+        return self._epoll.fileno()
+
     def drain(self, receive: Receive) -> None:
         """Read the datagrams that have arrived, and pass each one to the autopilots: `receive(vehicle, link, datagram)`.
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
+from arena.obstacles import obstacles_of
 from arena.sim.battery import Battery
 from arena.sim.bodies import Bodies
 from arena.sim.crash_detector import CrashDetector
@@ -51,11 +52,13 @@ class World:
             self.fleet,
             size_m=settings["size_m"],
             ceiling=bool(settings.get("ceiling", True)),
+            obstacles=obstacles_of(settings.get("obstacles")),
             step_s=step_s,
             period_s=self.period_s,
             gui=bool(settings.get("gui")),
         )
         self._dynamics = _dynamics(self.fleet, step_s)
+        self._flight = self.bodies.free_flight(self._dynamics)
         self._battery = Battery(
             self.fleet.profiles,
             self._dynamics.hover,
@@ -92,6 +95,15 @@ class World:
         self.steps = self._observed_steps = 0
         # Before the first step every vehicle stands at its start, so its specific force is 1 g.
         self._accel_b = -(_G_N @ self.bodies.r_nb)
+        self._motion = Motion(
+            accel_b=self._accel_b,
+            omega_b=bodies.omega_b,
+            r_nb=bodies.r_nb,
+            p_n=bodies.p_n,
+            v_n=bodies.v_n,
+            spin=self._dynamics.spin,
+            hover=self._dynamics.hover,
+        )
 
     def _gust_model(self, settings: Mapping[str, Any]) -> Gusts | None:
         wind_20ft = float(settings.get("gusts_m_s", 0.0))
@@ -134,9 +146,13 @@ class World:
             motors = motors * self._battery.command_factor
         bodies, dynamics = self.bodies, self._dynamics
         bodies.begin(self._wind())
-        for _ in range(self._substeps):
-            bodies.step(*dynamics.step(motors, bodies.air_b, bodies.height))
-        self._accel_b = bodies.accel_b / self._substeps
+        if bodies.in_pybullet:
+            for _ in range(self._substeps):
+                bodies.step(*dynamics.step(motors, bodies.air_b, bodies.height))
+        else:
+            dynamics.motors[...] = motors
+            self._flight.step(self._substeps)
+        np.divide(bodies.accel_b, self._substeps, out=self._accel_b)
         self.steps += 1
 
     def observe(self) -> None:
@@ -194,7 +210,7 @@ class World:
             q_nb=bodies.q_nb.copy(),
             v_n=bodies.v_n.copy(),
             omega_b=bodies.omega_b.copy(),
-            accel_b=self._accel_b,
+            accel_b=self._accel_b.copy(),
             motors=self._dynamics.spin.copy(),
         )
 
@@ -207,17 +223,8 @@ class World:
         Returns the readings of `arena.sim.sensors`, and battery_v [V], battery_current_a [A],
         battery_remaining 0..1 [-], each (V,).
         """
-        bodies, battery = self.bodies, self._battery
-        motion = Motion(
-            accel_b=self._accel_b,
-            omega_b=bodies.omega_b,
-            r_nb=bodies.r_nb,
-            p_n=bodies.p_n,
-            v_n=bodies.v_n,
-            spin=self._dynamics.spin,
-            hover=self._dynamics.hover,
-        )
-        found = self._sensors.sample(motion, requested)
+        battery = self._battery
+        found = self._sensors.sample(self._motion, requested)
         found["battery_v"], found["battery_current_a"] = battery.voltage.copy(), battery.current.copy()
         found["battery_remaining"] = battery.remaining.copy()
         return found

@@ -12,8 +12,11 @@ from tests.kernels.kernel_versions import arrays_of, compiled_modules, interpret
 VEHICLES = 7
 ESTIMATION = ("strapdown", "error_covariance", "vision_fusion")
 BODIES = ("free_flight", "clearance")
+PERIOD = ("rotor_dynamics", "free_flight", "flight_period")
+CAPTURE = ("truth_interpolation", "pose_measurement")
 WATCH = ("battery_discharge", "flight_watch")
 CONTROL = ("control_allocation", "position_control", "attitude_control", "rate_control", "cascade")
+MOTORS = (*ESTIMATION, *CONTROL, "estimate_validity", "motor_outputs")
 
 
 def fill(law: object, rng: np.random.Generator, **scales: float) -> None:
@@ -204,6 +207,113 @@ def detect_landings(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     return seen
 
 
+def read_sensors(modules: dict[str, ModuleType]) -> list[np.ndarray]:
+    """Add random true values to noise, and limit the sums. Return all results."""
+    rng, law = np.random.default_rng(12), modules["sensor_readings"]
+    row, most = rng.normal(size=(VEHICLES, 10)), np.full((VEHICLES, 10), 2.0)
+    row[2, 4], most[:, 6:] = np.nan, np.inf
+    law.add_inertial(row[:, 0:6], rng.normal(size=(VEHICLES, 3)), rng.normal(size=(VEHICLES, 3)))
+    law.add_field(row[:, 6:9], rng.normal(size=3), rng.normal(size=(VEHICLES, 3, 3)))
+    law.add_altitude(row[:, 9:], 100.0, rng.normal(size=(VEHICLES, 3)))
+    law.limit(row, most, 10)
+    assert np.nanmax(np.abs(row[:, :6])) == 2.0 and np.isnan(row[2, 4])
+    return [row]
+
+
+def fly_periods(modules: dict[str, ModuleType]) -> list[np.ndarray]:
+    """Fly rotors and bodies with random commands. Return all arrays after each sensor period."""
+    rng = np.random.default_rng(13)
+    rotors = modules["rotor_dynamics"].RotorDynamics(VEHICLES, 4, 64, 32)
+    tables = dict.fromkeys(
+        ("thrust_table", "speed_table", "ground_table", "ground_scale", "ground_reach"), -1.0
+    )
+    fill(rotors, rng, **tables, drag=-0.3, body_drag=-0.1, per_weight=-0.1, spin_up=0.01, wrench=0.5)
+    fill(rotors, rng, rise=-0.2, fall=-0.1, speed_loss=-0.02)
+    bodies = modules["free_flight"].FreeFlight(np.ones(VEHICLES, bool), 0.002)
+    fill(bodies, rng, mass=-1.0, inertia=-0.1, place_w=3.0, speed_w=1.0, rate_w=1.0, wind_n=2.0)
+    arrays_of(bodies)["quat"][:] = random_attitudes(rng)
+    period, seen = modules["flight_period"].FlightPeriod(rotors, bodies), []
+    for i in range(VEHICLES):
+        bodies.publish(i)
+    for _ in range(50):
+        arrays_of(rotors)["motors"][:] = rng.random((VEHICLES, 4))
+        bodies.begin()
+        period.step(2)
+        seen += [values.copy() for law in (rotors, bodies) for values in arrays_of(law).values()]
+    return seen
+
+
+def command_motors(modules: dict[str, ModuleType]) -> list[np.ndarray]:
+    """Compute motor commands and the validity of random estimates. Return all arrays after each step."""
+    rng = np.random.default_rng(14)
+    state = modules["strapdown"].Strapdown(rng.random(VEHICLES) < 0.8, 0.004, 0.02, 20)
+    covariance = modules["error_covariance"].ErrorCovariance(
+        0.004, 2, state.r_nb, state.force_b, state.omega_b
+    )
+    vision = modules["vision_fusion"].VisionFusion(
+        state, covariance, rng.integers(0, 16, VEHICLES), np.zeros(VEHICLES, int)
+    )
+    masks = np.zeros((3, VEHICLES), bool)
+    validity = modules["estimate_validity"].EstimateValidity(
+        state, vision, covariance.cov, np.full(9, 1.5), 1.0, *masks
+    )
+    position = modules["position_control"].PositionLaw(VEHICLES, 0.008)
+    attitude = modules["attitude_control"].AttitudeLaw(VEHICLES)
+    rate = modules["rate_control"].RateLaw(VEHICLES, 0.004)
+    fill(position, rng, p=-0.5, vp=-0.5, hover=-0.5, thr_max=-0.8, xy_max=-3.0, up_max=-3.0, down_max=-3.0)
+    fill(attitude, rng, gain=-4.0, rate_limit=-3.0)
+    fill(rate, rng, p=-0.1, d=-0.003, low_pass=-0.3)
+    floats = modules["control_allocation"].floats
+    cascade = modules["cascade"].CascadeLaw(position, attitude, rate, floats(VEHICLES))
+    numbers = [rng.normal(size=VEHICLES) for _ in range(3)]
+    cascade.read_setpoints_from(
+        rng.integers(0, 4, VEHICLES), random_attitudes(rng), rng.normal(size=(VEHICLES, 3)), *numbers
+    )
+    allocation = modules["control_allocation"].ControlAllocation(
+        rng.normal(size=(VEHICLES, 4, 3)), np.ones((VEHICLES, 4), bool)
+    )
+    outputs = modules["motor_outputs"].MotorOutputs(state, cascade, allocation, 4)
+    fill(outputs, rng, idle=-0.1, up_from=-0.1)
+    fill(vision, rng, last_xy=-1.0, last_z=-1.0, last_yaw=-1.0)
+    fill(validity, rng, timeout_s=-1.0, aligned_at=-0.2, last_baro=-1.0)
+    seen = []
+    for step in range(60):
+        fill(state, rng, p_n=3.0, v_n=1.0, omega_b=1.0, r_nb=0.5)
+        fill(position, rng, sp_p_n=3.0, sp_v_n=3.0, sp_yaw=2.0, tilt_max=-0.5)
+        fill(covariance, rng, cov=1.0)
+        arrays_of(state)["q_nb"][:] = random_attitudes(rng)
+        outputs.step(0.04 * step, step % 2 == 0)
+        validity.update(0.04 * step)
+        seen += [masks.copy().astype(float)]
+        for law in (outputs, allocation, rate, position):
+            seen += [values.copy() for values in arrays_of(law).values()]
+    assert 0.0 < np.mean([each for each in seen if each.shape == (3, VEHICLES)]) < 1.0
+    return seen
+
+
+def capture_poses(modules: dict[str, ModuleType]) -> list[np.ndarray]:
+    """Interpolate between random true states, slow and fast turns, and measure the poses. Return all results."""
+    rng, width = np.random.default_rng(11), 24
+    law = modules["pose_measurement"].PoseMeasurement(np.array([4, 0, 2]), 30, 0.001, 0.01)
+    fill(law, rng, noise=1.0, offset_n=0.5)
+    arrays_of(law)["rotation"][:] = random_attitudes(rng)[:3]
+    seen = []
+    for frame in range(30):
+        before, after = rng.normal(size=(2, 1 + VEHICLES * width))
+        before[0], after[0] = 0.004 * frame, 0.004 * (frame + 1)
+        found = np.zeros(len(before))
+        places = [row[1:].reshape(VEHICLES, width) for row in (before, after, found)]
+        places[0][:, 3:7] = random_attitudes(rng)
+        near = places[0][:, 3:7] + 0.01 * rng.normal(size=(VEHICLES, 4))
+        places[1][:, 3:7] = (
+            near / np.linalg.norm(near, axis=1, keepdims=True) if frame % 2 else random_attitudes(rng)
+        )
+        modules["truth_interpolation"].interpolate(before, after, 0.004 * (frame + 0.3), width, found)
+        law.measure(places[2][:, 0:3], places[2][:, 3:7], frame)
+        seen += [found, arrays_of(law)["position_w"].copy(), arrays_of(law)["quat_xyzw_wf"].copy()]
+    return seen
+
+
 def assert_equal(first: list[np.ndarray], second: list[np.ndarray]) -> None:
     assert len(first) == len(second) > 0
     for one, other in zip(first, second, strict=True):
@@ -251,7 +361,34 @@ def test_land_detector_gives_the_same_bits_compiled_and_interpreted() -> None:
     )
 
 
+@needs_compiled
+def test_captured_poses_are_the_same_bits_compiled_and_interpreted() -> None:
+    assert_equal(capture_poses(interpreted_modules(*CAPTURE)), capture_poses(compiled_modules(*CAPTURE)))
+
+
+@needs_compiled
+def test_sensor_readings_are_the_same_bits_compiled_and_interpreted() -> None:
+    assert_equal(
+        read_sensors(interpreted_modules("sensor_readings")),
+        read_sensors(compiled_modules("sensor_readings")),
+    )
+
+
+@needs_compiled
+def test_periods_of_free_flight_give_the_same_bits_compiled_and_interpreted() -> None:
+    assert_equal(fly_periods(interpreted_modules(*PERIOD)), fly_periods(compiled_modules(*PERIOD)))
+
+
+@needs_compiled
+def test_motor_commands_and_validity_are_the_same_bits_compiled_and_interpreted() -> None:
+    assert_equal(command_motors(interpreted_modules(*MOTORS)), command_motors(compiled_modules(*MOTORS)))
+
+
 def test_interpreted_kernels_run() -> None:
+    assert len(read_sensors(interpreted_modules("sensor_readings"))) == 1
+    assert np.isfinite(fly_periods(interpreted_modules(*PERIOD))[-1]).all()
+    assert len(command_motors(interpreted_modules(*MOTORS))) > 0
+    assert np.isfinite(capture_poses(interpreted_modules(*CAPTURE))[-1]).all()
     assert len(detect_landings(interpreted_modules("land_detection"))) > 0
     assert len(watch_flights(interpreted_modules(*WATCH))) > 0
     assert np.isfinite(fly_freely(interpreted_modules(*BODIES))[-1]).all()

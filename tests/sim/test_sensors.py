@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from arena.flight_log.columns import columns
 from arena.geometry import matrix_from_quat, quat_from_euler
-from arena.recorder.columns import columns
 from arena.schema.profile import Sensors
 from arena.sim.sensors import SENSORS, Channel, GlobalOrigin, Motion, Sensor, SensorSuite, Site
 from arena.wire.hil import HilMessage
@@ -38,7 +38,7 @@ def sensors(*vehicles, seed=1, heading_deg=0.0, origin=None, table=SENSORS, hz=2
 def motion(vehicles=1, **changes):
     """Vehicles that stand level and fall freely, with some values changed."""
     zero = np.zeros((vehicles, 3))
-    level = np.broadcast_to(np.eye(3), (vehicles, 3, 3))
+    level = np.tile(np.eye(3), (vehicles, 1, 1))
     rotors = {"spin": np.zeros((vehicles, 4)), "hover": np.full(vehicles, 0.5)}
     vectors = {"accel_b": zero, "omega_b": zero, "p_n": zero, "v_n": zero}
     return Motion(**{**vectors, **rotors, "r_nb": level, **changes})

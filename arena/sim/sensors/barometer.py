@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from arena.atmosphere import pressure_hpa
+from arena.kernels.arrays import view
+from arena.kernels.sensor_readings import add_altitude
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
 from arena.wire.hil import HilFields
 
@@ -33,6 +35,5 @@ class Barometer(Sensor):
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
         """Return baro_alt_m, the altitude above mean sea level [m] (V,)."""
-        altitude = noise[:, 0]
-        altitude += self._altitude_m - motion.p_n[:, 2]
-        return {"baro_alt_m": altitude}
+        add_altitude(view(noise), self._altitude_m, view(motion.p_n))
+        return {"baro_alt_m": noise[:, 0]}

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from arena.geomagnetism import MagneticField, magnetic_field
+from arena.kernels.arrays import view
+from arena.kernels.sensor_readings import add_field
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
 from arena.wire.hil import HilFields
 
@@ -42,5 +44,5 @@ class Magnetometer(Sensor):
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
         """Return mag_b [gauss] [FRD] (V, 3)."""
-        noise += self._field_n @ motion.r_nb
+        add_field(view(noise), view(self._field_n), view(motion.r_nb))
         return {"mag_b": noise}

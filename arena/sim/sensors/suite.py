@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from arena.kernels.arrays import view
+from arena.kernels.sensor_readings import limit
 from arena.sim.sensors.sensor import NOISE_HZ, Array, Channel, Motion, Sensor, Site
 
 _WALK = 1  # purpose of the random streams of walking biases
@@ -108,8 +110,7 @@ class _Group:
         for _, sensor, columns in self._sensors:
             found |= sensor.sample(row[:, columns], motion)
         if self._limited:
-            np.minimum(row, self._range, out=row)
-            np.maximum(row, -self._range, out=row)
+            limit(view(row), view(self._range), row.shape[1])
         return found
 
     def biases(self) -> dict[str, Array]:
@@ -128,7 +129,7 @@ class _Group:
         if self._next == _BLOCK:
             self._block, self._next = self._noise.draw(_BLOCK) * self._sigma + self._next_biases(_BLOCK), 0
         self._next += 1
-        row: Array = self._block[self._next - 1].copy()
+        row: Array = self._block[self._next - 1]  # the sensors change it; it is used once
         return row
 
 

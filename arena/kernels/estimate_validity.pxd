@@ -1,0 +1,18 @@
+# C types of estimate_validity.py: they make the compiled class fast and change no result.
+cimport cython
+
+from arena.kernels.strapdown cimport Strapdown
+from arena.kernels.vision_fusion cimport VisionFusion
+
+cdef long _USE_YAW
+
+cdef class EstimateValidity:
+    cdef readonly Strapdown state
+    cdef readonly VisionFusion vision
+    cdef readonly double[:, :, ::1] cov
+    cdef readonly double[::1] limits, timeout_s, aligned_at, last_baro
+    cdef readonly double settle_s
+    cdef readonly unsigned char[::1] xy, z, yaw
+    @cython.locals(state=Strapdown, vision=VisionFusion, timeout=double, aligned=bint, height=double, unused=bint)
+    cpdef void update(self, double now) except *
+    cdef bint _has_converged(self, Py_ssize_t i, double now) except -1

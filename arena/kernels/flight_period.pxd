@@ -1,0 +1,11 @@
+# C types of flight_period.py: they make the compiled class fast and change no result.
+cimport cython
+
+from arena.kernels.free_flight cimport FreeFlight
+from arena.kernels.rotor_dynamics cimport RotorDynamics
+
+cdef class FlightPeriod:
+    cdef readonly RotorDynamics rotors
+    cdef readonly FreeFlight bodies
+    @cython.locals(rotors=RotorDynamics, bodies=FreeFlight)
+    cpdef void step(self, Py_ssize_t count) except *

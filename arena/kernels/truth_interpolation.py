@@ -1,0 +1,36 @@
+"""True state of all vehicles between two samples of the truth page (`arena.wire.truth_page`)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from arena.kernels import rotations
+
+if TYPE_CHECKING:
+    from arena.kernels.arrays import Floats
+
+_NEARLY_ONE = 0.9999
+"""Least product of two attitudes between which the elements are interpolated: 1.6 degrees, where the error is below 1e-7 rad."""
+_ATTITUDE = 3
+"""Column of the attitude in the numbers of one vehicle."""
+
+
+def interpolate(before: Floats, after: Floats, time_s: float, width: int, out: Floats) -> None:
+    """Interpolate between two rows of the truth page: attitudes on the sphere, all other numbers linearly.
+
+    before, after: rows: time [s], then `width` numbers per vehicle, with the attitude [-] wxyz from column 3 on (1 + V * width,)
+    time_s: time of the result [s]
+    out: result, in the same order (1 + V * width,)
+    """
+    fraction = (time_s - before[0]) / (after[0] - before[0])
+    for k in range(len(out)):
+        out[k] = before[k] + fraction * (after[k] - before[k])
+    for i in range((len(out) - 1) // width):
+        at = 1 + i * width + _ATTITUDE
+        a = (before[at], before[at + 1], before[at + 2], before[at + 3])
+        b = (after[at], after[at + 1], after[at + 2], after[at + 3])
+        if a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] > _NEARLY_ONE:
+            q = rotations.normalized((out[at], out[at + 1], out[at + 2], out[at + 3]))
+        else:
+            q = rotations.slerp(a, b, fraction)
+        out[at], out[at + 1], out[at + 2], out[at + 3] = q

@@ -1,0 +1,39 @@
+"""Search for the sockets that have received something: one system call for many sockets."""
+
+from __future__ import annotations
+
+import select
+
+_NOTHING: frozenset[int] = frozenset()
+
+
+class SocketWatch:
+    """Set of sockets, of which one system call finds those that have received something.
+
+    A loop that would read many sockets, most of them empty, calls `poll` and reads only those that `has_data` names.
+    """
+
+    def __init__(self) -> None:
+        self._epoll = select.epoll()
+        self._found: frozenset[int] = frozenset()
+
+    def add(self, fd: int) -> None:
+        """Watch a file descriptor: of a socket, or of an epoll object, which counts as a socket with data if one of its sockets has data.
+
+        fd: a negative number means no socket, and is ignored
+        """
+        if fd >= 0:
+            self._epoll.register(fd, select.EPOLLIN)
+
+    def poll(self) -> None:
+        """Find the sockets that have received something. Does not wait."""
+        found = self._epoll.poll(0)
+        self._found = frozenset(fd for fd, _ in found) if found else _NOTHING
+
+    def has_data(self, fd: int) -> bool:
+        """Return whether a watched socket had data, or a lost connection, at the last `poll`."""
+        return fd in self._found
+
+    def close(self) -> None:
+        """Stop watching. The sockets remain open."""
+        self._epoll.close()
