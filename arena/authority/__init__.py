@@ -4,7 +4,7 @@ they are allowed, and `command_gate` refuses frames and encodes the replies. Pur
 Imports only the standard library and `wire`, because land-all uses it and must start fast.
 """
 
-from arena.authority.authority import PROGRAM_MODES, Authority, Role
+from arena.authority.authority import PROGRAM_MODES, Authority
 from arena.authority.command_gate import (
     TEMPORARILY_REJECTED,
     CommandGate,
@@ -14,6 +14,7 @@ from arena.authority.command_gate import (
     role_on_link,
 )
 from arena.authority.requests import COMMANDS, MESSAGES, Kind, Request, command_of, parse_request
+from arena.authority.roles import Role
 
 __all__ = [
     "COMMANDS",

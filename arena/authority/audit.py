@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from arena.authority.authority import Role
 from arena.authority.requests import Kind, Request
+from arena.authority.roles import Role
 from arena.transport import Source, source_text
 
 _REPEAT_S = 5.0

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any
 
 from arena.authority.requests import Kind, Request
+from arena.authority.roles import Change, Role
 from arena.constants import PILOT_HAS_CONTROL
 from arena.wire.px4_mode import MANUAL_MODES
 
@@ -29,37 +29,6 @@ _INPUT_S, _INPUT_HEARTBEATS = 2.0, 2  # stick positions count as present this lo
 _SETPOINTS_S = 1.0  # a program that has sent setpoints within this time is in use
 _STRENGTH = {"AUTO.LOITER": 1, "AUTO.RTL": 2, "AUTO.LAND": 3, "AUTO.PRECLAND": 3, "TERMINATION": 4}
 _LAND, _KILL = 3, 4
-
-
-class Role(IntEnum):
-    """Role in which a person or program commands a vehicle. The role with the higher number has priority."""
-
-    NOBODY = 0
-    GROUND_STATION = 1
-    PROGRAM = 2
-    COPILOT = 3
-    EMERGENCY = 4
-    PILOT = 5
-
-    @property
-    def words(self) -> str:
-        """Name of the role as shown to the user; `land-all` for EMERGENCY."""
-        return {Role.EMERGENCY: "land-all"}.get(self, self.name.lower().replace("_", " "))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Change:
-    """Change of authority over a vehicle: which role commands the vehicle now, why, and since when.
-
-    holder: role that commands the vehicle now. why: the reason. at: time [s].
-    """
-
-    holder: Role
-    why: str
-    at: float
-
-    def __str__(self) -> str:
-        return f"{self.holder.words} has control: {self.why}" if self.holder else self.why
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,11 +103,11 @@ class Authority:
             return self._refusal_with_pilot(role, kind)
         if self._latch is not None and role < self._latch.by:
             return self._refusal_with_latch(self._latch, role, request)
-        moves = kind is Kind.ARM or (kind is Kind.MODE and request.mode in PROGRAM_MODES)
+        moves = kind is Kind.ARM or gesture or (kind is Kind.MODE and request.mode in PROGRAM_MODES)
         if moves and role < Role.COPILOT and now < self._hold_until:
             return "copilot holds the vehicle"
-        if moves and role is Role.PROGRAM and self._taken:
-            return f"{self._taken}: run `arena release`"
+        if role is Role.PROGRAM and (why := self._refusal_to_program(kind, moves, now)):
+            return why
         if (
             kind is Kind.SETPOINT
             and role is Role.GROUND_STATION
@@ -146,6 +115,15 @@ class Authority:
         ):
             return "a program sends setpoints"
         return ""
+
+    def _refusal_to_program(self, kind: Kind, moves: bool, now: float) -> str:
+        if kind is not Kind.SETPOINT and self._is_flown_with_sticks(now):
+            return "a person flies with sticks"
+        return f"{self._taken}: run `arena release`" if moves and self._taken else ""
+
+    def _is_flown_with_sticks(self, now: float) -> bool:
+        """Return whether stick positions reach the armed vehicle in a manual mode, for example from a joystick of a ground station."""
+        return self._armed and self._mode in MANUAL_MODES and now - self._input_at <= _INPUT_S
 
     def _refusal_with_pilot(self, role: Role, kind: Kind) -> str:
         """Return why a request is refused while the pilot has control; "" if the request is allowed.
@@ -162,7 +140,10 @@ class Authority:
     def _refusal_with_latch(self, latch: _Latch, role: Role, request: Request) -> str:
         kind = request.kind
         person = role is Role.GROUND_STATION
-        by_hand = kind is Kind.MANUAL_INPUT or (kind is Kind.MODE and request.mode in MANUAL_MODES)
+        may_arm = not self._armed and self._mode != ""  # "": no heartbeat yet, so a person may be flying
+        by_hand = (kind is Kind.MANUAL_INPUT and not may_arm) or (
+            kind is Kind.MODE and request.mode in MANUAL_MODES
+        )
         as_strong = kind is Kind.MODE and _STRENGTH.get(request.mode, 0) >= latch.strength
         if kind in (Kind.DISARM, Kind.KILL) or as_strong or (person and by_hand):
             return ""
@@ -283,9 +264,12 @@ class Authority:
             self._change(Role.NOBODY, "disarmed", now)
 
     def _role_that_asked(self, mode: str, *, armed_now: bool, now: float) -> Role | None:
-        """Return the role that has just requested the vehicle's new mode; None if no role has requested this mode.
+        """Return which sender has requested the vehicle's new mode: ground station, program, copilot or land-all.
 
-        If the vehicle was armed in this mode, the role that has just requested arming counts, too.
+        None if no sender has requested this mode within the last 5 s, for example if the pilot or a failsafe has changed the mode.
+        mode: new mode, such as AUTO.LAND.  now: time [s].
+        armed_now: the vehicle was armed together with the change of the mode. If no sender has requested the mode, the sender
+        that has requested arming within the last 5 s is returned.
         """
         asked = [
             found for m, found in self._asked.items() if _leads_to(m, mode) and now - found[1] <= _ASKED_S

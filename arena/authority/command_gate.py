@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from arena.authority.audit import AuditTrail
-from arena.authority.authority import Authority, Role
+from arena.authority.authority import Authority
 from arena.authority.requests import COMMANDS, SET_MODE, Kind, Request, command_of, parse_request
+from arena.authority.roles import Role
 from arena.transport import Source
 from arena.wire.mavlink_frame import Buffer, Frame
 

@@ -52,7 +52,9 @@ class VehicleRoutes:
 
     number: index in the routing table
     serve_socket, tool_socket: indices in `Router.sockets`
+    sensor_socket: the same for measurements of emulated sensors; None: the vehicle has no such sensors
     up: the autopilot's end of the router link
+    up_and_record: the same, and the recorder. record: the recorder, for messages from the vehicle
     tools: clients that have sent to the tool socket
     routes: MAVLink target of a message -> its receivers, kept so that they are searched once; cleared when an endpoint changes
     """
@@ -63,7 +65,10 @@ class VehicleRoutes:
     telemetry: VehicleTelemetry = field(default_factory=VehicleTelemetry)
     serve_socket: int = 0
     tool_socket: int = 0
+    sensor_socket: int | None = None
     up: Destinations = ()
+    up_and_record: Destinations = ()
+    record: Destinations = ()
     clients: dict[Address, Endpoint] = field(default_factory=dict)
     tools: dict[Address, Endpoint] = field(default_factory=dict)
     routes: dict[int, Destinations] = field(default_factory=dict)
@@ -71,7 +76,8 @@ class VehicleRoutes:
 
 @dataclass(kw_only=True)
 class Counts:
-    """Number of frames and bytes since the start. A frame that is sent to n receivers counts n times.
+    """Number of frames and bytes since the start. A frame that is sent to n receivers counts n times. The copies of frames to
+    vehicles, which the recorder receives, count only in `bytes_out`.
 
     unknown: frames of messages that are not in the table of CRC seeds
     dropped: reason -> number of frames that were not forwarded
@@ -85,3 +91,8 @@ class Counts:
     bytes_out: int = 0
     unknown: int = 0
     dropped: Counter[str] = field(default_factory=Counter)
+
+
+def is_loopback(address: Address) -> bool:
+    """Return whether an address is on this computer's loopback network."""
+    return address[0].startswith("127.")

@@ -2,12 +2,13 @@
 MAVLink target of the message. It opens no sockets and reads no clocks.
 
 Routes:
-    vehicle, message to all     its clients, tools and logger, and all ground stations
-    vehicle, message to one     the endpoints that this system and component sends from, and the logger
+    vehicle, message to all     its clients, tools and recorder, and all ground stations
+    sensors of a vehicle        its clients, tools and recorder
+    vehicle, message to one     the endpoints that this system and component sends from, and the recorder
     client or tool -> vehicle   its own vehicle, for messages to that vehicle or to all
     ground station -> vehicle   the vehicle that the message names, or all
-A command of a sender that must not command the vehicle now is not forwarded (`arena.authority`).
-A message is never returned to its sender. TIMESYNC replies are never sent to a vehicle, because they would
+The recorder also receives all that is sent to a vehicle. A command of a sender that must not command the vehicle now is not
+forwarded (`arena.authority`). A message is never returned to its sender. TIMESYNC replies are never sent to a vehicle, because they would
 shift the time stamps of its poses. Frames that are not forwarded are counted by reason in `counts.dropped`.
 """
 
@@ -22,29 +23,27 @@ from arena.kernels import INTERPRETED
 from arena.kernels.ordinary_datagrams import MAX_SENDERS, OrdinaryDatagrams
 from arena.mavlink_router.command_filter import CommandFilter
 from arena.mavlink_router.datagrams import NO_TARGET, join_frames
-from arena.mavlink_router.endpoints import Counts, Destinations, Endpoint, Out, VehicleRoutes
+from arena.mavlink_router.endpoints import Counts, Destinations, Endpoint, Out, VehicleRoutes, is_loopback
 from arena.mavlink_router.routing_table import Table, Vehicle
 from arena.mavlink_router.shortcut import Shortcut
+from arena.mavlink_router.socket_table import SocketTable
 from arena.mavlink_router.vehicle_status import Fact, VehicleStatus
 from arena.mavlink_router.vehicle_telemetry import LOCAL_POSITION_NED, STATUSTEXT, SYS_STATUS
 from arena.transport import Address
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, parse_frames
-from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT
+from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT, TIMESYNC
+from arena.wire.relative_measurements import COMPONENT as SENSORS
+from arena.wire.relative_measurements import DEBUG_FLOAT_ARRAY
 
 TOOL_TIMEOUT_S = 10.0  # a tool's address is removed this long after its last frame
 MAX_TOOLS = 16  # per vehicle: one more removes the tool that has been silent for longest
 MAX_ROUTES = 256  # cached routes per vehicle
 GCS_TIMEOUT_S = 3.0
 
-_TIMESYNC = 111
-_ANY_ADDRESS = ("0.0.0.0", 0)
 _STATUS = (HEARTBEAT, EXTENDED_SYS_STATE)
 _TELEMETRY = (LOCAL_POSITION_NED, SYS_STATUS, STATUSTEXT)
 _REFUSED = "refused: another has control of the vehicle"
 _TO_ALL = 0
-
-
-Handler = Callable[[Address, Buffer, float], list[Out]]
 
 
 class Router:
@@ -52,7 +51,6 @@ class Router:
 
     Pass received datagrams to `on_datagram`, and send the datagrams that it returns. Call `tick` a few times
     a second.
-    sockets: the addresses to bind, in the order of their indices
     commands: decides which commands of clients reach the vehicles
     sim_now: returns the simulation time [s]; None without a simulated world
     shortcut: finds the receivers of ordinary datagrams (telemetry to all clients, setpoints, ...) in compiled code
@@ -72,22 +70,31 @@ class Router:
         self.table, self._counts = table, Counts()
         self.use_shortcut = use_shortcut
         self.commands = CommandFilter(table.vehicles, sim_now)
-        self.sockets: list[Address] = []
-        self._handlers: list[Handler] = []
-        self._gcs = self._serve(table.gcs_local, self._from_gcs, table.gcs, Role.GROUND_STATION)
+        self._socket_table = SocketTable()
+        self._gcs = self._socket_table.serve(table.gcs_local, self._from_gcs, table.gcs, Role.GROUND_STATION)
         self._gcs_received_at = float("-inf")
         self._changed_facts: dict[str, Fact] = {}
         self._vehicles = [self._open(i, vehicle) for i, vehicle in enumerate(table.vehicles)]
         self._ids = frozenset(v.vehicle.id for v in self._vehicles)
-        self._up_routes = {v.vehicle.id: v.up for v in self._vehicles}
-        self._up_routes[_TO_ALL] = tuple(address for v in self._vehicles for address in v.up)
+        self._up_routes = {v.vehicle.id: v.up_and_record for v in self._vehicles}
+        self._up_routes[_TO_ALL] = tuple(address for v in self._vehicles for address in v.up_and_record)
         self.shortcut = Shortcut(kernel, self._vehicles, self.commands.passes_setpoint)
+
+    @property
+    def sockets(self) -> list[Address]:
+        """Addresses to bind, in the order of their indices."""
+        return self._socket_table.addresses
 
     @property
     def counts(self) -> Counts:
         """Return the numbers of frames and bytes since the start. It is always the same object."""
         self.shortcut.collect(self._counts)
         return self._counts
+
+    @property
+    def sensor_sockets(self) -> dict[str, int]:
+        """Name of each vehicle with emulated sensors -> index in `sockets` of the socket that receives its measurements."""
+        return {v.vehicle.name: v.sensor_socket for v in self._vehicles if v.sensor_socket is not None}
 
     @property
     def links(self) -> dict[str, int]:
@@ -108,7 +115,7 @@ class Router:
     def on_other_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
         """Route a datagram that is not ordinary, as `on_datagram` does."""
         self._counts.bytes_in += len(data)
-        return self._handlers[socket](sender, memoryview(data), now)
+        return self._socket_table.handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
         """Remove tools that have sent nothing for `TOOL_TIMEOUT_S`, and mark vehicles without heartbeat as not connected.
@@ -127,9 +134,8 @@ class Router:
 
         operator: an operator is present. If false, vehicles that need one for this heartbeat receive none.
         """
-        if operator:
-            return [(frame, self._up_routes[_TO_ALL])]
-        places = tuple(place for v in self._vehicles if not v.vehicle.needs_operator for place in v.up)
+        served = [v for v in self._vehicles if operator or not v.vehicle.needs_operator]
+        places = tuple(place for v in served for place in v.up_and_record)
         return [(frame, places)] if places else []
 
     def changed_facts(self) -> dict[str, Fact]:
@@ -157,13 +163,7 @@ class Router:
         """
         for v in self._vehicles:
             self.shortcut.collect_height(v)
-        return {
-            v.vehicle.name: {
-                "height_m": None if v.telemetry.height_m is None else round(v.telemetry.height_m, 2),
-                "battery": v.telemetry.battery,
-            }
-            for v in self._vehicles
-        }
+        return {v.vehicle.name: v.telemetry.values() for v in self._vehicles}
 
     def stats(self) -> dict[str, Any]:
         """Return the number of routed and dropped frames, and the telemetry of the vehicles, for the statistics of the process."""
@@ -194,29 +194,17 @@ class Router:
             vehicle=vehicle,
             status=VehicleStatus(name=vehicle.name, changed=self._changed_facts),
         )
-        v.up = ((self._add(vehicle.local, partial(self._from_vehicle, v)), vehicle.remote),)
-        v.tool_socket = self._add(vehicle.tools, partial(self._from_tool, v))
-        v.serve_socket = len(self.sockets)
-        v.clients = self._serve(vehicle.serve, partial(self._from_client, v), vehicle.clients)
+        sockets = self._socket_table
+        v.up = ((sockets.add(vehicle.local, partial(self._from_vehicle, v)), vehicle.remote),)
+        v.tool_socket = sockets.add(vehicle.tools, partial(self._from_tool, v))
+        recorder = self.table.recorder
+        v.up_and_record = (*v.up, (v.tool_socket, recorder)) if recorder is not None else v.up
+        v.serve_socket = len(sockets.addresses)
+        v.record = ((v.serve_socket, recorder),) if recorder is not None else ()
+        v.clients = sockets.serve(vehicle.serve, partial(self._from_client, v), vehicle.clients)
+        if vehicle.sensors is not None:
+            v.sensor_socket = sockets.add(vehicle.sensors, partial(self._from_sensors, v))
         return v
-
-    def _serve(
-        self, local: Address, handler: Handler, clients: Iterable[Address], role: Role = Role.PROGRAM
-    ) -> dict[Address, Endpoint]:
-        """Add the socket that exchanges messages with `clients`. Return the endpoint of each client.
-
-        If this socket is bound to loopback, it cannot send to other computers: clients on other computers get a second socket.
-        local: address to bind. handler: processes the received datagrams. role: role of the clients.
-        """
-        near = self._add(local, handler)
-        far = {c for c in clients if _is_loopback(local) and not _is_loopback(c)}
-        wide = self._add(_ANY_ADDRESS, handler) if far else near
-        return {c: Endpoint(socket=wide if c in far else near, address=c, role=role) for c in clients}
-
-    def _add(self, local: Address, handler: Handler) -> int:
-        self.sockets.append(local)
-        self._handlers.append(handler)
-        return len(self.sockets) - 1
 
     # vehicle -> clients
 
@@ -250,9 +238,8 @@ class Router:
             if msgid == HEARTBEAT:
                 self.commands.on_heartbeat(sysid, v.status.armed, v.status.mode, now)
         elif msgid in _TELEMETRY and compid == AUTOPILOT:
-            self.shortcut.collect_height(
-                v
-            )  # first, because the height of the shortcut is older than this frame
+            # first, because the height of the shortcut is older than this frame
+            self.shortcut.collect_height(v)
             v.telemetry.on_frame(data, frame, now)
         return target_sys << 8 | target_comp if target_sys else _TO_ALL
 
@@ -265,12 +252,30 @@ class Router:
         return found
 
     def _receivers(self, v: VehicleRoutes, target: int) -> Iterable[tuple[int, Address]]:
-        if v.vehicle.logger is not None:
-            yield v.serve_socket, v.vehicle.logger
+        yield from v.record
         for endpoints in (v.clients, v.tools, self._gcs):
             for endpoint in endpoints.values():
                 if target == _TO_ALL or endpoint.serves(target):
                     yield endpoint.socket, endpoint.address
+
+    def _from_sensors(self, v: VehicleRoutes, sender: Address, data: Buffer, now: float) -> list[Out]:
+        """Return the datagram with the measurements of a vehicle's emulated sensors for the vehicle's clients and tools.
+
+        Ground stations do not receive measurements, because a radio could not carry them. A datagram with any other frame is
+        dropped: it could look like a message of the autopilot.
+        """
+        if sender != self.table.sensors:
+            return self._drop("unknown sender on the sensors' socket")
+        frames = self._parse(data)
+        if not frames or any(
+            (f.sysid, f.compid, f.msgid) != (v.vehicle.id, SENSORS, DEBUG_FLOAT_ARRAY) for f in frames
+        ):
+            return self._drop("not a measurement of the vehicle's sensors")
+        endpoints = (*v.clients.values(), *v.tools.values())
+        destinations = (*v.record, *((e.socket, e.address) for e in endpoints))
+        self._counts.frames_from_vehicles += len(frames)
+        self._counts.frames_to_clients += len(frames) * len(destinations)
+        return [(data, destinations)] if destinations else []
 
     # clients -> vehicle
 
@@ -281,7 +286,7 @@ class Router:
         return self._up(v, endpoint, self._parse(data), data, now)
 
     def _from_tool(self, v: VehicleRoutes, sender: Address, data: Buffer, now: float) -> list[Out]:
-        if not (_is_loopback(sender) or sender[0] == v.vehicle.tools[0]):
+        if not (is_loopback(sender) or sender[0] == v.vehicle.tools[0]):
             return self._drop("tool on another computer")
         frames = self._parse(data)
         if not frames:
@@ -297,7 +302,7 @@ class Router:
         return self._up(v, endpoint, frames, data, now)
 
     def _from_gcs(self, sender: Address, data: Buffer, now: float) -> list[Out]:
-        endpoint = self._gcs.get(sender)
+        endpoint = self._gcs.get(self.table.aliases.get(sender, sender))
         if endpoint is None:
             return self._drop("unknown sender on the ground stations' socket")
         frames = self._parse(data)
@@ -318,11 +323,10 @@ class Router:
             frames, [self._receivers_key(v, endpoint, data, f, now) for f in frames]
         ):
             destinations = self._up_routes[target]
-            self._counts.frames_to_vehicles += count * len(destinations)
+            copies = len(self._vehicles[0].up_and_record)
+            self._counts.frames_to_vehicles += count * len(destinations) // copies
             out.append((data[start:end], destinations))
-        if replies := self.commands.take_replies():
-            out += replies
-        return out
+        return out + self.commands.take_replies()
 
     def _receivers_key(
         self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
@@ -338,7 +342,7 @@ class Router:
             return NO_TARGET
         if (sender := sysid << 8 | compid) not in endpoint.senders:
             self._add_sender(v, endpoint, sender)
-        if msgid == _TIMESYNC and any(data[payload : payload + min(8, size)]):
+        if msgid == TIMESYNC and any(data[payload : payload + min(8, size)]):
             self._counts.dropped["TIMESYNC reply"] += 1
             return NO_TARGET
         if v is not None and (target in (0, v.vehicle.id)):
@@ -361,9 +365,8 @@ class Router:
         if found and found == everyone:
             return target
         self._counts.dropped[_REFUSED] += max(1, len(everyone) - len(found))
-        key = NO_TARGET - sum(
-            1 << vehicle for vehicle in found
-        )  # a number below NO_TARGET means a set of vehicles
+        # a number below NO_TARGET means a set of vehicles
+        key = NO_TARGET - sum(1 << vehicle for vehicle in found)
         if found:
             self._up_routes[key] = tuple(place for vehicle in found for place in self._up_routes[vehicle])
         return key
@@ -394,7 +397,3 @@ class Router:
     def _drop(self, why: str) -> list[Out]:
         self._counts.dropped[why] += 1
         return []
-
-
-def _is_loopback(address: Address) -> bool:
-    return address[0].startswith("127.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from arena.errors import InputError
@@ -17,8 +17,9 @@ class Vehicle:
 
     id: MAVLink system id
     local, remote: the router's end and the autopilot's end of the router link
-    serve: address of the router for `clients` and `logger`
+    serve: address of the router for `clients`
     tools: address of the router to which any program on this computer may send
+    sensors: address of the router for the measurements of the vehicle's emulated sensors; None: it has none
     simulated: a simulated vehicle is present when the arena starts; a real one may be switched on later
     needs_operator: send the heartbeat of a ground station only while an operator is present
     radio: a pilot has an RC transmitter
@@ -30,8 +31,8 @@ class Vehicle:
     remote: Address
     serve: Address
     clients: tuple[Address, ...]
-    logger: Address | None
     tools: Address
+    sensors: Address | None = None
     simulated: bool = True
     needs_operator: bool = False
     radio: bool = True
@@ -41,14 +42,22 @@ class Vehicle:
 class Table:
     """The routing table: the addresses of all vehicles with their clients, and of the ground stations.
 
+    recorder: receives a copy of each datagram that the router passes on, in both directions: datagrams from a vehicle are sent to
+        it from the vehicle's `serve` address, datagrams to a vehicle from its `tools` address. None: no copies.
+    sensors: address of the process `sensors`, the only sender of measurements.
     heartbeat: send the heartbeat of a ground station, which PX4's data link failsafe monitors.
+    aliases: address from which a ground station also sends -> its address in `gcs`. Only replays have one: a ground station that is
+        bound to 0.0.0.0 sends from 127.0.0.1, also to a replay at another loopback address.
     """
 
     vehicles: tuple[Vehicle, ...]
     gcs_local: Address
     gcs: tuple[Address, ...]
+    recorder: Address | None
+    sensors: Address | None
     heartbeat: bool
     simulated: bool
+    aliases: Mapping[Address, Address] = field(default_factory=dict)
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Table:
@@ -60,8 +69,13 @@ class Table:
                 vehicles=tuple(_vehicle(v) for v in raw["vehicles"]),
                 gcs_local=_address(raw["gcs_local"]),
                 gcs=tuple(_address(g["address"]) for g in raw["gcs"]),
+                recorder=_address(raw["recorder"]) if raw.get("recorder") is not None else None,
+                sensors=_address(raw["sensors"]) if raw.get("sensors") is not None else None,
                 heartbeat=bool(raw["heartbeat"]),
                 simulated=bool(raw["simulated"]),
+                aliases={
+                    _address(g["also_from"]): _address(g["address"]) for g in raw["gcs"] if "also_from" in g
+                },
             )
         except (KeyError, TypeError) as error:
             missing = isinstance(error, KeyError)
@@ -79,8 +93,8 @@ def _vehicle(raw: Mapping[str, Any]) -> Vehicle:
         remote=_address(raw["link"]["remote"]),
         serve=_address(raw["serve"]),
         clients=tuple(_address(c["address"]) for c in raw["clients"]),
-        logger=_address(raw["logger"]) if raw["logger"] is not None else None,
         tools=_address(raw["tools"]),
+        sensors=_address(raw["sensors"]) if raw.get("sensors") is not None else None,
         simulated=bool(raw.get("simulated", True)),
         needs_operator=bool(raw.get("needs_operator", False)),
         radio=bool(raw.get("radio", True)),

@@ -20,10 +20,9 @@ from arena.mavlink_router.vehicle_telemetry import LOCAL_POSITION_NED, STATUSTEX
 from arena.transport import Address
 from arena.wire.age_limits import SETPOINTS
 from arena.wire.mavlink_frame import Buffer
-from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT
+from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT, TIMESYNC
 from arena.wire.mavlink_targets import CRC_EXTRA, TARGETS
 
-_TIMESYNC = 111
 _STATUS = (HEARTBEAT, EXTENDED_SYS_STATE, SYS_STATUS, STATUSTEXT)
 _UNKNOWN = -1
 _FLOAT, _BITS = struct.Struct("<f"), struct.Struct("<I")
@@ -60,7 +59,7 @@ class Shortcut:
             MAX_DATAGRAM_BYTES,
         )
         for v in vehicles:
-            self.ordinary.set_receivers(len(vehicles) + v.number, v.up)
+            self.ordinary.set_receivers(len(vehicles) + v.number, v.up_and_record)
 
     def route(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out] | None:
         """Return the datagrams to send; None if the datagram is not ordinary. The arguments are those of `Router.on_datagram`."""
@@ -103,6 +102,6 @@ def _kind(msgid: int) -> int:
         kind |= POSITION
     if msgid in SETPOINTS:
         kind |= SETPOINT
-    elif msgid in MESSAGES or msgid == _TIMESYNC:
+    elif msgid in MESSAGES or msgid == TIMESYNC:
         kind |= NOT_FROM_CLIENT
     return kind

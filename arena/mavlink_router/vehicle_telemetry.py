@@ -49,6 +49,13 @@ class VehicleTelemetry:
         """Update the height from the z of LOCAL_POSITION_NED [m] [NED]."""
         self.height_m = -z if abs(z) < 1e6 else None
 
+    def values(self) -> dict[str, float | None]:
+        """Return `height_m`, rounded to 1 cm, and `battery`. None: the value is unknown."""
+        return {
+            "height_m": None if self.height_m is None else round(self.height_m, 2),
+            "battery": self.battery,
+        }
+
     def _on_text(self, data: Buffer, frame: Frame, now: float) -> None:
         """Join the chunks of a long STATUSTEXT. The chunk that contains a zero byte is the last one."""
         raw, number = _bytes_at(data, frame, _TEXT, _TEXT_BYTES), uint_at(data, frame, _ID, 2)

@@ -330,3 +330,46 @@ def test_manual_mode_of_a_ground_station_without_sticks_does_not_stop_land_all()
     assert a.holder is Role.GROUND_STATION and a.refusal(Role.EMERGENCY, LAND, 10.3) == ""
     a.refusal(Role.GROUND_STATION, STICKS, 10.4)
     assert a.refusal(Role.EMERGENCY, LAND, 10.5) == "pilot has control"
+
+
+@pytest.mark.parametrize("request_", [ARM, OFFBOARD, LAND, HOLD, DISARM, KILL])
+def test_program_commands_nothing_while_a_person_flies_with_sticks(request_):
+    a = Authority(simulated=True)
+    assert (
+        a.refusal(Role.GROUND_STATION, POSCTL, 0.0) == "" and a.refusal(Role.GROUND_STATION, ARM, 0.1) == ""
+    )
+    a.on_state(True, "POSCTL", 0.5)
+    assert a.refusal(Role.GROUND_STATION, STICKS, 9.0) == ""
+    assert a.refusal(Role.PROGRAM, request_, 10.9) == "a person flies with sticks"
+    assert a.refusal(Role.PROGRAM, SETPOINT, 10.9) == "", "the person may hand back by switching to OFFBOARD"
+    assert a.refusal(Role.EMERGENCY, LAND, 10.9) == ""
+    a = Authority(simulated=True)
+    a.on_state(True, "POSCTL", 0.5)
+    assert a.refusal(Role.PROGRAM, STICKS, 9.0) == "pilot has control", (
+        "a program's sticks are not a person's"
+    )
+
+
+def test_stick_gesture_cannot_arm_a_vehicle_whose_landing_is_latched():
+    a = Authority(simulated=False)
+    assert a.refusal(Role.EMERGENCY, LAND, 0.0) == ""
+    assert a.refusal(Role.GROUND_STATION, STICKS, 0.1) == "", (
+        "before the first heartbeat a person may be flying"
+    )
+    a.on_state(True, "AUTO.LAND", 0.5)
+    assert a.refusal(Role.GROUND_STATION, STICKS, 1.0) == "", "a person may fly the landing by hand"
+    a.on_state(False, "AUTO.LAND", 5.0)
+    assert a.refusal(Role.GROUND_STATION, ARM, 5.1) == "land-all has control: run `arena release`"
+    assert a.refusal(Role.GROUND_STATION, STICKS, 5.1) == "land-all has control: run `arena release`"
+    a.release("ada", 6.0)
+    assert a.refusal(Role.GROUND_STATION, STICKS, 6.1) == ""
+
+
+def test_program_whose_vehicle_was_taken_cannot_arm_by_sticks():
+    a = Authority(simulated=False)
+    assert a.refusal(Role.PROGRAM, OFFBOARD, 0.0) == ""
+    a.on_state(True, "OFFBOARD", 0.5)
+    assert a.refusal(Role.GROUND_STATION, LAND, 1.0) == ""
+    a.on_state(True, "AUTO.LAND", 1.5)
+    a.on_state(False, "AUTO.LAND", 9.0)
+    assert a.refusal(Role.PROGRAM, STICKS, 9.1) == a.refusal(Role.PROGRAM, ARM, 9.1) != ""

@@ -6,6 +6,7 @@ from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
 
 GCS = ("127.54.0.9", 14550)
+RECORDER = ("127.54.0.2", 24002)
 TOOL = ("127.0.0.1", 40001)
 OFFBOARD, LAND = 6 << 16, 4 << 16 | 6 << 24
 
@@ -20,6 +21,7 @@ def slice_of(
     heartbeat=True,
     real=(),
     needs_operator=(),
+    recorder=None,
 ):
     client_host = client_host or host
     vehicles = [
@@ -34,7 +36,6 @@ def slice_of(
                 {"name": "program", "address": [client_host, 16000 + k]},
                 {"name": "sdk", "address": [client_host, 22000 + k]},
             ],
-            "logger": [client_host, base + 10 * k + 7],
             "tools": [host, base + 10 * k + 6],
         }
         for k in ids
@@ -44,26 +45,31 @@ def slice_of(
         "vehicles": vehicles,
         "gcs_local": [host, base],
         "gcs": [{"name": "gcs", "address": list(gcs)}],
+        "recorder": recorder and list(recorder),
         "heartbeat": heartbeat,
         "simulated": simulated,
     }
 
 
 class Fleet:
-    """A router with vehicles 1 and 2. Senders and receivers have names: "autopilot1", "program2", "gcs", "tool"."""
+    """A router with vehicles 1 and 2. Senders and receivers have names: "autopilot1", "program2", "gcs", "tool".
+
+    The results do not contain the recorder's copies of messages to vehicles.
+    """
 
     def __init__(self, ids=(1, 2), real=(), needs_operator=()):
-        self.table = Table.from_slice(slice_of(ids, real=real, needs_operator=needs_operator))
+        self.table = Table.from_slice(
+            slice_of(ids, real=real, needs_operator=needs_operator, recorder=RECORDER)
+        )
         self.router = Router(self.table)
         self.now = 100.0
-        self.names = {GCS: "gcs"}
+        self.names = {GCS: "gcs", RECORDER: "recorder"}
         for v in self.table.vehicles:
             program, sdk = v.clients
             self.names |= {
                 v.remote: f"autopilot{v.id}",
                 program: f"program{v.id}",
                 sdk: f"sdk{v.id}",
-                v.logger: f"logger{v.id}",
             }
         self.address = {name: address for address, name in self.names.items()}
 
@@ -87,11 +93,17 @@ class Fleet:
         return self.send(address, self.vehicle(k).tools, data)
 
     def send(self, sender, socket, data):
+        return self.named(self.router.on_datagram(self.socket(socket), sender, data, self.now))
+
+    def named(self, out):
+        """Return {receiver: bytes} of datagrams that the router sends."""
+        tool_sockets = {self.socket(v.tools) for v in self.table.vehicles}
         received = {}
-        for piece, destinations in self.router.on_datagram(self.socket(socket), sender, data, self.now):
-            for _, dest in destinations:
-                name = self.names[dest]
-                received[name] = received.get(name, b"") + bytes(piece)
+        for piece, destinations in out:
+            for key, dest in destinations:
+                if dest != RECORDER or key not in tool_sockets:
+                    name = self.names[dest]
+                    received[name] = received.get(name, b"") + bytes(piece)
         return received
 
     @property

@@ -19,6 +19,7 @@ from arena.wire.age_limits import age_limit_s
 from tests.kernels.kernel_versions import needs_compiled
 
 HOST = "127.54.11.1"
+RECORDER = (HOST, 24002)
 SETPOINT = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 BURST = 40  # more than the loop reads at a time
 
@@ -39,10 +40,10 @@ def setpoint(seq):
 
 
 class Running:
-    """A router in this process with one vehicle, its clients and its logger."""
+    """A router in this process with one vehicle, its clients and the recorder."""
 
     def __init__(self, compiled):
-        settings = slice_of((1,), host=HOST, gcs=(HOST, 14550), heartbeat=False, real=(1,))
+        settings = slice_of((1,), host=HOST, gcs=(HOST, 14550), heartbeat=False, real=(1,), recorder=RECORDER)
         vehicle = settings["vehicles"][0]
         self.shell = RouterShell(ProcessContext("router", settings, None), Table.from_slice(settings))
         if not compiled:
@@ -50,17 +51,28 @@ class Running:
         self.link, self.serve = tuple(vehicle["link"]["local"]), tuple(vehicle["serve"])
         self.autopilot = udp(vehicle["link"]["remote"])
         self.program, self.sdk = (udp(c["address"]) for c in vehicle["clients"])
-        self.logger, self.gcs = udp(vehicle["logger"]), udp((HOST, 14550))
-        self.receivers = (self.autopilot, self.program, self.sdk, self.logger, self.gcs)
+        self.gcs = udp((HOST, 14550))
+        self.recorder = udp(RECORDER)
+        self.serve_and_tools = [tuple(vehicle["serve"]), tuple(vehicle["tools"])]
+        self.receivers = (self.autopilot, self.program, self.sdk, self.gcs)
 
     def close(self):
         self.shell.close()
-        for s in self.receivers:
+        for s in (*self.receivers, self.recorder):
             s.close()
 
     def turn(self, count=BURST + 10):
         for _ in range(count):
             self.shell.turn(0.0)
+
+    def recorded(self):
+        """Return (up, datagram) of all datagrams that the recorder has received."""
+        found = []
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                data, sender = self.recorder.recvfrom(65536)
+                found.append((self.serve_and_tools.index(sender) == 1, data))
+        return found
 
     def received(self):
         """Return all datagrams of each receiver."""
@@ -89,9 +101,9 @@ def test_a_burst_reaches_all_receivers_in_order(running):
         running.autopilot.sendto(frame, running.link)
     running.program.sendto(odometry((1, 191)), running.serve)
     running.turn()
-    assert running.received() == [[odometry((1, 191))], frames, frames, frames, frames]
+    assert running.received() == [[odometry((1, 191))], frames, frames, frames]
     counts = running.shell._router.counts
-    assert counts.bytes_out == 4 * sum(map(len, frames)) + 4 * len(attitude(1)) + len(odometry((1, 191)))
+    assert counts.bytes_out == 4 * sum(map(len, frames)) + 4 * len(attitude(1)) + 2 * len(odometry((1, 191)))
     assert counts.frames_from_vehicles == BURST + 1 and counts.frames_to_vehicles == 1
 
 
@@ -110,13 +122,14 @@ def test_datagrams_for_python_keep_their_place_in_the_order(running):
     running.program.sendto(command(1, (1, 191)), running.serve)
     running.turn()
     assert running.received()[0] == [command(1, (1, 191))]
+    running.recorded()
     for frame in frames:
         running.autopilot.sendto(frame, running.link)
     running.turn()
-    _, program, sdk, logger, _ = running.received()
+    _, program, sdk, _ = running.received()
     for_all = [heartbeat(1), attitude(1), attitude(1, 2), attitude(1, 3), attitude(1) * 30, attitude(1, 4)]
     assert sdk == for_all
-    assert program == logger == [*for_all[:2], ack((1, 191)), *for_all[2:]]
+    assert program == [data for _, data in running.recorded()] == [*for_all[:2], ack((1, 191)), *for_all[2:]]
     assert running.shell._router.counts.dropped == {"garbage bytes": 6, "wrong CRC": 0}
     assert running.shell._router.changed_facts() == {}, "they were reported after the cycle"
 
@@ -184,3 +197,22 @@ def test_datagram_that_became_old_between_poll_and_reading_is_dropped(running):
     running.shell._on_late_datagram(key, sender, memoryview(setpoint(2)), later)
     assert running.received()[0] == [setpoint(1)]
     assert running.shell._backlog.dropped == 1
+
+
+def test_recorder_receives_both_directions_of_a_burst(running):
+    running.autopilot.sendto(attitude(1), running.link)
+    running.program.sendto(odometry((1, 191)), running.serve)
+    running.turn()
+    running.received()
+    running.recorded()
+    down, up = [attitude(1, 1 + i) for i in range(BURST)], [setpoint(i) for i in range(BURST)]
+    for frame in down:
+        running.autopilot.sendto(frame, running.link)
+    for frame in up:
+        running.program.sendto(frame, running.serve)
+    running.turn()
+    found = running.recorded()
+    assert [data for is_up, data in found if not is_up] == down
+    passed_on = running.received()[0]
+    assert passed_on
+    assert [data for is_up, data in found if is_up] == passed_on

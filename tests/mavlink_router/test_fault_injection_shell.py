@@ -41,13 +41,6 @@ class ImpairedFleet(Fleet):
         self.at = at
         return self.named(self.impaired.release(self.now, at))
 
-    def named(self, out):
-        received = {}
-        for piece, destinations in out:
-            for _, dest in destinations:
-                received[self.names[dest]] = received.get(self.names[dest], b"") + bytes(piece)
-        return received
-
 
 @pytest.fixture
 def fleet():
@@ -58,7 +51,7 @@ def test_full_loss_stops_one_link_and_no_other(fleet):
     assert fleet.inject("loss", vehicle="uav1", share=1) == "the link of uav1 loses 100 % in each direction"
     assert fleet.send_as("autopilot1", attitude(1)) == {}
     assert fleet.send_as("program1", command(1, PROGRAM1)) == {}
-    assert set(fleet.send_as("autopilot2", attitude(2))) == {"program2", "sdk2", "logger2", "gcs"}
+    assert set(fleet.send_as("autopilot2", attitude(2))) == {"program2", "sdk2", "recorder", "gcs"}
     assert fleet.send_as("program2", command(2, PROGRAM2)) == {"autopilot2": command(2, PROGRAM2)}
     assert set(fleet.send_as("gcs", command(0, GCS_ID))) == {"autopilot2"}, "what is for both reaches the one"
     assert fleet.dropped == {LOST: 3}
@@ -101,7 +94,7 @@ def test_a_delay_keeps_the_order_in_both_directions(fleet):
     assert fleet.impaired.due == pytest.approx(50.2)
     assert fleet.released(50.199) == {}
     assert fleet.released(50.2) == {"autopilot1": command(1, PROGRAM1)} | dict.fromkeys(
-        ("program1", "sdk1", "logger1", "gcs"), first
+        ("program1", "sdk1", "recorder", "gcs"), first
     )
     assert fleet.released(50.299) == {} and fleet.released(50.3)["program1"] == second
     assert fleet.impaired.due is None

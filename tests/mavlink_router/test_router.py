@@ -6,6 +6,7 @@ import pytest
 from fleet import (
     GCS,
     LAND,
+    RECORDER,
     TOOL,
     Fleet,
     ack,
@@ -34,9 +35,9 @@ def fleet():
 def test_a_stream_reaches_the_vehicles_clients_and_all_ground_stations(fleet):
     data = attitude(1)
     assert fleet.send_as("autopilot1", data) == {
-        name: data for name in ("program1", "sdk1", "logger1", "gcs")
+        name: data for name in ("program1", "sdk1", "recorder", "gcs")
     }
-    assert set(fleet.send_as("autopilot2", attitude(2))) == {"program2", "sdk2", "logger2", "gcs"}
+    assert set(fleet.send_as("autopilot2", attitude(2))) == {"program2", "sdk2", "recorder", "gcs"}
 
 
 def test_a_programs_command_reaches_its_own_vehicle_only(fleet):
@@ -54,6 +55,17 @@ def test_a_programs_broadcast_stays_with_its_vehicle(fleet):
     assert set(fleet.send_as("program1", heartbeat(*PROGRAM1, kind=18))) == {"autopilot1"}
 
 
+def test_ground_station_of_a_replay_may_send_from_its_second_address_only(fleet):
+    settings, second = slice_of((1,)), ("127.0.0.1", 14550)
+    (station,) = settings["gcs"]
+    for also, passed in ((second, True), (None, False)):
+        own = {**station, "also_from": also} if also else station
+        router = Router(Table.from_slice({**settings, "gcs": [own]}))
+        socket = router.sockets.index(router.table.gcs_local)
+        assert bool(router.on_datagram(socket, second, command(1, GCS_ID), 0.0)) is passed
+        assert not router.on_datagram(socket, ("127.0.0.1", 14551), command(1, GCS_ID), 0.0)
+
+
 def test_a_ground_station_commands_the_vehicle_it_names_or_all(fleet):
     assert set(fleet.send_as("gcs", command(2, GCS_ID))) == {"autopilot2"}
     assert set(fleet.send_as("gcs", command(0, GCS_ID))) == {"autopilot1", "autopilot2"}
@@ -68,24 +80,24 @@ def test_a_datagram_for_two_vehicles_is_split_between_frames(fleet):
     assert [len(piece) for piece, _ in out] == [len(a + b), len(c)]
 
 
-def test_an_acknowledgement_goes_to_the_commander_and_the_logger(fleet):
+def test_an_acknowledgement_goes_to_the_commander_and_the_recorder(fleet):
     fleet.send_as("program1", heartbeat(*PROGRAM1))
     fleet.send_as("gcs", heartbeat(*GCS_ID))
-    assert set(fleet.send_as("autopilot1", ack(PROGRAM1))) == {"program1", "logger1"}
-    assert set(fleet.send_as("autopilot1", ack(GCS_ID))) == {"gcs", "logger1"}
-    assert set(fleet.send_as("autopilot1", ack((1, 77)))) == {"logger1"}
+    assert set(fleet.send_as("autopilot1", ack(PROGRAM1))) == {"program1", "recorder"}
+    assert set(fleet.send_as("autopilot1", ack(GCS_ID))) == {"gcs", "recorder"}
+    assert set(fleet.send_as("autopilot1", ack((1, 77)))) == {"recorder"}
 
 
 def test_a_target_without_component_reaches_all_components(fleet):
     fleet.send_as("program1", heartbeat(*PROGRAM1))
     fleet.send_as("sdk1", heartbeat(1, 192))
-    assert set(fleet.send_as("autopilot1", ack((1, 0)))) == {"program1", "sdk1", "logger1"}
+    assert set(fleet.send_as("autopilot1", ack((1, 0)))) == {"program1", "sdk1", "recorder"}
 
 
 def test_a_client_is_answered_from_its_first_message_on(fleet):
-    assert set(fleet.send_as("autopilot1", ack(PROGRAM1))) == {"logger1"}
+    assert set(fleet.send_as("autopilot1", ack(PROGRAM1))) == {"recorder"}
     fleet.send_as("program1", command(1, PROGRAM1))
-    assert set(fleet.send_as("autopilot1", ack(PROGRAM1))) == {"program1", "logger1"}
+    assert set(fleet.send_as("autopilot1", ack(PROGRAM1))) == {"program1", "recorder"}
 
 
 def test_a_foreign_system_on_a_vehicles_link_is_not_forwarded(fleet):
@@ -133,7 +145,7 @@ def test_an_unknown_sender_cannot_use_the_ground_stations_socket(fleet):
 def test_a_local_tool_is_answered_for_ten_seconds(fleet):
     asker = (253, 195)
     assert set(fleet.tool(command(1, asker))) == {"autopilot1"}
-    assert set(fleet.send_as("autopilot1", ack(asker))) == {"tool", "logger1"}
+    assert set(fleet.send_as("autopilot1", ack(asker))) == {"tool", "recorder"}
     assert "tool" in fleet.send_as("autopilot1", attitude(1))
     assert "tool" not in fleet.send_as("autopilot2", attitude(2))
     fleet.now += TOOL_TIMEOUT_S - 0.1
@@ -167,13 +179,13 @@ def test_garbage_does_not_make_a_tool(fleet):
 def test_the_senders_of_an_endpoint_are_bounded(fleet):
     for system in range(3, 250):
         fleet.send_as("program1", heartbeat(system, 191))
-    assert set(fleet.send_as("autopilot1", ack((249, 191)))) == {"program1", "logger1"}
-    assert set(fleet.send_as("autopilot1", ack((249 - MAX_SENDERS, 191)))) == {"logger1"}
+    assert set(fleet.send_as("autopilot1", ack((249, 191)))) == {"program1", "recorder"}
+    assert set(fleet.send_as("autopilot1", ack((249 - MAX_SENDERS, 191)))) == {"recorder"}
 
 
 def test_messages_without_a_receiver_are_counted(fleet):
-    v = dataclasses.replace(fleet.vehicle(1), logger=None)
-    router = Router(dataclasses.replace(fleet.table, vehicles=(v,)))
+    v = fleet.vehicle(1)
+    router = Router(dataclasses.replace(fleet.table, vehicles=(v,), recorder=None))
     assert router.on_datagram(router.sockets.index(v.local), v.remote, ack((9, 9)), 0.0) == []
     assert router.counts.dropped == {"no receiver": 1}
 
@@ -269,8 +281,9 @@ def test_the_routers_heartbeat_goes_to_every_vehicle(fleet):
     out = fleet.router.heartbeat(b"beat")
     [(frame, destinations)] = out
     assert frame == b"beat"
-    assert [fleet.names[dest] for _, dest in destinations] == ["autopilot1", "autopilot2"]
-    assert [fleet.router.sockets[key] for key, _ in destinations] == [
+    names = [fleet.names[dest] for _, dest in destinations]
+    assert names == ["autopilot1", "recorder", "autopilot2", "recorder"]
+    assert [fleet.router.sockets[key] for key, dest in destinations if dest != RECORDER] == [
         fleet.vehicle(1).local,
         fleet.vehicle(2).local,
     ]
@@ -279,9 +292,10 @@ def test_the_routers_heartbeat_goes_to_every_vehicle(fleet):
 def test_vehicle_with_a_data_link_failsafe_needs_an_operator_for_the_heartbeat():  # review fault 20
     fleet = Fleet(real=(2,), needs_operator=(2,))
     ((_, destinations),) = fleet.router.heartbeat(b"beat", operator=False)
-    assert [fleet.names[dest] for _, dest in destinations] == ["autopilot1"]
+    assert [fleet.names[dest] for _, dest in destinations] == ["autopilot1", "recorder"]
     ((_, destinations),) = fleet.router.heartbeat(b"beat", operator=True)
-    assert [fleet.names[dest] for _, dest in destinations] == ["autopilot1", "autopilot2"]
+    names = [fleet.names[dest] for _, dest in destinations]
+    assert names == ["autopilot1", "recorder", "autopilot2", "recorder"]
 
 
 def test_a_client_on_another_computer_has_a_socket_that_can_reach_it():
@@ -312,3 +326,63 @@ def test_an_incomplete_slice_is_refused_with_the_missing_key():
 def test_a_host_name_is_refused():
     with pytest.raises(InputError, match="numeric"):
         Table.from_slice(slice_of(gcs=("laptop", 14550)))
+
+
+def copies(fleet, socket, sender, data):
+    """Return [(socket, bytes)] that the recorder receives when a datagram arrives."""
+    out = fleet.router.on_datagram(fleet.socket(socket), sender, data, fleet.now)
+    return [
+        (fleet.router.sockets[key], bytes(piece))
+        for piece, places in out
+        for key, to in places
+        if to == RECORDER
+    ]
+
+
+@pytest.fixture(params=[True, False], ids=["shortcut", "no shortcut"])
+def recorded(request):
+    fleet = Fleet()
+    fleet.router.use_shortcut = request.param
+    return fleet
+
+
+def test_recorder_gets_telemetry_from_the_address_for_programs(recorded):
+    v = recorded.vehicle(2)
+    for _ in range(3):
+        assert copies(recorded, v.local, v.remote, attitude(2)) == [(v.serve, attitude(2))]
+    assert copies(recorded, v.local, v.remote, ack(PROGRAM1, 2)) == [(v.serve, ack(PROGRAM1, 2))]
+
+
+def test_recorder_gets_what_is_sent_to_a_vehicle_from_its_address_for_tools(recorded):
+    v = recorded.vehicle(1)
+    program = v.clients[0]
+    for data in (command(1, PROGRAM1), command(1, PROGRAM1), heartbeat(*PROGRAM1, kind=18)):
+        assert copies(recorded, v.serve, program, data) == [(v.tools, data)]
+    assert copies(recorded, v.tools, TOOL, command(1, (253, 190))) == [(v.tools, command(1, (253, 190)))]
+
+
+def test_recorder_gets_a_broadcast_once_per_vehicle(recorded):
+    data = command(0, GCS_ID)
+    assert copies(recorded, recorded.table.gcs_local, GCS, data) == [
+        (recorded.vehicle(1).tools, data),
+        (recorded.vehicle(2).tools, data),
+    ]
+
+
+def test_recorder_gets_the_heartbeat_of_the_router(recorded):
+    ((_, places),) = recorded.router.heartbeat(heartbeat(254, 190, kind=6))
+    to_recorder = [recorded.router.sockets[key] for key, to in places if to == RECORDER]
+    assert to_recorder == [recorded.vehicle(1).tools, recorded.vehicle(2).tools]
+
+
+def test_recorder_does_not_get_what_the_router_drops(recorded):
+    v = recorded.vehicle(1)
+    for data in (command(2, PROGRAM1), timesync(5), b"noise"):
+        assert copies(recorded, v.serve, v.clients[0], data) == []
+
+
+def test_copies_for_the_recorder_are_not_frames_to_vehicles(recorded):
+    for _ in range(3):
+        recorded.send_as("program1", attitude(*PROGRAM1))
+    recorded.send_as("gcs", command(0, GCS_ID))
+    assert recorded.router.counts.frames_to_vehicles == 5

@@ -34,7 +34,7 @@ class Running:
     """The router's process, its line to the supervisor (this test) and the sockets of all its neighbours."""
 
     def __init__(self, folder, host, **kwargs):
-        self.slice = slice_of((1, 2), host=host, gcs=(host, 14550), **kwargs)
+        self.slice = slice_of((1, 2), host=host, gcs=(host, 14550), recorder=(host, 24002), **kwargs)
         file = folder / "router.json"
         file.write_text(json.dumps(self.slice))
         self.sockets = {}
@@ -42,7 +42,7 @@ class Running:
             k = v["id"]
             self.open(f"autopilot{k}", v["link"]["remote"])
             self.open(f"program{k}", v["clients"][0]["address"])
-            self.open(f"logger{k}", v["logger"])
+        self.open("recorder", self.slice["recorder"])
         self.open("gcs", self.slice["gcs"][0]["address"])
         self.open("tool", [host, 0])
         self.line, child = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -132,7 +132,7 @@ def at(third, **kwargs):
 def test_streams_and_commands_pass_and_facts_are_reported(running):
     running.start()
     running.send_as("autopilot1", attitude(1))
-    for who in ("program1", "logger1", "gcs"):
+    for who in ("program1", "recorder", "gcs"):
         running.wait_received(who, attitude(1))
     running.send_as("program2", command(2, (2, 191)))
     running.wait_received("autopilot2", command(2, (2, 191)))
