@@ -11,8 +11,8 @@ from arena.params.facts.parameter_table import Version, parameter
 from arena.plan.firmware import FORWARDING_MS, px4_version, requirements, written_param_findings
 from arena.schema import Arena
 from arena.schema.loader import YamlPath
-from arena.schema.models import Tool
 from arena.schema.source import near
+from arena.schema.tools import Tool
 from arena.vehicle_models import VEHICLE_MODELS
 
 _SIGNS_FROM = "1.18"
@@ -25,7 +25,7 @@ def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
 
     process_names: names of all processes, in start order.
     """
-    problems = [*_tool_needs(arena, process_names), *_versions(arena)]
+    problems = [*_tool_needs(arena, process_names), *_program_needs(arena, process_names), *_versions(arena)]
     if not problems:
         problems += [
             *_parameters(arena),
@@ -61,6 +61,21 @@ def _tool_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]
                 message = f"got {need!r}, expected a process that starts before this tool. {hint}"
                 yield arena.source.problem((*path, "needs"), message)
         before.append(process)
+
+
+def _program_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]:
+    """Find user programs with a wrong name under `needs`, the list of tools that must be ready before the program starts.
+
+    A name is wrong if the arena has no tool with this name. Names of other processes are wrong, too.
+    """
+    tools = [name for name in process_names if name.startswith("tool.")]
+    for v in arena.vehicles:
+        for need in v.program.needs if v.program is not None else ():
+            if need not in tools:
+                hint = near(need, tools) if tools else "Add it under `tools`."
+                path = (*arena.source.layer(v.name, "program"), "needs")
+                message = f"got {need!r}, expected the name of a tool, such as tool.bag. {hint}"
+                yield arena.source.problem(path, message)
 
 
 def _rotors(arena: Arena) -> Iterator[Problem]:

@@ -146,6 +146,7 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
         gps=v.gps,
         declination_deg=_declination_deg(arena, v),
         sticks=v.has_rc,
+        joystick=v.simulated,
         vision_delay_ms=arena.mocap.latency_ms + FORWARDING_MS if v.forward else None,
         failsafe=requirements_failsafe(arena.failsafe, has_sticks=v.has_rc),
         landing_speed_m_s=arena.landing_speed_m_s,

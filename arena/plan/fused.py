@@ -1,4 +1,4 @@
-"""Decides whether world, motion capture, forwarders, router and loggers of a simulated arena run in one process (fused arena),
+"""Decides whether world, motion capture, forwarders, router and recorder of a simulated arena run in one process (fused arena),
 and converts a plan to it. Pure.
 """
 
@@ -12,7 +12,7 @@ from arena.errors import InputError
 from arena.plan.model import Member, ProcessSpec
 from arena.schema import Arena
 
-_MEMBERS = frozenset({"mocap", "forward", "router", "logger"})
+_MEMBERS = frozenset({"mocap", "forward", "router", "sensors", "recorder"})
 MODULE, SLICE = "arena.fused", "fused.json"
 # ports that are not opened for vehicles with the built-in autopilot
 _IN_MEMORY = ("router link", "vision link")
@@ -23,14 +23,14 @@ REAL_TIME_FROM = 5
 
 
 def is_fused(arena: Arena) -> bool:
-    """Return whether world, motion capture, forwarders, router and loggers run in one process. Raises InputError if the YAML
+    """Return whether world, motion capture, forwarders, router and recorder run in one process. Raises InputError if the YAML
     asks for one process and this is not possible.
     """
     return not why_many(arena)
 
 
 def why_many(arena: Arena) -> str:
-    """Return why world, motion capture, forwarders, router and loggers run as separate processes; "" if all of them run in one
+    """Return why world, motion capture, forwarders, router and recorder run as separate processes; "" if all of them run in one
     process.
 
     Raises InputError if the YAML asks for one process and this is not possible.
@@ -58,7 +58,7 @@ def _why_many_in_real_time(arena: Arena) -> str:
 
 
 def why_one(arena: Arena) -> str:
-    """Return why world, motion capture, forwarders, router and loggers run in one process. Call this function only for such an arena."""
+    """Return why world, motion capture, forwarders, router and recorder run in one process. Call this function only for such an arena."""
     if arena.sim.processes == "one":
         return "sim.processes is one"
     if arena.sim.speed == 1.0:
@@ -68,14 +68,14 @@ def why_one(arena: Arena) -> str:
 
 def could_be_member(process: str) -> bool:
     """Return whether this process is `world`, or one that a fused arena runs inside `world` (motion capture, forwarder, router,
-    logger).
+    recorder).
     """
     kind = process.partition(".")[0]
     return kind == "world" or kind in _MEMBERS
 
 
 def fuse(arena: Arena, processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, ...]:
-    """Return the processes of a plan after joining motion capture, forwarders, router and loggers with the process `world`.
+    """Return the processes of a plan after joining motion capture, forwarders, router and recorder with the process `world`.
 
     A process that waits for a joined process then also waits for `world`, and for the processes that the joined process
     waited for, such as PX4.
@@ -105,7 +105,7 @@ def fused_slices(
     programs = [
         f"group.{v.program.group}" if v.program.group else v.name
         for v in arena.vehicles
-        if v.program is not None and v.program.path.endswith(".py")
+        if v.program is not None and v.program.is_python
     ]
     world = {
         **made["world.json"],
@@ -121,6 +121,7 @@ def _with_members(arena: Arena, world: ProcessSpec, joined: Sequence[ProcessSpec
     closed = {
         f"{link} of {v.name}" for v in arena.vehicles if v.autopilot == "builtin" for link in _IN_MEMORY
     }
+    closed |= {"emulated sensors", *(f"sensors of {v.name}" for v in arena.vehicles)}
     return dataclasses.replace(
         world,
         argv=(python, "-m", MODULE, f"{{run}}/slices/{SLICE}"),

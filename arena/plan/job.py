@@ -10,6 +10,7 @@ from typing import Any
 from arena.plan.firmware import Firmware, Fleet
 from arena.plan.model import LinkPlan
 from arena.schema import Arena, Vehicle
+from arena.schema.placeholders import filled
 
 Json = dict[str, Any]
 Address = list[Any]
@@ -50,6 +51,11 @@ class Job:
     def firmware(self) -> Firmware:
         """Required PX4 parameters of this process's vehicle. They are called firmware because they depend on the PX4 version."""
         return self.fleet[self.v.name]
+
+
+def program_args(arena: Arena, v: Vehicle) -> tuple[str, ...]:
+    """Return the arguments of a vehicle's program, with the values of their placeholders."""
+    return tuple(filled(text, arena, v) for text in v.program.args) if v.program else ()
 
 
 def link_of(arena: Arena, vehicle: Vehicle, name: str) -> LinkPlan:

@@ -13,10 +13,13 @@ from typing import Protocol
 from arena.errors import InputError, NotInstalledError
 from arena.plan.model import Plan
 from arena.schema import Arena
-from arena.schema.models import Tool
+from arena.schema.tools import MODULES, XRCE_COMMAND, Tool
 from arena.transport import open_udp
 
 IN_USE = "in use"
+_HOW_TO_GET = {
+    XRCE_COMMAND: "Build it from github.com/eProsima/Micro-XRCE-DDS-Agent, or install the snap micro-xrce-dds-agent."
+}
 _MOST_ADDRESSES = 50
 _MOST_PORTS_SHOWN = 4
 
@@ -135,8 +138,12 @@ def _missing(arena: Arena, probe: Probe) -> Iterator[str]:
         yield f"pybullet is not installed, but {names} must be simulated. Try: pip install 'flying-arena[sim]'"
     for words, tool in _tools(arena):
         folder = str(Path(arena.folder) / (tool.cwd or ""))
-        if not probe.has_command(tool.argv[0], folder):
-            yield f"{arena.file}: {words}.argv: the command {tool.argv[0]!r} was not found on this computer. Install or rename it."
+        is_arena = tool.argv[0] in MODULES  # run by the interpreter of the arena's processes
+        if not is_arena and not probe.has_command(tool.argv[0], folder):
+            how = _HOW_TO_GET.get(tool.argv[0], "Install or rename it.")
+            yield f"{arena.file}: {words}.argv: the command {tool.argv[0]!r} was not found on this computer. {how}"
+        if tool.ros2 is not None and not probe.has_module("cyclonedds"):
+            yield f"{arena.file}: {words}: the package cyclonedds is missing: pip install 'flying-arena[ros2]'"
 
 
 def _tools(arena: Arena) -> Iterator[tuple[str, Tool]]:

@@ -5,18 +5,18 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from arena.plan.checks import check_arena
 from arena.plan.firmware import all_firmware
 from arena.plan.fused import fuse, fused_slices, is_fused
 from arena.plan.job import Job, link_of
-from arena.plan.model import Plan, ProcessSpec, Restart, VehiclePlan
-from arena.plan.process_table import ENV, TABLE, jobs, listens, process_spec, required_copilot
+from arena.plan.model import Plan, ProcessSpec, VehiclePlan
+from arena.plan.process_table import ENV, TABLE, jobs, listens, process_spec
 from arena.plan.resolved_yaml import arena_yaml
+from arena.plan.tools import named_tools, tool_slices, tools
+from arena.plan.view_slice import NAME, view
 from arena.schema import Arena, Vehicle
-from arena.schema.models import Tool
 
 
 def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
@@ -27,8 +27,11 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
     """
     check_arena(arena, process_names(arena))
     job = Job(arena=arena, fleet=all_firmware(arena), python=python)
-    processes = (*(process_spec(row, each) for row in TABLE for each in jobs(row, job)), *_tools(arena))
-    made = dict(_slices(job))
+    processes = (
+        *(process_spec(row, each) for row in TABLE for each in jobs(row, job)),
+        *tools(arena, python),
+    )
+    made = {**dict(_slices(job)), NAME: view(arena), **tool_slices(arena)}
     if is_fused(arena):
         made, processes = fused_slices(arena, made, processes), fuse(arena, processes)
     return Plan(
@@ -44,7 +47,7 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
         ),
         report=_task(
             "report",
-            (python, "-m", "arena.recorder.report", "{run}"),
+            (python, "-m", "arena.report", "{run}"),
             nice=10,
             cpu_budget=1.0,
             memory_budget_mb=500.0,
@@ -53,11 +56,19 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
     )
 
 
+def without_report(plan: Plan) -> Plan:
+    """Return the plan of a run without summary and plots: instead of the report, a task writes only the CSV logs."""
+    argv = (sys.executable, "-m", "arena.flight_log", "{run}")
+    return dataclasses.replace(
+        plan, report=_task("logs", argv, nice=10, cpu_budget=1.0, memory_budget_mb=300.0)
+    )
+
+
 def process_names(arena: Arena) -> list[str]:
     """Return the names of the arena's processes in start order."""
     job = Job(arena=arena, fleet={}, python="")
     names = [row.name(each) for row in TABLE for each in jobs(row, job)]
-    return names + [name for name, _, _ in _named_tools(arena)]
+    return names + [name for name, _, _ in named_tools(arena)]
 
 
 def _slices(job: Job) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -86,35 +97,10 @@ def _vehicle(arena: Arena, v: Vehicle) -> VehiclePlan:
         port=v.ports.program,
         sdk_port=v.ports.sdk,
         tools_port=v.ports.tools,
-        logger_port=v.ports.logger,
         mocap_body=v.mocap_body,
         radio=v.radio,
         axes_check=arena.preflight.axes_check if v.forward and not v.simulated else "",
     )
-
-
-def _named_tools(arena: Arena) -> Iterator[tuple[str, Tool, str | None]]:
-    for name, tool in arena.tools.items():
-        yield f"tool.{name}", tool, None
-    for v in arena.vehicles:
-        for name, tool in v.tools.items():
-            yield f"tool.{v.name}.{name}", tool, v.name
-
-
-def _tools(arena: Arena) -> Iterator[ProcessSpec]:
-    for name, tool, vehicle in _named_tools(arena):
-        yield ProcessSpec(
-            name=name,
-            kind="tool",
-            vehicle=vehicle,
-            argv=tool.argv,
-            cwd=str(Path(arena.folder) / (tool.cwd or "")),
-            env=(*ENV, *sorted(tool.env.items())),
-            needs=("router", *required_copilot(arena)) if tool.needs is None else tool.needs,
-            ready="started",
-            restart=Restart(mode=tool.restart),
-            stopped_for_s=None,
-        )
 
 
 def _task(name: str, argv: tuple[str, ...], **more: Any) -> ProcessSpec:

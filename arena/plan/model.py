@@ -1,7 +1,8 @@
 """Data classes of the plan: the processes of a run and their settings. `make_plan` creates a plan, and the supervisor runs it.
 
-Text in argv, env, cwd and slices may hold two placeholders that only a run can fill:
-    {run}  the run folder, absolute       {rt}  the run's private folder for local sockets and shared pages
+Text in argv, env, cwd and slices may hold placeholders that only a run can fill:
+    {run}  the run folder, absolute       {rt}  the runtime folder, for local sockets and shared pages
+    {brace}  the character {, before a text that would otherwise be a placeholder
 """
 
 from __future__ import annotations
@@ -57,7 +58,8 @@ class ProcessSpec:
 
     needs: names of the processes that must be READY first.
     ready: condition for READY: `reported` (the process sends READY), `started` (exec succeeded; for programs and tools),
-        `port` (ready_port accepts connections).
+        `port` (the process serves ready_port), `log` (a line of its log matches the regular expression ready_value),
+        `file` (the file ready_value exists), `delay` (ready_value seconds have passed since the start).
     start_timeout_s: longest time from start to READY [s].
     stop_timeout_s: longest time from the stop signal to the exit [s].
     stopped_for_s: kill the process if it is paused by SIGSTOP for this time [s]; None: only report it.
@@ -79,8 +81,9 @@ class ProcessSpec:
     cwd: str = "{run}"
     env: tuple[tuple[str, str], ...] = ()
     needs: tuple[str, ...] = ()
-    ready: Literal["reported", "started", "port"] = "reported"
+    ready: Literal["reported", "started", "port", "log", "file", "delay"] = "reported"
     ready_port: int = 0
+    ready_value: str = ""
     start_timeout_s: float = 30.0
     stop_signal: Literal["SIGTERM", "SIGINT"] = "SIGTERM"
     stop_timeout_s: float = 5.0
@@ -140,10 +143,12 @@ class VehiclePlan:
     port: int
     sdk_port: int
     tools_port: int
-    logger_port: int
     mocap_body: str
     radio: str = "none"
     axes_check: str = ""
+
+
+_REMOVED_KEYS = frozenset({"logger_port"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,6 +160,7 @@ class Plan:
     land: task that lands all vehicles; the supervisor runs it before it stops processes while a vehicle may be flying.
     report: task that the supervisor runs after all processes have stopped.
     yaml: text of the resolved arena.yaml, for the run folder.
+    replay: path of the recorded flight that is played back, "" for a flight. A replay has no vehicle: nothing can fly or land.
     """
 
     name: str
@@ -165,6 +171,12 @@ class Plan:
     land: ProcessSpec | None = None
     report: ProcessSpec | None = None
     yaml: str = ""
+    replay: str = ""
+
+    @property
+    def is_replay(self) -> bool:
+        """True for a replay. A plan with a real vehicle is never treated as one, whatever `replay` says."""
+        return bool(self.replay) and all(v.simulated for v in self.vehicles)
 
     def to_json(self) -> str:
         """Return the plan as JSON, the text of `plan.json`. `from_json` reads the same plan back."""
@@ -175,13 +187,18 @@ class Plan:
         raw = json.loads(text)
         vehicles = tuple(
             VehiclePlan(**{**v, **{link: LinkPlan(**v[link]) for link in ("router", "vision", "panic")}})
-            for v in raw.pop("vehicles")
+            for v in map(_without_removed_keys, raw.pop("vehicles"))
         )
         processes = tuple(_process(p) for p in raw.pop("processes"))
         land, report = (
             _process(raw.pop(key)) if raw.get(key) else raw.pop(key) for key in ("land", "report")
         )
         return cls(vehicles=vehicles, processes=processes, land=land, report=report, **raw)
+
+
+def _without_removed_keys(vehicle: dict[str, Any]) -> dict[str, Any]:
+    """Return a vehicle of plan.json without the keys of older versions of arena."""
+    return {key: value for key, value in vehicle.items() if key not in _REMOVED_KEYS}
 
 
 def _process(raw: dict[str, Any]) -> ProcessSpec:

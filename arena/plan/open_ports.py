@@ -7,14 +7,16 @@ for requests (port 0), and the Unix sockets in the run's private folder.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from arena.constants import MONITOR_PORT
 from arena.mocap.vendors import SocketUse, vendor_settings
 from arena.plan.model import Plan, ProcessSpec
-from arena.schema.ports import PORTS
+from arena.schema.ports import MONITOR, MONITOR_ANSWERS, PORTS
 
+MONITOR_COMMAND, LOOPBACK = ("-m", "arena", "monitor"), "127.0.0.1"
 # (process kind, short name of the port) -> the senders that are accepted
 _ANSWERS = {(binder.kind, port.name): binder.answers for port in PORTS for binder in port.binders}
 
@@ -127,10 +129,25 @@ def _other_sockets(plan: Plan, spec: ProcessSpec, kind: str, slice_: dict[str, A
             what="heartbeats, sent",
             who="no one: it only sends",
         )
+    if kind == "tool" and spec.argv[1:4] == MONITOR_COMMAND:
+        host, port = (_option(spec.argv, name) for name in ("--host", "--port"))
+        yield OpenSocket(
+            process=spec.name,
+            protocol="tcp",
+            address=host or LOOPBACK,
+            port=int(port or MONITOR_PORT),
+            what=MONITOR,
+            who=MONITOR_ANSWERS,
+        )
     if kind == "world":
         yield _local(spec, "{rt}/clock.sock", "the simulation clock")
     if slice_.get("faults"):
         yield _local(spec, str(slice_["faults"]), "fault injection")
+
+
+def _option(argv: Sequence[str], name: str) -> str:
+    """Return the value of an option in a command line; "" without it."""
+    return next((value for key, value in itertools.pairwise(argv) if key == name), "")
 
 
 def _captures(slice_: dict[str, Any]) -> list[dict[str, Any]]:

@@ -14,15 +14,17 @@ from typing import Any
 from arena.mocap.vendors import vendor_settings
 from arena.plan import slices
 from arena.plan.copilot_slice import copilot
-from arena.plan.job import Job, Json, flies_px4_sitl
+from arena.plan.job import Job, Json, flies_px4_sitl, program_args
 from arena.plan.model import Listen, Member, ProcessSpec, Restart
+from arena.plan.sensors_slice import sensors
 from arena.schema import Arena, Vehicle
+from arena.schema.placeholders import variables
 from arena.schema.ports import PORTS
 
 # without this, numpy's threads take the CPU cores that other processes of the arena need
 ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFERED", "1"))
 
-NICE_PROGRAM, NICE_LOGGER = 2, 6
+NICE_PROGRAM, NICE_RECORDER = 2, 1
 NICE_WORLD_REALTIME, NICE_COPILOT_FIRST = -10, -5
 
 REAL_START_TIMEOUT_S = 600.0
@@ -112,11 +114,12 @@ def required_copilot(arena: Arena) -> tuple[str, ...]:
     return ("copilot",) if arena.copilot is not None and arena.copilot.on_loss != "warn" else ()
 
 
-def _logger_needs(job: Job) -> tuple[str, ...]:
-    """Return the names of the processes that must be ready before a logger starts. The logger of a
-    vehicle with a program does not wait for the copilot, because the program waits for both.
+def _recorder_needs(job: Job) -> tuple[str, ...]:
+    """Return the names of the processes that must be ready before the recorder starts. In an arena without programs the recorder
+    needs the copilot, so that the loss of the copilot ends the run. Else the programs need the copilot.
     """
-    return ("router",) if job.v.program is not None else ("router", *required_copilot(job.arena))
+    programs = any(v.program is not None for v in job.arena.vehicles)
+    return (*_world_if_simulated(job), *(() if programs else required_copilot(job.arena)))
 
 
 def _program_needs(job: Job) -> tuple[str, ...]:
@@ -130,21 +133,29 @@ def _group_needs(job: Job) -> tuple[str, ...]:
 def _needs_of_program(job: Job, v: Vehicle) -> tuple[str, ...]:
     poses = (f"forward.{v.name}",) if v.forward else ("world",) if v.simulated else ()
     link = (f"link.{v.name}",) if v.wire is not None else ()
-    return (*poses, *link, "router", *required_copilot(job.arena), f"logger.{v.name}")
+    measured = ("sensors",) if v.has_sensors else ()
+    tools = v.program.needs if v.program is not None else ()
+    return (*poses, *link, "router", *measured, *required_copilot(job.arena), "recorder", *tools)
 
 
 def _program_command(job: Job, name: str) -> tuple[str, ...]:
-    """Return the command line of the user program. A `.py` file runs in arena's Python, any other file as an executable."""
+    """Return the command line of the user program. A `.py` file runs in arena's Python, and any other file as an executable.
+
+    A `.py` file also gets `--uav FILE`. An executable gets only the arguments of the YAML, because it may refuse other options.
+    """
     program = job.v.program
     if program is None:
         raise ValueError(f"cannot make the command line of a program: {job.v.name} has no program")
-    start = (job.python, program.path) if program.path.endswith(".py") else (program.path,)
-    return (*start, "--uav", f"{{run}}/slices/{name}.json", *program.args)
+    args = program_args(job.arena, job.v)
+    if program.is_python:
+        return (job.python, program.path, "--uav", f"{{run}}/slices/{name}.json", *args)
+    return (program.path, *args)
 
 
 def _program_fields(job: Job) -> dict[str, Any]:
     return {
         "cwd": job.arena.folder,
+        "env": (*ENV, *variables(job.arena, job.v)),
         "restart": Restart(mode=job.v.program.restart if job.v.program else "never"),
     }
 
@@ -162,7 +173,7 @@ def _group_fields(job: Job) -> dict[str, Any]:
     }
 
 
-# Nice values are added to the supervisor's own. Programs and loggers have a lower priority than the processes that carry
+# Nice values are added to the supervisor's own. Programs and the recorder have a lower priority than the processes that carry
 # simulated time, poses and messages; this matters when many processes start at once on few cores. A priority above the
 # supervisor's is used only for the world with `sim.realtime`, and for the copilot with `sim.realtime` or hardware.
 # If the system refuses the higher priority, the process keeps the supervisor's.
@@ -229,12 +240,23 @@ TABLE: tuple[ProcessKind, ...] = (
     ProcessKind(
         kind="router",
         module="arena.mavlink_router",
-        purpose="MAVLink router between autopilots, programs, SDKs, ground stations and loggers",
+        purpose="MAVLink router between autopilots, programs, SDKs, ground stations and the recorder",
         needs=_world_if_simulated,
         slice=slices.router,
         cpu_budget=0.4,
         memory_budget_mb=120.0,
         fields={"silent_for_s": SILENT_S},
+    ),
+    ProcessKind(
+        kind="sensors",
+        module="arena.emulated_sensors",
+        purpose="emulated relative sensors: neighbours and beacons, from motion capture or telemetry",
+        exists=lambda job: any(v.has_sensors for v in job.arena.vehicles),
+        needs=lambda job: (*(("world", "mocap") if job.arena.simulated else ()), "router"),
+        slice=sensors,
+        cpu_budget=0.3,
+        memory_budget_mb=150.0,
+        fields={"silent_for_s": SILENT_S, "outlives": False},
     ),
     ProcessKind(
         kind="copilot",
@@ -248,15 +270,14 @@ TABLE: tuple[ProcessKind, ...] = (
         configured=_copilot_fields,
     ),
     ProcessKind(
-        kind="logger",
+        kind="recorder",
         module="arena.recorder",
-        purpose="writes csv/VEHICLE.csv",
-        per_vehicle=True,
-        needs=_logger_needs,
-        slice=slices.logger,
-        cpu_budget=0.15,
-        memory_budget_mb=200.0,
-        fields={"nice": NICE_LOGGER, "stop_timeout_s": 10.0},
+        purpose="writes flight.mcap, the record of the flight",
+        needs=_recorder_needs,
+        slice=slices.recorder,
+        cpu_budget=0.3,
+        memory_budget_mb=250.0,
+        fields={"nice": NICE_RECORDER, "stop_timeout_s": 10.0},
     ),
     ProcessKind(
         kind="program",
@@ -314,10 +335,10 @@ def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
         kind=row.kind,
         vehicle=vehicle.name if vehicle else None,
         argv=row.command(job, name) if row.command else argv,
-        env=ENV,
         needs=row.needs(job),
         listens=tuple(_group_listens(job) if job.group else listens(job.arena, row.kind, vehicle)),
         **{
+            "env": ENV,
             "cpu_budget": row.cpu_budget,
             "memory_budget_mb": row.memory_budget_mb,
             **fields,

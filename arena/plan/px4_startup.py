@@ -7,7 +7,7 @@ from typing import Any
 
 from arena.errors import InputError
 from arena.params.facts.parameter_table import parameters, versions
-from arena.schema import Vehicle
+from arena.schema import Arena, Vehicle
 from arena.schema.library import data_folder
 from arena.vehicle_models import VEHICLE_MODELS
 
@@ -61,6 +61,22 @@ def _airframe(v: Vehicle) -> dict[str, float]:
     rotors = len(v.profile.rotors)
     outputs = {f"PWM_MAIN_FUNC{k + 1}": _MOTOR_1 + k for k in range(rotors)}
     return {"MAV_TYPE": VEHICLE_MODELS[v.profile.vehicle_class].mav_type(rotors), **outputs}
+
+
+def xrce_environment(arena: Arena, v: Vehicle) -> dict[str, str]:
+    """Return the environment variables that connect a PX4 SITL to the agent of `tools.microxrce`; {} without an agent.
+
+    PX4's startup script (v1.14 and newer) reads them: namespace of the topics, port of the agent, and domain. It sets UXRCE_DDS_KEY
+    to the number of the PX4 instance, so every vehicle has a session of its own.
+    """
+    agent = next((tool.microxrce for tool in arena.tools.values() if tool.microxrce is not None), None)
+    if agent is None:
+        return {}
+    return {
+        "PX4_UXRCE_DDS_NS": v.name,
+        "PX4_UXRCE_DDS_PORT": str(agent.port),
+        "ROS_DOMAIN_ID": str(agent.domain),
+    }
 
 
 def reset_by_startup(params: Mapping[str, float | int], version: str) -> dict[str, float | int]:

@@ -22,10 +22,12 @@ def arena_yaml(arena: Arena, fleet: Fleet | None = None) -> str:
             "world": arena.world.as_dict(),
             "sim": arena.sim.as_dict(),
             "mocap": _mocap(arena),
+            "log": arena.log.as_dict(),
             "preflight": arena.preflight.as_dict(),
             **({"px4": {"home": arena.px4.home}} if arena.px4 else {}),
             **({"copilot": arena.copilot.as_dict()} if arena.copilot else {}),
             **({"geofence": arena.geofence.slice()} if arena.geofence else {}),
+            **({"beacons": dict(arena.beacons)} if arena.beacons else {}),
             "tools": {name: tool.as_dict(without_none=True) for name, tool in arena.tools.items()},
             "vehicles": {v.name: _vehicle(v, fleet[v.name]) for v in arena.vehicles},
         }
@@ -53,7 +55,8 @@ def _vehicle(v: Vehicle, firmware: Firmware) -> dict[str, Any]:
         "forward": v.forward,
         "pose_rate_hz": v.pose_rate_hz,
         "program": program,
-        "neighbours": v.neighbours,
+        "neighbours": {**v.neighbour_sensor.as_dict(), "vehicles": v.neighbours},
+        "beacon_sensor": None if v.beacon_sensor is None else v.beacon_sensor.as_dict(without_none=True),
         "tools": {name: tool.as_dict(without_none=True) for name, tool in v.tools.items()},
         "px4_version": v.px4_version or None,
         "params": firmware.values,
@@ -63,7 +66,14 @@ def _vehicle(v: Vehicle, firmware: Firmware) -> dict[str, Any]:
 
 def _program(program: Program) -> dict[str, Any]:
     group = {"group": program.group, "run": "once" if program.once else "each"} if program.group else {}
-    return {"path": program.path, "args": list(program.args), "restart": program.restart, **group}
+    return {
+        "path": program.path,
+        "args": list(program.args),
+        "restart": program.restart,
+        "clock": program.clock,
+        "needs": list(program.needs),
+        **group,
+    }
 
 
 def _mocap(arena: Arena) -> dict[str, Any]:

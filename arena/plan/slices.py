@@ -9,14 +9,14 @@ import math
 
 from arena.mocap.vendors import vendor_settings
 from arena.params.facts.failsafe_table import rc_priority_modes
-from arena.plan.job import Address, Job, Json, autopilot_ends, link_of, partner_end
-from arena.plan.px4_startup import hitl_params, px4_params, px4_scripts, reset_by_startup
+from arena.plan.job import Address, Job, Json, autopilot_ends, link_of, partner_end, program_args
+from arena.plan.program_sensors import program_sensors
+from arena.plan.px4_startup import hitl_params, px4_params, px4_scripts, reset_by_startup, xrce_environment
 from arena.schema import Arena, Vehicle
-from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE
+from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, RECORDER, SENSORS
 from arena.vehicle_models import VEHICLE_MODELS
 
-CLOCK, TRUTH = "{rt}/clock", "{rt}/truth"
-LOG_RATE_HZ = 30.0
+CLOCK, TRUTH, PATHS = "{rt}/clock", "{rt}/truth", "{rt}/paths"
 POSE_STALE_S = 0.1
 PROGRAM_STALE_S = 0.5
 
@@ -31,6 +31,7 @@ def world(job: Job) -> Json:
         "seed": w.seed,
         "size_m": list(w.size),
         "ceiling": w.ceiling,
+        "obstacles": [o.slice() for o in arena.obstacles],
         "heading_deg": w.heading_deg,
         "origin": _origin(arena),
         "physics_hz": s.physics_hz,
@@ -43,6 +44,7 @@ def world(job: Job) -> Json:
         "wind_m_s": list(w.wind_m_s),
         "gusts_m_s": w.gusts_m_s,
         "downwash": w.downwash,
+        "ulog": "{run}/ulog" if arena.log.ulog else None,
         "vehicles": [_body(job, v) for v in arena.simulated],
     }
 
@@ -107,6 +109,7 @@ def px4(job: Job) -> Json:
         "clock": CLOCK,
         "params": params,
         "scripts": px4_scripts(given),
+        "env": xrce_environment(arena, v),
     }
 
 
@@ -219,6 +222,7 @@ def forward(job: Job) -> Json:
         "stale_s": POSE_STALE_S,
         "noise": _noise(arena),
         "origin": _origin(arena),
+        "origin_alt_m": arena.world.origin.alt_m if v.autopilot == "builtin" else 0.0,
         "link": partner_end(link_of(arena, v, "vision")),
         "clock": _clock(v),
         "simulated": v.simulated,
@@ -236,6 +240,8 @@ def router(job: Job) -> Json:
         "vehicles": [_routed(arena, v) for v in arena.vehicles],
         "gcs_local": [arena.address, LINK_BASE],
         "gcs": gcs,
+        "recorder": recorder_address(arena),
+        "sensors": [arena.address, SENSORS],
         "heartbeat": True,
         "simulated": not arena.hardware,
         "faults": _faults(arena, "router"),
@@ -262,8 +268,8 @@ def _routed(arena: Arena, v: Vehicle) -> Json:
         "link": partner_end(link_of(arena, v, "router")),
         "serve": [here, ports.serve],
         "clients": clients,
-        "logger": [here, ports.logger],
         "tools": [here, ports.tools],
+        "sensors": [here, ports.sensors_router] if v.has_sensors else None,
     }
 
 
@@ -279,46 +285,78 @@ def _needs_operator(arena: Arena, v: Vehicle) -> bool:
     return not v.simulated and (configured or not arena.preflight.params)
 
 
-def logger(job: Job) -> Json:
-    """Return the configuration (slice) of a vehicle's logger."""
-    arena, v = job.arena, job.v
+def recorder(job: Job) -> Json:
+    """Return the configuration (slice) of the process that records the arena."""
+    arena = job.arena
+    found = (
+        (simulated, capture(arena, None, simulated=simulated))
+        for simulated in (True, False)
+        if any(v.simulated is simulated for v in arena.vehicles)
+    )
     return {
-        "name": f"logger.{v.name}",
-        "vehicle": v.name,
+        "name": "recorder",
+        "arena": arena.name,
+        "size_m": list(arena.world.size),
+        "fence": None if arena.geofence is None else arena.geofence.slice(),
+        "obstacles": [o.slice() for o in arena.obstacles],
+        "vehicles": [_recorded(arena, v) for v in arena.vehicles],
+        "listen": recorder_address(arena),
+        "captures": [{**settings, "simulated": simulated} for simulated, settings in found if settings],
+        "truth": TRUTH if arena.simulated else None,
+        "rate_hz": arena.log.rate_hz,
+        # simulation time, or Unix time as soon as one vehicle is real
+        "clock": None if arena.hardware else CLOCK,
+        "folder": "{run}",
+        "paths": PATHS,
+        "foxglove": None if arena.foxglove is None else list(arena.foxglove),
+    }
+
+
+def _recorded(arena: Arena, v: Vehicle) -> Json:
+    return {
+        "name": v.name,
         "id": v.id,
         "body": v.mocap_body,
         "index": arena.simulated.index(v) if v.simulated else None,
-        "listen": [arena.address, v.ports.logger],
-        "capture": capture(arena, [v.mocap_body], simulated=v.simulated),
-        "truth": TRUTH if v.simulated else None,
-        "clock": _clock(v),
-        "rate_hz": LOG_RATE_HZ,
-        "folder": "{run}/csv",
-        "simulated": v.simulated,
+        "autopilot": v.autopilot,
+        "profile": v.profile.name,
+        "shape": {
+            "rotors_m": [list(rotor.position_m) for rotor in v.profile.rotors],
+            "radius_m": v.profile.radius_m,
+            "height_m": v.profile.height_m,
+            "rotor_radius_m": v.profile.rotor_radius_m,
+        },
+        "serve": [arena.address, v.ports.serve],
+        "tools": [arena.address, v.ports.tools],
     }
+
+
+def recorder_address(arena: Arena) -> Address:
+    """Return the address to which the router sends copies of all messages, and programs their references."""
+    return [arena.address, RECORDER]
 
 
 def program(job: Job) -> Json:
     """Return the content of the file that a vehicle's program receives with the option `--uav`."""
     arena, v = job.arena, job.v
-    neighbours = [{"name": n, "body": arena.vehicle(n).mocap_body} for n in v.neighbours if n != v.name]
-    kept = ("mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve")
+    kept = ("name", "mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve")
     return {
         "name": f"program.{v.name}",
         "vehicle": v.name,
         "id": v.id,
         "link": f"udpin:{arena.address}:{v.ports.program}",
-        "capture": _captures(arena, v),
+        "capture": capture(arena, [v.mocap_body], simulated=v.simulated),
         "body": v.mocap_body,
         "clock": _clock(v),
         "profile": {k: x for k, x in v.profile.slice().items() if k in kept},
-        "neighbours": neighbours,
+        **program_sensors(arena, v, PROGRAM_STALE_S),
         "stale_s": PROGRAM_STALE_S,
         "heartbeat": heartbeat_address(arena),
-        "log": [arena.address, v.ports.logger],
+        "log": recorder_address(arena),
         "run": "{run}",
         "barriers": "{rt}/barriers",
         "programs": [x.name for x in arena.vehicles if x.program is not None and not x.program.once],
+        "backend": v.backend,
     }
 
 
@@ -338,11 +376,7 @@ def group(job: Job) -> Json:
         "members": [
             {
                 "vehicle": v.name,
-                "argv": [
-                    "--uav",
-                    f"{{run}}/slices/program.{v.name}.json",
-                    *(v.program.args if v.program else ()),
-                ],
+                "argv": ["--uav", f"{{run}}/slices/program.{v.name}.json", *program_args(job.arena, v)],
             }
             for v in vehicles
         ],
@@ -353,16 +387,3 @@ def group(job: Job) -> Json:
 def heartbeat_address(arena: Arena) -> Address | None:
     """Return the copilot's address, to which programs send heartbeats, or None if there is no copilot."""
     return [arena.address, COPILOT] if arena.copilot is not None else None
-
-
-def _captures(arena: Arena, v: Vehicle) -> Json | list[Json] | None:
-    """Return the settings of the motion capture receivers for the vehicle and its neighbours: a dict for
-    one receiver, a list for several, None for none.
-    """
-    seen = [v, *(arena.vehicle(n) for n in v.neighbours if n != v.name)]
-    found = []
-    for simulated in (v.simulated, not v.simulated):
-        bodies = [x.mocap_body for x in seen if x.simulated is simulated]
-        one = capture(arena, bodies, simulated=simulated) if bodies else None
-        found += [one] if one is not None else []
-    return found if len(found) > 1 else found[0] if found else None

@@ -8,14 +8,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from arena.obstacles import Obstacle
 from arena.schema.copilot import Copilot
 from arena.schema.failsafe import Failsafe
+from arena.schema.log_keys import LogKeys
 from arena.schema.measured import Measured
 from arena.schema.mocap import Mocap
-from arena.schema.models import Preflight, Radio, RestartMode, Sim, Tool, World
-from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, Port, VehiclePorts
+from arena.schema.models import Preflight, Radio, Sim, World
+from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, RECORDER, SENSORS, Port, VehiclePorts
 from arena.schema.profile import Profile
+from arena.schema.relative_sensors import BeaconSensor, Neighbours
 from arena.schema.source import Source
+from arena.schema.tools import RestartMode, Tool
 from arena.transport import ConnectionUrl
 
 Value = object
@@ -88,6 +92,8 @@ class Program:
     path: absolute path of the program.
     group: name of the group whose programs run in one process; "" for a process of its own.
     once: whether one program flies all vehicles of the group.
+    clock: `simulation` if the program follows simulation time, `wall` if it uses the wall clock.
+    needs: names of tools that must be ready first.
     """
 
     path: str
@@ -95,6 +101,13 @@ class Program:
     restart: RestartMode = "never"
     group: str = ""
     once: bool = False
+    clock: Literal["wall", "simulation"] = "simulation"
+    needs: tuple[str, ...] = ()
+
+    @property
+    def is_python(self) -> bool:
+        """True for a Python file (.py), which arena's Python runs. False for another executable."""
+        return self.path.endswith(".py")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,6 +126,9 @@ class Vehicle:
     overrides: mass and sensor noise from the YAML that replace the profile's.
     wind_m_s: wind at this vehicle [m/s] [NED]; None: the world's wind.
     forward: whether a pose forwarder sends poses to the autopilot, pose_rate_hz times per second.
+    backend: library with which the program's `UAV` sends setpoints and commands.
+    neighbours: names of the other vehicles that the sensor for neighbours measures, without the vehicle itself.
+    neighbour_sensor: settings of this sensor.  beacon_sensor: settings of the sensor for beacons; None: no such sensor.
     wire: connection to a real flight controller; None if the autopilot runs on this computer.
     uid: hardware uid of the real flight controller in hexadecimal digits; "none": it reports no uid; "": any.
     sticks: whether a simulated vehicle has an RC transmitter.
@@ -139,7 +155,10 @@ class Vehicle:
     forward: bool
     pose_rate_hz: float
     program: Program | None
-    neighbours: tuple[str, ...]
+    backend: Literal["mavlink", "mavsdk"] = "mavlink"
+    neighbours: tuple[str, ...] = ()
+    neighbour_sensor: Neighbours = field(default_factory=Neighbours.model_construct)
+    beacon_sensor: BeaconSensor | None = None
     tools: Mapping[str, Tool]
     wire: ConnectionUrl | None = None
     uid: str = ""
@@ -155,10 +174,17 @@ class Vehicle:
 
         port: row of the port table. address: the arena's address.
         """
+        if port.key == "sensors_router" and not self.has_sensors:
+            return None
         if port.key != "wire":
             return address, getattr(self.ports, port.key)
         wire = self.wire
         return (wire.host, wire.port) if wire is not None and wire.kind == "udpin" else None
+
+    @property
+    def has_sensors(self) -> bool:
+        """True if the vehicle has an emulated relative sensor."""
+        return bool(self.neighbours) or self.beacon_sensor is not None
 
     @property
     def has_rc(self) -> bool:
@@ -180,6 +206,7 @@ class Arena:
     address: numeric address that all local sockets bind.
     px4: the PX4 SITL in use; None if no vehicle uses PX4 SITL.
     geofence: None if the arena has no geofence.
+    beacons: name -> position [m] [NED].
     source: the YAML with the line of each value, for the messages of later checks.
     origins: dotted key -> value and its source, for `arena plan --explain`.
     """
@@ -191,6 +218,7 @@ class Arena:
     world: World
     sim: Sim
     mocap: Mocap
+    log: LogKeys
     preflight: Preflight
     tools: Mapping[str, Tool]
     vehicles: tuple[Vehicle, ...]
@@ -199,6 +227,7 @@ class Arena:
     geofence: Fence | None = None
     failsafe: Failsafe
     landing_speed_m_s: float | None = None
+    beacons: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     source: Source = field(compare=False, repr=False)
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
 
@@ -210,6 +239,12 @@ class Arena:
     def simulated(self) -> tuple[Vehicle, ...]:
         """Vehicles with a body in the simulated world. The world's arrays have one row per vehicle in this order."""
         return tuple(v for v in self.vehicles if v.simulated)
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Obstacles in the room, in the order of the YAML."""
+        bodies = (given.body(name) for name, given in self.world.obstacles.items())
+        return tuple(body for body in bodies if body is not None)
 
     @property
     def groups(self) -> dict[str, tuple[Vehicle, ...]]:
@@ -235,8 +270,20 @@ class Arena:
             return None if vehicle is None else vehicle.port_address(port, self.address)
         numbers = {
             "ground_stations": LINK_BASE,
+            "recorder": RECORDER,
             "copilot": COPILOT if self.copilot is not None else None,
             "ground_station": GROUND_STATION,
+            "sensors": SENSORS if any(v.has_sensors for v in self.vehicles) else None,
         }
+        if port.key == "foxglove":
+            return self.foxglove
+        if port.key == "monitor":
+            return None  # the page takes the next port if this one is taken
         number = numbers[port.key]
         return None if number is None else (self.address, number)
+
+    @property
+    def foxglove(self) -> tuple[str, int] | None:
+        """Address (host, port number) of the WebSocket for Foxglove; None without one."""
+        shown = self.log.foxglove
+        return None if shown is None else (shown.address or self.address, shown.port)

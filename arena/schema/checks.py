@@ -16,7 +16,10 @@ from arena.schema.arena import Arena, Vehicle
 from arena.schema.checking import Check
 from arena.schema.checks_fence import fence
 from arena.schema.checks_groups import GROUPS
+from arena.schema.checks_obstacles import obstacles
+from arena.schema.checks_placeholders import placeholders
 from arena.schema.checks_real import REAL
+from arena.schema.checks_sensors import SENSORS
 from arena.schema.checks_vehicle import VEHICLE
 from arena.schema.loader import YamlPath
 from arena.schema.mocap import keys_of_other_vendors
@@ -282,11 +285,14 @@ _CHECKS = (
     *REAL,
     *VEHICLE,
     *GROUPS,
+    placeholders,
+    *SENSORS,
     _ids,
     _ports,
     _port_range,
     _start,
     fence,
+    obstacles,
     _overlap,
     _rates,
     _capture,

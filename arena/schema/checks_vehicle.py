@@ -1,4 +1,4 @@
-"""Cross-checks of the keys of one vehicle: program, parameters, sensors, neighbours.
+"""Cross-checks of the keys of one vehicle: program, parameters, sensors.
 
 The functions read files only through `Files`, which tests replace.
 """
@@ -82,21 +82,6 @@ def _syntax(c: Check, v: Vehicle, path: Path) -> Iterator[Problem]:
         yield c.problem(v.name, ("program",), f"{path.name} cannot be read: {error.strerror}.")
 
 
-def _neighbours(c: Check) -> Iterator[Problem]:
-    names = [v.name for v in c.arena.vehicles]
-    for v in c.arena.vehicles:
-        common = not c.source.given(("vehicles", v.name, "neighbours"))
-        for i, other in enumerate(v.neighbours):
-            if other == v.name and not common:
-                yield c.problem(
-                    v.name, ("neighbours", i), f"got {other!r}, which is the vehicle itself. Remove it."
-                )
-            elif other not in names:
-                yield c.problem(
-                    v.name, ("neighbours", i), f"got {other!r}, expected a vehicle. {near(other, names)}"
-                )
-
-
 def _bodies(c: Check) -> Iterator[Problem]:
     for a, b in itertools.combinations(c.arena.vehicles, 2):
         if a.mocap_body == b.mocap_body:
@@ -133,4 +118,4 @@ def _params(c: Check) -> Iterator[Problem]:
             )
 
 
-VEHICLE = (_gps_and_sticks, _overrides, _programs, _neighbours, _bodies, _gcs, _params)
+VEHICLE = (_gps_and_sticks, _overrides, _programs, _bodies, _gcs, _params)

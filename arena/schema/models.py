@@ -17,9 +17,13 @@ from arena.schema.base import Address, NotNegative, Port, Positive, PositiveVect
 from arena.schema.copilot import Copilot
 from arena.schema.failsafe import Failsafe, Geofence
 from arena.schema.hardware_uid import HardwareUid
+from arena.schema.log_keys import LogKeys
 from arena.schema.measured import Measured
 from arena.schema.mocap import Mocap
+from arena.schema.obstacle import Obstacle
+from arena.schema.relative_sensors import BeaconSensor, Neighbours, neighbours_value
 from arena.schema.signing import Signing
+from arena.schema.tools import KNOWN, RestartMode, Tool, Words, known_tools
 
 
 def _speed(value: Any) -> float | Literal["max"]:
@@ -41,7 +45,9 @@ def _program(value: Any) -> Any:
         return value
     if isinstance(value, str):
         return {"path": value}
-    raise ValueError("expected a path, or a mapping with the keys path, args, restart, group and run")
+    raise ValueError(
+        "expected a path, or a mapping with the keys path, args, restart, clock, needs, group and run"
+    )
 
 
 Speed = Annotated[
@@ -49,10 +55,8 @@ Speed = Annotated[
     BeforeValidator(_speed),
     WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0, "maximum": 1000}, {"const": "max"}]}),
 ]
-Words = tuple[str, ...]
 Radio = Literal["required", "none"]
 AxesCheck = Literal["required", "none"]
-RestartMode = Literal["never", "on_failure", "always"]
 GroupName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 
@@ -85,6 +89,8 @@ class World(Strict):
     """Steady wind: north, east, down [m/s]."""
     gusts_m_s: NotNegative = 0.0
     """Random gusts (Dryden, MIL-F-8785C): wind speed 6 m above the ground that makes them [m/s]. Light 8, moderate 15, severe 23."""
+    obstacles: dict[str, Obstacle] = Field(default_factory=dict)
+    """Fixed obstacles of the room, by name. A simulated vehicle that touches an obstacle has crashed."""
     downwash: NotNegative = 1.0
     """Factor of the downwash between simulated vehicles whose profile has `downwash` [-]. 0: none."""
 
@@ -143,32 +149,22 @@ class Host(Strict):
     """User name for the login."""
 
 
-class Tool(Strict):
-    """A program that `arena up` starts in addition to the vehicles' programs."""
-
-    argv: Annotated[Words, Field(min_length=1)]
-    """The command and its arguments, as a list."""
-    env: dict[str, str] = Field(default_factory=dict)
-    """Environment variables to add."""
-    cwd: str | None = None
-    """Folder in which the command runs. Default: the folder of arena.yaml."""
-    restart: RestartMode = "never"
-    """When to start the process again after it has ended."""
-    needs: Words | None = None
-    """Names of processes that must be ready first. Default: the router."""
-
-
 class Program(Strict):
     """The user's program of one vehicle."""
 
     path: str
     """Path of the program, relative to arena.yaml."""
     args: Words = ()
-    """Command-line arguments."""
+    """Command-line arguments. They can contain [placeholders](placeholders.md) such as `{mavlink_url}`."""
     restart: RestartMode = "never"
     """When to start the process again after it has ended."""
+    needs: Words = ()
+    """Names of tools that must be ready first, such as `tool.bag`, in addition to the processes that serve the vehicle."""
     group: GroupName | None = None
     """Name of a group: the programs of all vehicles of a group run in one process. The program must be a Python file."""
+    clock: Literal["wall", "simulation"] | None = None
+    """Time that the program uses: `simulation` for `arena.UAV` and others that follow simulation time. With `wall`, `sim.speed` is 1.
+    Default: `simulation` for a `.py` file, `wall` for another executable."""
     run: Literal["each", "once"] = "each"
     """`each`: the program runs once for each vehicle of the group. `once`: it runs once and flies all of them (`UAV.all_from_args`)."""
 
@@ -219,7 +215,8 @@ class VehicleDefaults(Strict):
     gps: bool | None = None
     """true: a simulated PX4 has GPS reception. Default false."""
     sticks: bool | None = None
-    """true: a simulated vehicle has an RC transmitter, with centred sticks. Default false."""
+    """true: a simulated vehicle has an RC transmitter, with centred sticks, and ignores joysticks. Default false: a person may fly it
+    with a joystick of a ground station or with `arena fly`."""
     radio: Radio | None = None
     """The pilot's RC transmitter of a hardware vehicle. Default `required`: without RC and a tested kill switch it does not arm."""
     forward: bool | None = None
@@ -227,11 +224,15 @@ class VehicleDefaults(Strict):
     pose_rate_hz: Positive | None = None
     """Poses per second to the autopilot; must divide mocap.rate_hz. Default: the highest divisor up to 60."""
     program: Annotated[Program | None, BeforeValidator(_program)] = None
-    """The user's program: a path, or a mapping with the keys path, args, restart, group and run. Default: none."""
+    """The user's program: a path, or a mapping with the keys path, args, restart, clock, needs, group and run. Default: none."""
     args: Words | None = None
-    """Arguments of the program."""
-    neighbours: Words | None = None
-    """Names of vehicles whose poses the program reads."""
+    """Arguments of the program. They can contain [placeholders](placeholders.md) such as `{mass_kg}`."""
+    backend: Literal["mavlink", "mavsdk"] | None = None
+    """Library with which the program's `UAV` sends setpoints and commands: pymavlink or MAVSDK. Default `mavlink`."""
+    neighbours: Annotated[Neighbours | None, BeforeValidator(neighbours_value)] = None
+    """Sensor for other vehicles: a list of their names, or a mapping with the keys vehicles, source, rate_hz and noise. Default: none."""
+    beacon_sensor: BeaconSensor | None = None
+    """Sensor for `beacons`: distances and directions. Default: none; `beacon_sensor: {}` measures all beacons."""
     tools: dict[str, Tool] | None = None
     """Commands that run beside this vehicle."""
 
@@ -272,6 +273,8 @@ class ArenaFile(Strict):
     """The simulation."""
     mocap: Mocap = Mocap.model_construct()
     """The motion capture."""
+    log: LogKeys = LogKeys.model_construct()
+    """The log of a flight."""
     px4: Px4Keys = Px4Keys.model_construct()
     """The PX4 for vehicles with `autopilot: px4` or `auto`."""
     preflight: Preflight = Preflight.model_construct()
@@ -284,12 +287,15 @@ class ArenaFile(Strict):
     """Box that the vehicles must stay in. Default: none; `geofence: {}` is the whole room."""
     copilot: Copilot | None = None
     """The process that watches the vehicles in flight. Default: none; `copilot: {}` enables all rules with their defaults."""
+    beacons: dict[str, Vector] = Field(default_factory=dict)
+    """Beacons in the room: name -> north, east, down [m]. A vehicle measures them with `beacon_sensor`."""
     hosts: dict[str, Host] = Field(default_factory=dict)
     """Other computers that run part of the arena."""
     defaults: VehicleDefaults = VehicleDefaults.model_construct()
     """Values of vehicle keys for all vehicles. A key under the vehicle itself replaces them."""
-    tools: dict[str, Tool] = Field(default_factory=dict)
-    """Commands that run beside the arena."""
+    tools: Annotated[dict[str, Tool], BeforeValidator(known_tools)] = Field(default_factory=dict)
+    """Commands that run beside the arena. `monitor: true` is the page of `arena monitor`, `ros2: true` the bridge to ROS 2,
+    `microxrce: true` the agent for PX4's ROS 2 topics."""
     vehicles: Annotated[dict[str, VehicleKeys], Field(min_length=1)]
     """The vehicles, by name. A name `uav1..uav48` stands for 48 vehicles with the same keys."""
 
@@ -301,21 +307,21 @@ NOT_YET: Mapping[tuple[str, str | None], str] = {
 """Keys and values of the models that are not available yet: (dotted key, value or None for every value) -> what to use instead."""
 
 _SENSORS = "Simulated vehicles have an IMU, a barometer, a magnetometer and GPS"
-_EMPTY_ROOM = "The simulated room is empty; walls, floor and ceiling follow from `world.size`"
 PLANNED_KEYS: Mapping[str, str] = {
     "camera": _SENSORS,
     "cameras": _SENSORS,
     "host": "Everything runs on this computer",
     "lidar": _SENSORS,
-    "objects": _EMPTY_ROOM,
-    "obstacles": _EMPTY_ROOM,
-    "payload_kg": "Set `mass_kg` of the vehicle",
     "rangefinder": _SENSORS,
-    "ray": "Everything runs on this computer",
-    "ros": "Use MAVLink at the vehicle's SDK port",
-    "ros2": "Use MAVLink at the vehicle's SDK port",
 }
-"""Keys that a user may look for and that do not exist yet -> what to use instead."""
+"""Keys of features that do not exist yet -> what to use instead."""
+OTHER_NAMES: Mapping[str, str] = {
+    "objects": "Use `world.obstacles`",
+    "payload_kg": "Set `mass_kg` of the vehicle",
+    "ray": "Give the Ray cluster with `arena campaign --cluster ADDRESS`",
+    "ros": "Write `tools: {ros2: true}`, or use MAVLink at the vehicle's SDK port",
+}
+"""Keys that a user may look for and that do not exist, because the feature has another name -> what to use."""
 PLANNED_VALUES: Mapping[tuple[str, str], str] = {
     ("autopilot", "ardupilot"): "Use px4 or builtin",
     ("source", "qualisys"): "Use emulator or natnet",
@@ -329,7 +335,22 @@ def json_schema() -> dict[str, Any]:
     from arena.schema.descriptions import add_descriptions
 
     made = ArenaFile.model_json_schema()
+    own = {name for name in KNOWN if name.capitalize() in made["$defs"]}
     add_descriptions(made, ArenaFile)
+    made["properties"]["tools"]["properties"] = {
+        name: {
+            "anyOf": [
+                {"type": "boolean"},
+                {"$ref": f"#/$defs/{name.capitalize() if name in own else 'Tool'}"},
+            ]
+        }
+        for name in KNOWN
+    }
     for name in ("VehicleKeys", "VehicleDefaults"):
         made["$defs"][name]["properties"]["program"]["anyOf"].insert(0, {"type": "string"})
+        made["$defs"][name]["properties"]["neighbours"]["anyOf"].insert(
+            0, {"type": "array", "items": {"type": "string"}}
+        )
+    shown = made["$defs"]["LogKeys"]["properties"]["foxglove"]["anyOf"]
+    shown[:0] = [{"type": "boolean"}, {"type": "integer", "minimum": 1024, "maximum": 65535}]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": "arena.yaml"}

@@ -9,10 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from arena.constants import MONITOR_PORT
+
 PROGRAM_BASE = 16000
 SDK_ABOVE = 6000
 LINK_BASE = 24000
-COPILOT = LINK_BASE + 1
+COPILOT, RECORDER, SENSORS = LINK_BASE + 1, LINK_BASE + 2, LINK_BASE + 3
 GROUND_STATION = 14550
 MOST_ID = 250
 
@@ -30,7 +32,7 @@ class VehiclePorts:
     panic_autopilot: int
     panic_land_all: int
     tools: int
-    logger: int
+    sensors_router: int
     serve: int
     simulator: int
 
@@ -78,6 +80,10 @@ class Port:
         return next((binder for binder in self.binders if binder.kind == kind), None)
 
 
+MONITOR = "monitor page"
+MONITOR_ANSWERS = (
+    "browsers of the same user and of root; at an address other than loopback: browsers with the token"
+)
 _THIS_COMPUTER = "this computer only"
 _YAML_ADDRESSES = "the addresses that the YAML names"
 _PARTNER = "its fixed partner only"
@@ -130,11 +136,11 @@ PORTS: tuple[Port, ...] = (
     ),
     _link(
         7,
-        "logger",
-        "the logger",
-        "log stream",
-        Binder(kind="logger", answers="no one: it only receives"),
-        use="the vehicle's MAVLink, for the log",
+        "sensors_router",
+        "the router",
+        "sensors",
+        Binder(kind="router", answers="the process `sensors` only"),
+        use="messages of the emulated relative sensors",
     ),
     _link(
         8,
@@ -142,7 +148,7 @@ PORTS: tuple[Port, ...] = (
         "the router",
         "programs",
         Binder(kind="router", answers=_YAML_ADDRESSES),
-        use="the router's socket for program, SDK and logger",
+        use="the router's socket for program and SDK",
     ),
     Port(
         key="simulator",
@@ -172,6 +178,15 @@ PORTS: tuple[Port, ...] = (
         binders=(Binder(kind="router", answers=_YAML_ADDRESSES),),
     ),
     Port(
+        key="recorder",
+        rule=str(RECORDER),
+        name="record",
+        owner="the recorder",
+        use="copies of all MAVLink messages that the router passes on; references and planned paths that programs publish",
+        per_vehicle=False,
+        binders=(Binder(kind="recorder", answers="no one: it only receives"),),
+    ),
+    Port(
         key="copilot",
         rule=str(COPILOT),
         name="heartbeats of programs",
@@ -183,6 +198,35 @@ PORTS: tuple[Port, ...] = (
                 kind="copilot", answers="no one: it counts heartbeats; vehicles reach it through the router"
             ),
         ),
+    ),
+    Port(
+        key="sensors",
+        rule=str(SENSORS),
+        name="emulated sensors",
+        owner="the process `sensors`",
+        use="telemetry to the emulated relative sensors, and their measurements to the router; only in arenas with such sensors",
+        per_vehicle=False,
+        binders=(Binder(kind="sensors", answers="no one: it receives telemetry from the router"),),
+    ),
+    Port(
+        key="foxglove",
+        rule="8765, or `log.foxglove.port`",
+        name="Foxglove",
+        owner="the recorder",
+        use="WebSocket for Foxglove, TCP; only with `log.foxglove`",
+        per_vehicle=False,
+        protocol="tcp",
+        binders=(Binder(kind="recorder", answers="anyone who reaches its address; it accepts no commands"),),
+    ),
+    Port(
+        key="monitor",
+        rule=f"{MONITOR_PORT}, or the next free one",
+        name=MONITOR,
+        owner="the monitor",
+        use="page of `arena monitor` and `tools: {monitor: true}`, TCP",
+        per_vehicle=False,
+        protocol="tcp",
+        binders=(Binder(kind="tool", answers=MONITOR_ANSWERS),),
     ),
     Port(
         key="ground_station",

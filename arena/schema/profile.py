@@ -180,6 +180,12 @@ class Profile(Strict):
         """Motor command u (0 to 1) at which the static thrust equals the weight: PX4's MPC_THR_HOVER."""
         return round(self.curve.static_command(self.mass_kg * GRAVITY_M_S2), 4)
 
+    @property
+    def rotor_radius_m(self) -> float | None:
+        """Radius of the propellers [m], from the section `downwash` of the profile, else from its ground effect; None if it has neither."""
+        given = self.downwash or self.ground_effect
+        return None if given is None else given.rotor_radius_m
+
     def problems(self) -> list[str]:
         """Return one sentence for each error: `num_rotors` differs from the list of rotors, or full thrust does not lift the mass."""
         found = []

@@ -7,22 +7,26 @@ Later layers win: built-in defaults, profile, `defaults`, the vehicle's own keys
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from arena.mocap.vendors import vendor_settings
 from arena.schema.arena import Arena, Autopilot, Fence, Origin, Program, Px4, Vehicle
 from arena.schema.base import Strict
 from arena.schema.library import with_overrides
 from arena.schema.loader import YamlPath, dotted
-from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
+from arena.schema.models import ArenaFile, Sim, Start, VehicleKeys
 from arena.schema.ports import MOST_ID, vehicle_ports
 from arena.schema.profile import Profile
 from arena.schema.px4 import STAND_IN
 from arena.schema.ranges import place_in_grid
+from arena.schema.relative_sensors import BeaconSensor, Neighbours
 from arena.schema.source import Source
+from arena.schema.tools import Tool
 from arena.transport import DEFAULT_BAUD, ConnectionUrl, parse_url
+
+Section = TypeVar("Section", bound=Strict)
 
 DEFAULT_PROFILE = "iris"
 MOST_POSE_RATE_HZ = 60.0
@@ -43,7 +47,7 @@ def resolve(
     """
     folder = Path(source.document.file).absolute().parent
     origins: dict[str, Origin] = {}
-    for key in ("address", "world", "sim", "mocap", "preflight", "failsafe", "landing_speed_m_s"):
+    for key in ("address", "world", "sim", "mocap", "log", "preflight", "failsafe", "landing_speed_m_s"):
         _trace(origins, source, (key,), getattr(model, key))
     if model.copilot is not None:
         _trace(origins, source, ("copilot",), model.copilot)
@@ -74,14 +78,16 @@ def resolve(
         _Merge(model, source, profiles, origins, v, folder, px4, files).vehicle(ids[v])
         for v in model.vehicles
     )
+    sim = _speed_of_programs(model.sim, vehicles, origins)
     return Arena(
         name=name,
         file=source.document.file,
         folder=str(folder),
         address=model.address,
         world=model.world,
-        sim=model.sim,
+        sim=sim,
         mocap=model.mocap,
+        log=model.log,
         preflight=model.preflight,
         tools=model.tools,
         copilot=model.copilot,
@@ -90,9 +96,27 @@ def resolve(
         geofence=fence,
         failsafe=model.failsafe,
         landing_speed_m_s=model.landing_speed_m_s,
+        beacons=model.beacons,
         source=source,
         origins=origins,
     )
+
+
+def wall_clock_programs(vehicles: Sequence[Vehicle]) -> list[str]:
+    """Return the names of the simulated vehicles whose programs use the wall clock. They need `sim.speed` 1."""
+    return [v.name for v in vehicles if v.simulated and v.program is not None and v.program.clock == "wall"]
+
+
+def _speed_of_programs(sim: Sim, vehicles: Sequence[Vehicle], origins: dict[str, Origin]) -> Sim:
+    """Return the settings of the simulation with speed 1 if a program uses the wall clock, else unchanged.
+
+    At another speed such a program would send setpoints at a wrong rate of simulated time, so that the offboard failsafe acts.
+    """
+    programs = wall_clock_programs(vehicles)
+    if not programs or sim.speed == 1.0:
+        return sim
+    _note(origins, "sim.speed", 1.0, f"rule: the program of {programs[0]} uses the wall clock")
+    return sim.model_copy(update={"speed": 1.0})
 
 
 def fence_of(model: ArenaFile) -> Fence | None:
@@ -163,6 +187,7 @@ class _Merge:
         asked = self._take("autopilot", "auto")
         autopilot = self._autopilot(asked)
         start = self._start()
+        near = self._section("neighbours", Neighbours)
         forward = bool(self._take("forward", True))
         gps, sticks = bool(self._take("gps", False)), bool(self._take("sticks", False))
         rate = self._take(
@@ -196,7 +221,10 @@ class _Merge:
             forward=forward,
             pose_rate_hz=float(rate),
             program=self._program(),
-            neighbours=self._take("neighbours", ()),
+            backend=self._take("backend", "mavlink"),
+            neighbours=tuple(n for n in near.vehicles if n != name),
+            neighbour_sensor=near,
+            beacon_sensor=self._beacon_sensor(),
             tools=self._tools(),
         )
 
@@ -245,6 +273,28 @@ class _Merge:
         """
         path = ("vehicles", self.name, key)
         return self._note(key, value, self.source.origin(path) if self.source.given(path) else words)
+
+    def _beacon_sensor(self) -> BeaconSensor | None:
+        if self.own.beacon_sensor is None and self.common.beacon_sensor is None:
+            return None
+        return self._section("beacon_sensor", BeaconSensor)
+
+    def _section(self, section: str, model: type[Section]) -> Section:
+        """Return a section of the vehicle, merged key by key: the vehicle's own keys win over those under `defaults`."""
+        layers: dict[str, Any] = {}
+        own, common = getattr(self.own, section), getattr(self.common, section)
+        for key, field in model.model_fields.items():
+            layers[key], words = field.default, "default"
+            for layer, path in (
+                (common, ("defaults", section)),
+                (own, ("vehicles", self.name, section)),
+            ):
+                if layer is not None and key in layer.model_fields_set:
+                    inner = (*path, key)
+                    place = inner if self.source.given(inner) else path
+                    layers[key], words = getattr(layer, key), self.source.origin(place)
+            self._note(f"{section}.{key}", layers[key], words)
+        return model.model_construct(**layers)
 
     def _start(self) -> Start:
         layers: dict[str, Any] = {}
@@ -317,6 +367,8 @@ class _Merge:
             restart=given.restart,
             group=given.group or "",
             once=given.run == "once",
+            needs=given.needs,
+            clock=given.clock or ("simulation" if path.suffix == ".py" else "wall"),
         )
 
     def _tools(self) -> dict[str, Tool]:
@@ -336,6 +388,9 @@ def _trace(origins: dict[str, Origin], source: Source, path: YamlPath, value: An
     if isinstance(value, Strict):
         for key in type(value).model_fields:
             _trace(origins, source, (*path, key), getattr(value, key))
+    elif isinstance(value, dict) and value:
+        for key, each in value.items():
+            _trace(origins, source, (*path, key), each)
     else:
         _note(origins, dotted(path), value, source.origin(path))
 

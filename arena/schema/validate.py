@@ -19,7 +19,7 @@ from pydantic_core import ErrorDetails
 from arena.errors import Problem
 from arena.schema.base import Strict
 from arena.schema.loader import YamlPath, dotted
-from arena.schema.models import PLANNED_KEYS, PLANNED_VALUES
+from arena.schema.models import OTHER_NAMES, PLANNED_KEYS, PLANNED_VALUES
 from arena.schema.source import Source, as_list, near, show
 
 _MOST_ROUNDS = 20
@@ -100,6 +100,8 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
     type_, got = detail["type"], detail["input"]
     if type_ == "extra_forbidden" and path[-1] in PLANNED_KEYS:
         return f"{path[-1]} is not available yet. {PLANNED_KEYS[str(path[-1])]}."
+    if type_ == "extra_forbidden" and path[-1] in OTHER_NAMES:
+        return f"unknown key. {OTHER_NAMES[str(path[-1])]}."
     if isinstance(got, str) and (path[-1], got) in PLANNED_VALUES:
         return f"{got} is not available yet. {PLANNED_VALUES[str(path[-1]), got]}."
     if type_ == "extra_forbidden":

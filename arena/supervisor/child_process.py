@@ -47,6 +47,7 @@ class Child:
     channel: the supervisor's end of the status socket; None once the other end is closed.
     garbage: number of packets that were not JSON objects.
     log: its log file; /dev/null if the file could not be opened, so that nobody waits for its disk.
+    log_start: size of the log file when the process was started [byte].
     cut: how often the log file was shortened.
     cpu_s: CPU time of the process and its children [s]; 0 until `reap` returns an Exit.
     stopped: name of the signal that paused it, found by the last `reap`; "" if not paused. A pause by a debugger does
@@ -59,6 +60,7 @@ class Child:
     log: Path
     channel: socket.socket | None
     garbage: int = 0
+    log_start: int = 0
     cut: int = 0
     cpu_s: float = 0.0
     stopped: str = ""
@@ -161,7 +163,8 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
     """
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     output = _open_log(log)
-    is_file = stat.S_ISREG(os.fstat(output).st_mode)
+    opened = os.fstat(output)
+    is_file = stat.S_ISREG(opened.st_mode)
     variables = {SOCKET_VARIABLE: str(theirs.fileno()), RUN: run, PROCESS: spec.name}
     try:
         ours.setblocking(False)
@@ -188,6 +191,7 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
         start_s=proc_fs.start_time(popen.pid) or 0.0,
         log=log if is_file else Path(os.devnull),
         channel=ours,
+        log_start=opened.st_size,
         _popen=popen,
     )
 

@@ -1,10 +1,12 @@
 """The control socket of a running arena. Requests and replies are one JSON object per line.
 
     {"do": "ps"}                       -> {"name": ..., "processes": {...}, "facts": {...}, ...}
+    {"do": "view"}                     -> the same; a viewer repeats this request, so it does not mean that an operator is present
     {"do": "restart", "name": "x", "yes": false}  -> {"ok": true}
     {"do": "arm_permit", "vehicles": ["uav1"], "by": "alice"}  -> {"ok": true}
     {"do": "preflight", "vehicle": "uav1", "by": "alice", "stop": false}  -> {"ok": true}
     {"do": "forget", "vehicle": "uav1", "by": "name"}  -> {"ok": true}
+    {"do": "replay", "pause": true, "seek_s": 12.5, "speed": 2.0}  -> {"ok": true}; each of the three keys may be missing
     {"do": "down", "now": false}       -> {"ok": true}
     {"do": "subscribe"}                -> {"ok": true}, then {"say": "..."} for every line that the run shows, until its end
 The reply to any other line is {"error": "..."}. The server never waits for a client: a client that does not read its

@@ -37,7 +37,7 @@ class LandingTask:
         self.task: SideTask | None = None
         self._begin()
         self.landed = True
-        self.summary = "nothing was flying"
+        self.summary = "no vehicle had to be landed"
         self._down: Mapping[str, str] = {}
         self._pilots: set[str] = set()
         self._pilot_flew = False

@@ -30,6 +30,8 @@ from arena.supervisor.arm_permit import Confirmation
 from arena.supervisor.axes_check import body_requests
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
+from arena.supervisor.load_log import FILE_NAME as LOADS_FILE
+from arena.supervisor.load_log import LoadLog
 from arena.supervisor.messages import Level, Message, no_such_process
 from arena.supervisor.meters import RealTimeMeter
 from arena.supervisor.operator_presence import OperatorPresence, at_terminal
@@ -37,6 +39,7 @@ from arena.supervisor.permits import Permits
 from arena.supervisor.process_set import Orders, ProcessSet
 from arena.supervisor.process_state import ENDED, State
 from arena.supervisor.release_task import ReleaseTask
+from arena.supervisor.replay_request import replay_packet
 from arena.supervisor.run_end import Cause, End
 from arena.supervisor.run_folder import Member, RunFolder
 from arena.supervisor.run_options import Options, Show
@@ -76,6 +79,7 @@ class Supervisor:
             vehicles=[v.name for v in plan.vehicles],
             time_s=self._real_time.time_s,
         )
+        self._loads = LoadLog(folder.path / LOADS_FILE, self._files, self._real_time.time_s)
         self._control: ControlServer | None = None
         self._processes = ProcessSet(plan, folder, self._log, self._selector)
         self._orders = Orders()
@@ -111,6 +115,7 @@ class Supervisor:
             self._control = None
             self._selector.close()
             self._log.close()
+            self._loads.close()
             self._files.submit(self.folder.close)
             self._files.flush(_FLUSH_S)
         return self._result.exit_code
@@ -123,6 +128,8 @@ class Supervisor:
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """Return the reply to one request of the control socket. Raises ValueError when the request is refused."""
         now = time.monotonic()
+        if request.get("do") == "view":  # a viewer asks by itself, so this is no sign of an operator
+            return self.status()
         self._operator.on_command(now)
         match request.get("do"):
             case "ps":
@@ -134,28 +141,32 @@ class Supervisor:
                 self._release.begin(
                     [str(v) for v in request.get("vehicles") or ()], str(request.get("by")), now
                 )
-                return {"ok": True}
             case "arm_permit":
                 self._require_run(f"no arm permit: the arena is {self.phase}, so no vehicle may arm")
                 self._permits.grant([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
-                return {"ok": True}
             case "preflight":
                 vehicle, stop = str(request.get("vehicle")), request.get("stop") is True
                 self._permits.check_axes(vehicle, str(request.get("by")), stop=stop)
-                return {"ok": True}
             case "forget":
                 self._shutdown.forget(str(request.get("vehicle")), str(request.get("by")), now)
-                return {"ok": True}
+            case "replay":
+                names, packet = replay_packet(self.plan, request)
+                self._processes.request(packet, to=names)
             case "down":
-                at_once = request.get("now") is True
-                if at_once and not self._shutdown.at_once and self._shutdown.landing.task is not None:
-                    self._shutdown.landing.task.stop("arena down --now")  # it lands simulated vehicles too
-                self._shutdown.at_once |= at_once
-                self._request_end(Cause.DOWN, hurry=at_once)
-                return {"ok": True}
-        raise ValueError(
-            f"got request {request.get('do')!r}, expected ps, restart, release, arm_permit, preflight, forget, down or subscribe"
-        )
+                self._down(at_once=request.get("now") is True)
+            case other:
+                raise ValueError(
+                    f"got request {other!r}, expected ps, view, restart, release, arm_permit, preflight, forget, "
+                    "replay, down or subscribe"
+                )
+        return {"ok": True}
+
+    def _down(self, *, at_once: bool) -> None:
+        """End the run. at_once: land real vehicles only."""
+        if at_once and not self._shutdown.at_once and self._shutdown.landing.task is not None:
+            self._shutdown.landing.task.stop("arena down --now")  # it lands simulated vehicles too
+        self._shutdown.at_once |= at_once
+        self._request_end(Cause.DOWN, hurry=at_once)
 
     def status(self) -> dict[str, Any]:
         """Return the status of the run, as `arena ps --json` prints it."""
@@ -164,6 +175,7 @@ class Supervisor:
             "name": self.plan.name,
             "run": str(self.folder.path),
             "phase": str(self.phase) if self._all_started or self.phase is not Phase.RUN else "starting",
+            "replay": self.plan.replay,
             "pid": os.getpid(),
             "up_s": round(now - self._began, 1),
             "time_s": self._real_time.time_s(),
@@ -192,6 +204,7 @@ class Supervisor:
         if now >= self._next_sample:
             self._next_sample = now + 1.0
             self._processes.sample(now)
+            self._loads.add(self._processes.loads())
             self._report_operator(now)
             for link, packet in body_requests(self.plan, self._processes.stats):
                 self._processes.request(packet, to=[link])
@@ -244,7 +257,7 @@ class Supervisor:
         elif limit is not None and now - self._began >= limit:
             self._begin_end(Cause.TIME_LIMIT, f"the time limit of {limit:g} s has passed")
         elif self.options.until_done and self._is_quiet(now):
-            self._begin_end(Cause.DONE, "every program has ended and every vehicle is disarmed")
+            self._begin_end(Cause.DONE, run_end.done_words(self.plan))
         else:
             self._report_started(now)
             self._permits.use_confirmation(now, self._all_started)
@@ -297,7 +310,7 @@ class Supervisor:
         if first:
             self._begin_end(
                 cause,
-                f"{cause} --now: stopping" if self._shutdown.at_once else f"{cause}: landing, then stopping",
+                run_end.end_words(self.plan, cause, at_once=self._shutdown.at_once),
             )
         if self.phase is Phase.REPORT and self._result.task is not None and hurry:
             self._result.task.stop()

@@ -1,6 +1,6 @@
 """Rows of the process table for members: parts of the arena and programs that share one process. Pure.
 
-A simulated arena can run as one process, `fused`: its members are the world, motion capture, router and loggers. The process of
+A simulated arena can run as one process, `fused`: its members are the world, motion capture, router and recorder. The process of
 a group has the programs of several vehicles as its members.
 """
 

@@ -84,15 +84,15 @@ def event_level(text: str) -> Level:
 
 
 class VehicleChanges:
-    """Converter from facts, such as `uav1.armed: true`, to lines, such as `uav1: armed, OFFBOARD`."""
+    """Converter from the state of vehicles, such as `uav1.armed: true`, to lines for people, such as `uav1: armed, OFFBOARD`."""
 
     def __init__(self) -> None:
         self._known: dict[str, dict[str, Any]] = {}
 
     def on_facts(self, facts: Mapping[str, Any]) -> list[Message]:
-        """Return the lines for the facts that have changed since the last call.
+        """Return a line for each change of a vehicle since the last call: armed, mode, on the ground or in the air, connected.
 
-        facts: values that a process has sent in one packet, `<vehicle>.<name>` -> value.
+        facts: state of vehicles that a process has sent in one packet: `<vehicle>.<name>` -> value, such as `uav1.armed` -> True.
         """
         new: dict[str, dict[str, Any]] = {}
         for key, value in facts.items():

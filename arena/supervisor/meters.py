@@ -19,12 +19,13 @@ class RealTimeMeter:
     """Meter of the simulated time of a run, and of its real-time factor: simulated seconds per second of wall time."""
 
     def __init__(self, plan: Plan, folder: RunFolder) -> None:
-        world = plan.slices.get("world.json", {})
+        world = plan.slices.get("world.json") or plan.slices.get("replay.json", {})
         stem, asked = world.get("clock"), world.get("speed", 1.0)
         self._stem = folder.fill(stem) if isinstance(stem, str) else None
         self._asked = float(asked) if isinstance(asked, int | float) else None
         self._clock: SimTime | None = None
         self._began = time.monotonic()
+        self._measures = not plan.is_replay  # a replay can be paused and moved
         self._first: tuple[float, float] | None = None
         self._last = (0.0, 0.0)
 
@@ -42,7 +43,7 @@ class RealTimeMeter:
         """Measure the simulated time, from which `result` computes the real-time factor. Called about once a second while the
         world runs. now: monotonic [s].
         """
-        if self._stem is not None and (time_s := self.time_s()) is not None:
+        if self._measures and self._stem is not None and (time_s := self.time_s()) is not None:
             self._first = self._first or (now, time_s)
             self._last = (now, time_s)
 

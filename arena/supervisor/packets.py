@@ -14,7 +14,7 @@ MAX_NAMES = 2000
 def reporter(spec: ProcessSpec, packet: Mapping[str, Any]) -> tuple[str, str]:
     """Return name and kind of the sender of a packet: the process, or one of its members.
 
-    A process can run several members: the router, world and loggers of a simulated arena, or the programs of a group of
+    A process can run several members: the router, world and recorder of a simulated arena, or the programs of a group of
     vehicles. The key `of` of a packet names the member that has sent the packet.
     """
     for member in spec.members if "of" in packet else ():

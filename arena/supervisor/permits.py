@@ -48,15 +48,23 @@ class Permits:
             self._show(f"{name}: not connected, so it has no arm permit; later run `arena arm-permit {name}`")
 
     def grant(self, vehicles: Sequence[str], by: str) -> None:
-        """Give an arm permit to vehicles. Raises ValueError if one of them cannot get it. by: who permits it."""
+        """Give an arm permit to vehicles. Raises ValueError, which names each vehicle whose link process did not receive it.
+
+        If one of the vehicles must not get a permit, none gets it. by: who permits it.
+        """
         check_permit(self._real(), vehicles)
-        for vehicle in vehicles:
-            packet = {**permit_request(vehicle, by), "expires": time.monotonic() + CONFIRM_S}
-            if self._processes.request(packet, to=[f"link.{vehicle}"]):
-                raise ValueError(
-                    f"{vehicle}: no arm permit: link.{vehicle} has ended or hangs, so it did not receive the permit. Wait until "
-                    f"`arena ps` shows it as READY, then repeat `arena arm-permit {vehicle}`"
-                )
+        failed = [vehicle for vehicle in vehicles if not self._send(vehicle, by)]
+        if failed:
+            links = ", ".join(f"link.{vehicle}" for vehicle in failed)
+            raise ValueError(
+                f"{', '.join(failed)}: no arm permit: {links} has ended or hangs, so it did not receive the permit. Wait until "
+                f"`arena ps` shows it as READY, then repeat `arena arm-permit {' '.join(failed)}`"
+            )
+
+    def _send(self, vehicle: str, by: str) -> bool:
+        """Send a permit to the link process of a vehicle. Return whether the process received it."""
+        packet = {**permit_request(vehicle, by), "expires": time.monotonic() + CONFIRM_S}
+        return not self._processes.request(packet, to=[f"link.{vehicle}"])
 
     def check_axes(self, vehicle: str, by: str, *, stop: bool) -> None:
         """Start the axes check of a vehicle, or stop it. Raises ValueError if it cannot be checked. by: who checks it."""

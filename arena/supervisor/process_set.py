@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from arena.plan.model import Plan, ProcessSpec
-from arena.supervisor import child_process, messages, proc_fs, run_end
+from arena.supervisor import child_process, messages, run_end
 from arena.supervisor.child_process import Child, last_line
 from arena.supervisor.event_log import EventLog
 from arena.supervisor.member_rows import member_rows
@@ -22,6 +22,7 @@ from arena.supervisor.messages import VehicleChanges
 from arena.supervisor.meters import Meter
 from arena.supervisor.packets import program_ended, reporter, within_limit
 from arena.supervisor.process_state import ALIVE, ENDED, Action, Exit, Observation, ProcessStatus, State, step
+from arena.supervisor.readiness import proof_of
 from arena.supervisor.release import restore_requests
 from arena.supervisor.run_folder import Member, RunFolder
 
@@ -96,7 +97,7 @@ class ProcessSet:
         self._fact_source: dict[str, str] = {}
         self._names: dict[str, set[str]] = {}  # process -> names of its facts
         self._ready: set[str] = set()
-        self._members = {m.name for s in self.specs.values() if s.kind == "world" for m in s.members}
+        self._members = {m.name for s in self.specs.values() if not s.is_program for m in s.members}
         self._silent_s: dict[str, float] = {}
         self._reconciled_at: float | None = None
         self._loading: dict[str, float] = {}
@@ -159,6 +160,10 @@ class ProcessSet:
         for name, child in self.children.items():
             self.meters[name].sample(child.pid, now)
 
+    def loads(self) -> dict[str, tuple[float, float]]:
+        """Return process -> (CPU use as a fraction of one core [-], resident memory [MB]) at the last sample."""
+        return {name: (self.meters[name].now_cpu, self.meters[name].now_mb) for name in self.children}
+
     def cut_logs(self, now: float) -> None:
         """Cut every log file that is longer than the limit (see `Child.cut_log`). now: monotonic [s]."""
         for name, child in self.children.items():
@@ -183,7 +188,8 @@ class ProcessSet:
             if spec.silent_for_s is None:
                 return _NOTHING
             return Observation(silent_s=self._silent_s.get(name, 0.0))
-        needs = [(self.specs[n], self.statuses[n]) for n in spec.needs if n in self.specs]
+        names = run_end.needs_of(spec, self.specs, restart=status.started > 0)
+        needs = [(self.specs[name], self.statuses[name]) for name in names]
         restart = name in self._restarts
         self._restarts.discard(name)
         # Only first starts wait for a free core. A restart never waits, because it may happen in flight.
@@ -193,7 +199,7 @@ class ProcessSet:
             and all(run_end.is_usable(*need) for need in needs)
             and all(n in self._ready for n in spec.needs if n in self._members),
             needs_dead=next((need.name for need, its in needs if run_end.is_dead(need, its)), ""),
-            proof=self._proof(name, spec) if status.state is State.STARTING else "",
+            proof=proof_of(self.children.get(name), status, now, reported=name in self._ready),
             exit=exit,
             stopped=stopped,
             starts_on=orders.starts_on or name in orders.keep,
@@ -203,14 +209,6 @@ class ProcessSet:
             restart=restart,
             why="restart requested" if restart and orders.starts_on else orders.why,
         )
-
-    def _proof(self, name: str, spec: ProcessSpec) -> str:
-        if spec.ready == "reported":
-            return "reported ready" if name in self._ready else ""
-        if spec.ready == "started":
-            return "started" if name in self.children else ""
-        served = name in self.children and proc_fs.serves_port(self.children[name].pid, spec.ready_port)
-        return f"serves port {spec.ready_port}" if served else ""
 
     def _step(self, spec: ProcessSpec, observation: Observation, now: float) -> None:
         before = self.statuses[spec.name]

@@ -73,6 +73,15 @@ def is_usable(spec: ProcessSpec, status: ProcessStatus) -> bool:
     return status.state is State.READY or done
 
 
+def needs_of(spec: ProcessSpec, specs: Mapping[str, ProcessSpec], *, restart: bool) -> list[str]:
+    """Return the processes that must be ready before a process starts, except those that are parts of another process.
+
+    restart: the process was started before. A restart may happen in flight, so it does not need the recorder.
+    """
+    found = [name for name in spec.needs if name in specs]
+    return [name for name in found if not (restart and specs[name].kind == "recorder")]
+
+
 def is_dead(spec: ProcessSpec, status: ProcessStatus) -> bool:
     """Return whether a process has ended or failed and the supervisor does not restart it. A task that ended with exit code 0
     does not count.
@@ -85,11 +94,14 @@ def lost(plan: Plan, statuses: Statuses) -> str:
 
     Lost means that the process has ended and is not restarted.
 
-    A process that serves one vehicle only is ignored, because its end affects only the programs of that vehicle.
+    A process that serves one vehicle only is ignored, because its end affects only the programs of that vehicle. The recorder is
+    ignored, because a flight goes on without a record. A tool is ignored, because it does not serve a flying vehicle.
     """
     needed = {need for spec in plan.processes for need in spec.needs}
+    needed |= {spec.name for spec in plan.processes if spec.kind == "replay"}
     for spec in plan.processes:
-        if spec.name in needed and spec.vehicle is None and is_dead(spec, statuses[spec.name]):
+        vital = spec.name in needed and spec.vehicle is None and spec.kind not in ("recorder", "tool")
+        if vital and is_dead(spec, statuses[spec.name]):
             return f"{spec.name}: {statuses[spec.name].reason}"
     return ""
 
@@ -133,13 +145,32 @@ def is_done(
 ) -> bool:
     """Return whether every program has ended, no process is starting, and every vehicle is disarmed or cannot fly.
 
+    A replay is done when it has reached the end of the record.
     forgotten: vehicles that an operator has declared dead (`arena forget`).
     """
+    if plan.is_replay:
+        return any(
+            stats.get(s.name, {}).get("finished") is True for s in plan.processes if s.kind == "replay"
+        )
     programs = all(statuses[s.name].state in ENDED for s in plan.processes if s.is_program)
     settled = all(statuses[s.name].state in ENDED | {State.READY} for s in plan.processes if s.kind != "tool")
     still = {*grounded(plan, statuses, stats), *forgotten}
     disarmed = all(facts.get(f"{v.name}.armed") is False for v in plan.vehicles if v.name not in still)
     return programs and settled and disarmed
+
+
+def done_words(plan: Plan) -> str:
+    """Return why a run that is done ends, as text."""
+    if plan.is_replay:
+        return "the replay has reached the end of the record"
+    return "every program has ended and every vehicle is disarmed"
+
+
+def end_words(plan: Plan, cause: Cause, *, at_once: bool) -> str:
+    """Return what happens when the user ends a run, as text. at_once: without a landing of simulated vehicles."""
+    if at_once:
+        return f"{cause} --now: stopping"
+    return f"{cause}: stopping" if plan.is_replay else f"{cause}: landing, then stopping"
 
 
 def settle_s(plan: Plan, stats: Stats) -> float:
@@ -173,7 +204,10 @@ def may_fly(
 
     A vehicle whose `armed` is unknown may fly if the last value was true or if any program has run. A simulated vehicle
     does not fly without its world. A real vehicle that has sent no facts at all was never commanded by this run.
+    In a replay nothing flies, whatever the recorded messages say.
     """
+    if plan.is_replay:
+        return []
     world_gone = is_world_gone(plan, statuses)
     programs_ran = any(statuses[s.name].started for s in plan.processes if s.is_program)
     flying, still = [], grounded(plan, statuses, stats)
@@ -189,8 +223,10 @@ def may_fly(
 def armed(plan: Plan, statuses: Statuses, facts: Mapping[str, Any], stats: Stats = _NO_STATS) -> set[str]:
     """Return the armed vehicles, as the router reports them, and for real vehicles also their link processes.
 
-    Reports of processes that have ended do not count.
+    Reports of processes that have ended do not count. In a replay no vehicle is armed: the reports are recorded.
     """
+    if plan.is_replay:
+        return set()
     found = {v.name for v in plan.vehicles if facts.get(f"{v.name}.armed") is True}
     links = [s for s in plan.processes if s.kind == "link" and statuses[s.name].state in ALIVE]
     return found | {s.vehicle for s in links if s.vehicle and stats.get(s.name, {}).get("armed") is True}

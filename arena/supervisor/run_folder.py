@@ -11,6 +11,7 @@ import contextlib
 import dataclasses
 import json
 import os
+import re
 import shutil
 import time
 from dataclasses import dataclass
@@ -22,10 +23,12 @@ from arena.background_writer import within
 from arena.errors import RunError
 from arena.plan.model import Plan, ProcessSpec
 from arena.run_dirs import RUNTIME_DIR_VARIABLE, pointers, runtime_bases
+from arena.schema.placeholders import OPEN_BRACE, RUN_FOLDER, RUNTIME_FOLDER
 from arena.supervisor import lab_group, proc_fs
 
 RESTORE_TIMEOUT_S = 0.5
 _SOCKET_PATH_BYTES = 107
+_FILLED = re.compile("|".join(map(re.escape, (RUN_FOLDER, RUNTIME_FOLDER, OPEN_BRACE))))
 _LONGEST_SOCKET = "/router.faults"
 
 
@@ -111,8 +114,9 @@ class RunFolder:
         return self.rt / "control.sock"
 
     def fill(self, text: str) -> str:
-        """Return the text with the placeholders `{run}` and `{rt}` replaced by the paths of the two folders."""
-        return text.replace("{run}", str(self.path)).replace("{rt}", str(self.rt))
+        """Return the text with the placeholders `{run}` and `{rt}` replaced by the paths of the two folders, and `{brace}` by `{`."""
+        values = {RUN_FOLDER: str(self.path), RUNTIME_FOLDER: str(self.rt), OPEN_BRACE: "{"}
+        return _FILLED.sub(lambda found: values[found[0]], text)
 
     def spec(self, spec: ProcessSpec) -> ProcessSpec:
         """Return the spec of a process (command, environment, limits) with the placeholders `{run}` and `{rt}` replaced by the
@@ -123,6 +127,7 @@ class RunFolder:
             argv=tuple(map(self.fill, spec.argv)),
             cwd=self.fill(spec.cwd),
             env=tuple((k, self.fill(v)) for k, v in spec.env),
+            ready_value=self.fill(spec.ready_value) if spec.ready == "file" else spec.ready_value,
         )
 
     def log(self, name: str) -> Path:
@@ -190,7 +195,7 @@ def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
     try:
         path = _make_unique(runs.resolve(), f"{stamp}-{plan.name}")
         folder = RunFolder(path=path, rt=_free_runtime(path.name, gid))
-        for sub in ("logs", "slices", "csv", "plots"):
+        for sub in ("logs", "slices", "csv"):
             (path / sub).mkdir()
         (path / "arena.yaml").write_text(plan.yaml)
         (path / "plan.json").write_text(plan.to_json())

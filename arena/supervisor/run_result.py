@@ -1,4 +1,4 @@
-"""The result of a run: writes outcome.json, and runs the report task, which makes summary and plots from it."""
+"""The result of a run: writes outcome.json, and runs the report task, which makes the summary and report.html from it."""
 
 from __future__ import annotations
 
@@ -106,7 +106,8 @@ class RunResult:
         """Start the report task. Return False if there is none, or if it cannot be started."""
         if self._plan.report is None:
             return False
-        self._log.show(Message(text="making the report: summary, logs and plots"))
+        what = "making the report: logs, summary and report.html"
+        self._log.show(Message(text=what if self._plan.report.name == "report" else "writing the logs"))
         begun = SideTask.start(self._plan.report, self._folder, REPORT_TIMEOUT_S, now, _ignore)
         if isinstance(begun, Exit):
             self._event(f"no report: {begun.text}")

@@ -2,7 +2,7 @@
 
 A process serves a vehicle if the vehicle needs it to fly and to land: world, motion capture, PX4, link, pose forwarder, router.
 In the phase LAND, motion capture, links, pose forwarders and router are restarted if they crash or hang. In the phase STOP,
-programs, tools, loggers and the copilot are stopped first. The processes that serve a real vehicle are stopped SETTLE_S after
+programs, tools, the recorder and the copilot are stopped first. The processes that serve a real vehicle are stopped SETTLE_S after
 them, and only while the vehicle is disarmed. If a vehicle becomes armed in STOP, the run returns to LAND.
 """
 

@@ -36,12 +36,14 @@ def header(status: Mapping[str, Any]) -> Text:
     """Return the header line, such as `lab: running, 12 s, real-time factor 0.99`. The factor is yellow below SLOW_FACTOR."""
     rows = status["processes"].values()
     text = Text(f"{status['name']}: {status['phase']}, {status['up_s']:.0f} s", style="bold")
+    if status.get("replay"):
+        text.append(", replayed", style="magenta")
     if status["phase"] == "starting":
         text.append(
             f", {sum(row['starts'] > 0 and row['state'] != 'STARTING' for row in rows)} of {len(rows)} ready"
         )
     for row in rows:
-        rtf = row["stats"].get("rtf") if row["kind"] == "world" else None
+        rtf = row["stats"].get("rtf") if row["kind"] in ("world", "replay") else None
         if rtf is not None:
             text.append(", real-time factor ")
             text.append(f"{rtf:.2f}", style="yellow" if rtf < SLOW_FACTOR else "green")

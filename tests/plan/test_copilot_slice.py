@@ -74,10 +74,11 @@ def test_on_loss_is_who_needs_it_and_whether_it_comes_again(
     plan = planned(tmp_path, f"copilot: {{on_loss: {on_loss}}}")
     assert process(plan, "copilot").restart.mode == restart
     assert ("copilot" in process(plan, "program.uav1").needs) is needed
-    assert (
-        "copilot" in process(plan, "logger.uav2").needs
-    ) is needed  # it has no program that would be lost with it
-    assert "copilot" not in process(plan, "logger.uav1").needs
+    assert "copilot" not in process(plan, "recorder").needs
+    alone = planned(tmp_path, f"copilot: {{on_loss: {on_loss}}}", "vehicles: {uav1: {}}")
+    assert ("copilot" in process(alone, "recorder").needs) is needed, (
+        "without programs another process needs it, so that its loss ends the run"
+    )
 
 
 def test_it_outlives_its_supervisor_and_says_what_it_binds(tmp_path: Path) -> None:

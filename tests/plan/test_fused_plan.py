@@ -53,7 +53,7 @@ def test_fused_plan_with_px4_keeps_its_sockets_and_needs(tmp_path):
     )
     world, px4, program = plan_of(tmp_path, TWO, *sets).processes
     assert (px4.name, px4.needs) == ("px4.uav1", ("world",))
-    assert set(program.needs) == {"world", "px4.uav1", "router", "forward.uav1", "logger.uav1"}
+    assert set(program.needs) == {"world", "px4.uav1", "router", "forward.uav1", "recorder"}
     opened = {x.what for x in world.listens}
     assert {"router link of uav1", "vision link of uav1"} <= opened
     assert not opened & {"router link of uav2", "vision link of uav2"}
@@ -67,7 +67,7 @@ def test_fused_plan_keeps_ports_slices_and_needs(tmp_path):
     world, program = one.processes[0], one.processes[1]
     joined = [p.name for p in many.processes if p.name not in ("world", "program.uav1")]
     assert [m.name for m in world.members] == joined
-    assert program.needs == ("world", "forward.uav1", "router", "logger.uav1")
+    assert program.needs == ("world", "forward.uav1", "router", "recorder")
     assert one.slices["fused.json"] == {"name": "world", "members": ["world", *joined]}
     assert one.slices["world.json"]["expected"] == []
     assert plan_of(tmp_path, TWO, "sim.speed=max").slices["world.json"]["expected"] == ["uav1"]
@@ -90,7 +90,7 @@ def test_accepted_senders_of_every_socket_are_known(tmp_path):
         "tools",
         "programs",
         "ground stations",
-        "log stream",
+        "record",
         "NatNet commands",
         "fault injection",
     }
@@ -99,7 +99,7 @@ def test_accepted_senders_of_every_socket_are_known(tmp_path):
 
 def test_world_does_not_wait_for_programs_that_cannot_use_its_clock(tmp_path):
     (tmp_path / "fly.sh").touch(mode=0o755)
-    plan = plan_of(tmp_path, TWO.replace("fly.py", "fly.sh"), "sim.speed=max")
+    plan = plan_of(tmp_path, TWO.replace("fly.py", "{path: fly.sh, clock: simulation}"), "sim.speed=max")
     assert plan.slices["world.json"]["expected"] == []
 
 

@@ -62,15 +62,20 @@ def test_heartbeat_of_the_router_must_not_disable_a_data_link_failsafe(
 def test_world_and_emulator_have_only_simulated_vehicles(mixed: Plan) -> None:
     assert [v["name"] for v in mixed.slices["world.json"]["vehicles"]] == ["sim"]
     assert mixed.slices["mocap.json"]["bodies"] == [{"name": "sim", "number": 1, "index": 0}]
-    assert (mixed.slices["logger.sim.json"]["index"], mixed.slices["logger.real.json"]["index"]) == (0, None)
+    recorded = mixed.slices["recorder.json"]["vehicles"]
+    assert {v["name"]: v["index"] for v in recorded} == {"real": None, "sim": 0}
 
 
 def test_each_vehicle_is_seen_by_its_own_cameras(mixed: Plan) -> None:
     real, sim = mixed.slices["forward.real.json"]["capture"], mixed.slices["forward.sim.json"]["capture"]
     assert (real["server"], real["local"], real["group"]) == ("10.0.0.5", "10.0.0.2", "239.255.42.99")
     assert (sim["server"], sim["local"]) == ("127.0.0.1", "127.0.0.1")
-    seen = mixed.slices["program.real.json"]["capture"]
-    assert [(c["server"], c["bodies"]) for c in seen] == [("10.0.0.5", ["real"]), ("127.0.0.1", ["sim"])]
+    assert mixed.slices["program.real.json"]["capture"]["bodies"] == ["real"]
+    seen = mixed.slices["sensors.json"]["captures"]
+    assert [(c["server"], c["bodies"], c["simulated"]) for c in seen] == [
+        ("127.0.0.1", ["sim"], True),
+        ("10.0.0.5", ["real"], False),
+    ]
 
 
 def test_emulator_does_not_use_the_group_of_a_real_server(tmp_path: Path) -> None:
@@ -83,10 +88,15 @@ def test_emulator_does_not_use_the_group_of_a_real_server(tmp_path: Path) -> Non
 
 
 def test_hardware_runs_on_the_wall_clock(mixed: Plan) -> None:
-    for room in ("forward", "logger", "program"):
+    for room in ("forward", "program"):
         assert mixed.slices[f"{room}.real.json"]["clock"] is None, room
         assert mixed.slices[f"{room}.sim.json"]["clock"] == "{rt}/clock", room
-    assert mixed.slices["logger.real.json"]["truth"] is None
+    recorder = mixed.slices["recorder.json"]
+    assert (recorder["clock"], recorder["truth"]) == (None, "{rt}/truth")
+    assert [(c["server"], c["simulated"]) for c in recorder["captures"]] == [
+        ("127.0.0.1", True),
+        ("10.0.0.5", False),
+    ]
     assert {v.name: v.simulated for v in mixed.vehicles} == {"real": False, "sim": True}
 
 
@@ -136,7 +146,7 @@ def test_arena_without_simulated_vehicles_has_no_world(tmp_path: Path) -> None:
     alone = MIXED.replace("  sim: {autopilot: builtin, neighbours: [real], program: fly.py}\n", "")
     text = alone.replace("neighbours: [sim], ", "")
     names = [p.name for p in make_plan(arena_of(text, tmp_path)).processes]
-    assert names == ["link.real", "forward.real", "router", "logger.real", "program.real"]
+    assert names == ["link.real", "forward.real", "router", "recorder", "program.real"]
 
 
 def test_hardware_has_a_longer_start_timeout(mixed: Plan) -> None:

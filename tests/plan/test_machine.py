@@ -91,12 +91,12 @@ def test_missing_software_is_named_with_the_command_to_get_it() -> None:
 
 def test_ports_in_use_give_one_line_per_process() -> None:
     held = {("", port): "pid 41 (arena:router)" for port in (24000, 24011, 24016, 24018, 24021)}
-    held |= {("", 17002): "pid 7 (qgroundcontrol)", ("", 24017): ""}
+    held |= {("", 17002): "pid 7 (qgroundcontrol)", ("", 24002): ""}
     another = "Set another `address`, such as 127.0.0.2."
     assert refused(Bench(held=held)) == [
         "arena.yaml: UDP ports 24000, 24011, 24016, 24018 and 1 more of 127.0.0.1, for router, "
         f"in use by pid 41 (arena:router). {another}",
-        f"arena.yaml: UDP port 24017 of 127.0.0.1, for logger.uav1, in use. {another}",
+        f"arena.yaml: UDP port 24002 of 127.0.0.1, for recorder, in use. {another}",
         "arena.yaml: UDP port 17002 of 127.0.0.1, for program.uav2, in use by pid 7 (qgroundcontrol). "
         + another,
     ]
@@ -141,9 +141,9 @@ def test_real_machine_names_the_process_that_holds_a_port() -> None:
     arena, plan = load("address: 127.52.1.1\n" + FLEET)
     check_machine(arena, plan)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held:
-        held.bind(("127.52.1.1", 24017))
+        held.bind(("127.52.1.1", 24002))
         with pytest.raises(
-            InputError, match=rf"24017 of 127.52.1.1, for logger.uav1, in use by pid {os.getpid()} \("
+            InputError, match=rf"24002 of 127.52.1.1, for recorder, in use by pid {os.getpid()} \("
         ):
             check_machine(arena, plan)
     check_machine(arena, plan)
@@ -161,7 +161,7 @@ def test_address_of_another_run_is_skipped_with_its_name() -> None:
 
 
 def test_address_with_a_port_in_use_is_skipped_with_the_process() -> None:
-    choice = choose_address(load()[1], {}, Bench(held={("127.0.0.1", 24017): "pid 7 (x)"}))
+    choice = choose_address(load()[1], {}, Bench(held={("127.0.0.1", 24002): "pid 7 (x)"}))
     assert choice.why == "127.0.0.1 is in use by pid 7 (x): using 127.0.0.2"
     choice = choose_address(load()[1], {}, Bench(held={("127.0.0.1", 1510): ""}))
     assert choice.why == "127.0.0.1 is in use by another process (UDP port 1510): using 127.0.0.2"

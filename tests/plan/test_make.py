@@ -77,11 +77,10 @@ def test_processes_and_their_needs(plan: Plan) -> None:
         "forward.uav1": ("world", "mocap"),
         "forward.uav2": ("world", "mocap"),
         "router": ("world",),
-        "logger.uav1": ("router",),
-        "logger.uav2": ("router",),
-        "logger.uav3": ("router",),
-        "program.uav1": ("forward.uav1", "router", "logger.uav1"),
-        "program.uav2": ("forward.uav2", "router", "logger.uav2"),
+        "sensors": ("world", "mocap", "router"),
+        "recorder": ("world",),
+        "program.uav1": ("forward.uav1", "router", "sensors", "recorder"),
+        "program.uav2": ("forward.uav2", "router", "recorder"),
         "tool.rec": ("router",),
         "tool.uav3.view": ("world",),
     }
@@ -100,7 +99,7 @@ def test_process_names_are_those_of_the_plan(arena: Arena, plan: Plan) -> None:
 
 def test_processes_of_a_flying_vehicle_outlive_the_supervisor(plan: Plan) -> None:
     for spec in plan.processes:
-        assert spec.outlives == (spec.kind in ("world", "mocap", "forward", "router", "logger")), spec.name
+        assert spec.outlives == (spec.kind in ("world", "mocap", "forward", "router", "recorder")), spec.name
 
 
 def test_only_processes_that_can_restart_in_flight_do(plan: Plan) -> None:
@@ -110,7 +109,8 @@ def test_only_processes_that_can_restart_in_flight_do(plan: Plan) -> None:
         "mocap": "on_failure",
         "forward": "on_failure",
         "router": "on_failure",
-        "logger": "on_failure",
+        "sensors": "on_failure",
+        "recorder": "on_failure",
         "program": "never",
         "tool": "never",
     }
@@ -121,7 +121,7 @@ def test_the_commands(plan: Plan, tmp_path: Path) -> None:
     assert process(plan, "world").argv == ("py", "-m", "arena.sim", "{run}/slices/world.json")
     one, two = process(plan, "program.uav1"), process(plan, "program.uav2")
     assert one.argv == ("py", str(tmp_path / "hover.py"), "--uav", "{run}/slices/program.uav1.json", "fast")
-    assert two.argv == (str(tmp_path / "fly"), "--uav", "{run}/slices/program.uav2.json")
+    assert two.argv == (str(tmp_path / "fly"),)
     assert one.cwd == two.cwd == str(tmp_path) and one.ready == "started"
     assert plan.land is not None and plan.land.argv == (
         "py",
@@ -132,7 +132,7 @@ def test_the_commands(plan: Plan, tmp_path: Path) -> None:
     )
     assert (
         plan.report is not None
-        and plan.report.argv == ("py", "-m", "arena.recorder.report", "{run}")
+        and plan.report.argv == ("py", "-m", "arena.report", "{run}")
         and plan.report.nice == 10
     )
     for spec in plan.processes:
@@ -162,21 +162,19 @@ def test_ports_are_those_of_the_architecture_page(plan: Plan) -> None:
         "mocap": [1510],
         "forward.uav1": [24013],
         "forward.uav2": [24023],
-        "router": [24000, 24011, 24016, 24018, 24021, 24026, 24028, 24031, 24036, 24038],
-        "logger.uav1": [24017],
-        "logger.uav2": [24027],
-        "logger.uav3": [24037],
+        "router": [24000, 24011, 24016, 24017, 24018, 24021, 24026, 24028, 24031, 24036, 24038],
+        "sensors": [24003],
+        "recorder": [24002],
         "program.uav1": [16001],
         "program.uav2": [17002],
         "tool.rec": [],
         "tool.uav3.view": [],
     }
     assert plan.land is not None and [x.port for x in plan.land.listens] == [24015, 24025, 24035]
-    assert [(v.port, v.sdk_port, v.tools_port, v.logger_port) for v in plan.vehicles][1] == (
+    assert [(v.port, v.sdk_port, v.tools_port) for v in plan.vehicles][1] == (
         17002,
         23002,
         24026,
-        24027,
     )
     panic = plan.vehicles[0].panic
     assert (panic.autopilot_port, panic.partner_port, panic.autopilot_host) == (24014, 24015, "127.0.0.1")
@@ -188,7 +186,7 @@ def test_no_port_has_two_owners_in_the_largest_arena(tmp_path: Path) -> None:
     plan = make_plan(load_arena(tmp_path / "a.yaml", ["sim.processes=many"]), "py")
     claimed = [x.port for p in (*plan.processes, plan.land) if p for x in p.listens]
     claimed += [p for v in plan.vehicles for p in (v.port, v.sdk_port)] + [1511, 14550]
-    assert len(claimed) == len(set(claimed)) == 250 * 11 + 4
+    assert len(claimed) == len(set(claimed)) == 250 * 10 + 5
 
 
 def test_two_ends_of_a_link_match(plan: Plan) -> None:
@@ -224,10 +222,8 @@ def test_router_serves_own_clients_and_all_ground_stations(plan: Plan) -> None:
         ["10.0.0.5", 22001],
     ]
     assert clients["uav2"] == [["127.0.0.1", 17002], ["127.0.0.1", 23002]]
-    assert slice_["vehicles"][0]["serve"] == ["127.0.0.1", 24018] and slice_["vehicles"][0]["logger"] == [
-        "127.0.0.1",
-        24017,
-    ]
+    assert slice_["vehicles"][0]["serve"] == ["127.0.0.1", 24018]
+    assert slice_["recorder"] == ["127.0.0.1", 24002]
 
 
 def test_slices_have_the_keys_that_processes_read(plan: Plan) -> None:
@@ -239,12 +235,34 @@ def test_slices_have_the_keys_that_processes_read(plan: Plan) -> None:
     assert mocap["bodies"][1] == {"name": "aero2", "number": 2, "index": 1}
     assert mocap["noise"]["position_m"] == pytest.approx(3e-4)
     program = plan.slices["program.uav1.json"]
-    assert program["neighbours"] == [{"name": "uav2", "body": "aero2"}] and program["capture"]["bodies"] == [
-        "uav1",
-        "aero2",
-    ]
+    assert program["neighbours"] == [{"name": "uav2", "id": 2}] and program["capture"]["bodies"] == ["uav1"]
     assert program["link"] == "udpin:127.0.0.1:16001" and program["clock"] == "{rt}/clock"
-    assert set(program["profile"]) == {"mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve"}
-    logger = plan.slices["logger.uav2.json"]
-    assert (logger["index"], logger["body"], logger["listen"]) == (1, "aero2", ["127.0.0.1", 24027])
+    assert set(program["profile"]) == {
+        "name",
+        "mass_kg",
+        "radius_m",
+        "height_m",
+        "num_rotors",
+        "thrust_curve",
+    }
+    assert program["log"] == ["127.0.0.1", 24002]
+    recorder = plan.slices["recorder.json"]
+    assert (recorder["listen"], recorder["clock"], recorder["rate_hz"]) == (
+        ["127.0.0.1", 24002],
+        "{rt}/clock",
+        30.0,
+    )
+    assert recorder["fence"] is None and recorder["foxglove"] is None
+    shape = recorder["vehicles"][1].pop("shape")
+    assert len(shape["rotors_m"]) == 4 and shape["radius_m"] > max(map(abs, shape["rotors_m"][0]))
+    assert recorder["vehicles"][1] == {
+        "name": "uav2",
+        "id": 2,
+        "body": "aero2",
+        "index": 1,
+        "autopilot": "builtin",
+        "profile": plan.vehicles[1].profile,
+        "serve": ["127.0.0.1", 24028],
+        "tools": ["127.0.0.1", 24026],
+    }
     assert "forward.uav3.json" not in plan.slices and plan.slices["forward.uav2.json"]["body"] == "aero2"

@@ -29,6 +29,17 @@ def test_arena_on_the_loopback_opens_nothing(tmp_path, address):
     assert open_lines(plan) == [] and all(opened.local for opened in open_sockets(plan))
 
 
+def test_page_of_the_monitor_is_listed(tmp_path):
+    (page,) = [
+        s for s in open_sockets(plan_of(tmp_path, tools={"monitor": True})) if s.process == "tool.monitor"
+    ]
+    assert (page.protocol, page.address, page.port) == ("tcp", "127.0.0.1", 8480) and page.local
+    argv = ["arena", "monitor", "--host", "0.0.0.0", "--port", "9000"]
+    plan = plan_of(tmp_path, tools={"monitor": {"argv": argv}})
+    (line,) = open_lines(plan)
+    assert line.startswith("open: tcp 0.0.0.0:9000 monitor page (tool.monitor)") and "token" in line
+
+
 def test_every_port_of_the_plan_is_listed_with_its_senders(tmp_path):
     plan = plan_of(tmp_path)
     listed = {(spec.name, x.protocol, x.address, x.port) for spec in plan.processes for x in spec.listens}

@@ -65,7 +65,7 @@ def test_process_kind_is_added_by_one_row_and_one_port(arena: Arena, monkeypatch
         memory_budget_mb=50.0,
     )
     socket = Port(
-        key="logger",
+        key="tools",
         rule="by rule",
         name="beacon",
         owner="the beacon",
@@ -79,5 +79,5 @@ def test_process_kind_is_added_by_one_row_and_one_port(arena: Arena, monkeypatch
     assert (spec.name, spec.vehicle, spec.needs) == ("beacon.uav1", "uav1", ("router",))
     assert spec.argv == ("py", "-m", "arena.beacon", "{run}/slices/beacon.uav1.json")
     assert plan.slices["beacon.uav1.json"] == {"name": "beacon.uav1", "id": 1}
-    assert [(x.port, x.what) for x in spec.listens] == [(24017, "beacon of uav1")]
+    assert [(x.port, x.what) for x in spec.listens] == [(24016, "beacon of uav1")]
     assert "beacon.uav1" in make.process_names(arena)

@@ -264,6 +264,48 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "2: vehicles.uav1.neighbours[0]: ",
         "itself",
     ),
+    "unknown neighbour in a mapping": (
+        "vehicles:\n  uav1:\n    neighbours:\n      vehicles: [uav3]\n",
+        "4: vehicles.uav1.neighbours.vehicles[0]: ",
+        "Did you mean uav1?",
+    ),
+    "neighbour given twice": (
+        "vehicles:\n  uav1: {neighbours: [uav2, uav2]}\n  uav2: {start: {position: [2, 0, 0]}}\n",
+        "2: vehicles.uav1.neighbours[1]: ",
+        "a second time",
+    ),
+    "neighbours as a name": (
+        "vehicles:\n  uav1: {neighbours: uav2}\n",
+        "2: vehicles.uav1.neighbours: ",
+        "list",
+    ),
+    "sensor without beacons": (
+        "vehicles:\n  uav1: {beacon_sensor: {}}\n",
+        "2: vehicles.uav1.beacon_sensor: ",
+        "no beacons",
+    ),
+    "unknown beacon": (
+        "beacons: {door: [3, 0, -2]}\nvehicles:\n  uav1: {beacon_sensor: {beacons: [dor]}}\n",
+        "3: vehicles.uav1.beacon_sensor.beacons[0]: ",
+        "Did you mean door?",
+    ),
+    "beacon with a strange name": (
+        "beacons: {the door: [3, 0, -2]}\nvehicles:\n" + V1,
+        "1: beacons.the door: ",
+        "Rename it",
+    ),
+    "sensor faster than motion capture": (
+        "mocap: {rate_hz: 100}\nvehicles:\n  uav1: {neighbours: {rate_hz: 120, vehicles: [uav2]}}\n"
+        "  uav2: {start: {position: [2, 0, 0]}}\n",
+        "3: vehicles.uav1.neighbours.rate_hz: ",
+        "Try 100",
+    ),
+    "estimates with another origin": (
+        "vehicles:\n  uav1: {neighbours: {source: estimator, vehicles: [uav2]}}\n"
+        "  uav2: {forward: false, start: {position: [2, 0, 0]}}\n",
+        "2: vehicles.uav1.neighbours.source: ",
+        "Try mocap",
+    ),
     "two vehicles on one body": (
         "vehicles:\n  uav1: {}\n  uav2: {mocap_body: uav1, start: {position: [2, 0, 0]}}\n",
         "3: vehicles.uav2.mocap_body: ",

@@ -27,11 +27,38 @@ GOLDEN: dict[str, tuple[str, list[str]]] = {
             "Simulated vehicles have an IMU, a barometer, a magnetometer and GPS."
         ],
     ),
-    "planned key of the world": (
-        "world: {obstacles: []}\n" + V + "{}\n",
+    "objects of the world": (
+        "world: {objects: []}\n" + V + "{}\n",
+        ["arena.yaml:1: world.objects: unknown key. Use `world.obstacles`."],
+    ),
+    "obstacle outside the room": (
+        "world: {obstacles: {wall: {size: [1, 1, 1], position: [4, 0, 0]}}}\n" + V + "{}\n",
         [
-            "arena.yaml:1: world.obstacles: obstacles is not available yet. "
-            "The simulated room is empty; walls, floor and ceiling follow from `world.size`."
+            "arena.yaml:1: world.obstacles.wall.position: is outside the room: got N 4, expected -3.00 .. 3.00."
+        ],
+    ),
+    "obstacle above the ceiling": (
+        "world: {obstacles: {pole: {shape: cylinder, size: [0.2, 3], position: [1, 0, -1]}}}\n" + V + "{}\n",
+        [
+            "arena.yaml:1: world.obstacles.pole.position: is outside the room: its highest point is 4.00 m above the floor, "
+            "the ceiling is at 3 m. Make it smaller, or lower it."
+        ],
+    ),
+    "obstacle with the size of another shape": (
+        "world: {obstacles: {ball: {shape: sphere, size: [1, 1, 1], position: [1, 0, 0]}}}\n" + V + "{}\n",
+        ["arena.yaml:1: world.obstacles.ball.size: got 3 numbers, expected 1 for a sphere: diameter."],
+    ),
+    "obstacle at the start of a vehicle": (
+        "world: {obstacles: {box: {size: [1, 1, 1], position: [0.6, 0, 0]}}}\n" + V + "{}\n",
+        [
+            "arena.yaml:3: vehicles.uav1.start.position: is too near to the obstacle box (arena.yaml:1): got a gap of 0.00 m, "
+            "expected at least 0.05 m. Move one of them."
+        ],
+    ),
+    "colour of an obstacle": (
+        "world: {obstacles: {box: {size: [1, 1, 1], position: [2, 0, 0], colour: red}}}\n" + V + "{}\n",
+        [
+            "arena.yaml:1: world.obstacles.box.colour: got 'red', expected a colour such as '#8d99ae', in quotes"
         ],
     ),
     "planned autopilot": (

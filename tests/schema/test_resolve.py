@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from arena.mocap.vendors import vendor_settings
+from arena.plan import make_plan
 from arena.schema import Arena, load_arena
 
 TWO = """\
@@ -156,3 +157,18 @@ def test_override_may_add_a_collection(folder: Path) -> None:
 def test_folder_means_its_arena_yaml(folder: Path) -> None:
     load(TWO)
     assert load_arena(folder).vehicles == load_arena(folder / "arena.yaml").vehicles
+
+
+@pytest.mark.parametrize(
+    ("overrides", "backends"),
+    [
+        ((), ["mavlink", "mavlink"]),
+        (("defaults.backend=mavsdk",), ["mavsdk", "mavsdk"]),
+        (("defaults.backend=mavsdk", "vehicles.uav2.backend=mavlink"), ["mavsdk", "mavlink"]),
+    ],
+)
+def test_backend_reaches_the_program_of_each_vehicle(
+    folder: Path, overrides: tuple[str, ...], backends: list[str]
+) -> None:
+    slices = make_plan(load(TWO, *overrides)).slices
+    assert [slices[f"program.{name}.json"]["backend"] for name in ("uav1", "uav2")] == backends

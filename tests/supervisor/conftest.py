@@ -66,7 +66,6 @@ def vehicle(name: str = "uav1", simulated: bool = True) -> VehiclePlan:
         port=3,
         sdk_port=4,
         tools_port=5,
-        logger_port=6,
         mocap_body=name,
     )
 
@@ -193,7 +192,8 @@ def start(tmp_path: Path, runtime_dir: Path) -> Iterator[Callable[..., Run]]:
     runs: list[Run] = []
 
     def begin(plan: Plan, *options: str, folder: Path | None = None, **popen: Any) -> Run:
-        runs.append(Run(tmp_path, plan, *options, runs=folder and folder / "runs", **popen))
+        own = tmp_path / f"run{len(runs)}" if runs else tmp_path
+        runs.append(Run(tmp_path, plan, *options, runs=(folder or own) / "runs", **popen))
         return runs[-1]
 
     yield begin

@@ -10,6 +10,7 @@ from arena.cli.arm_permit import vehicle_line
 from arena.plan import Plan, make_plan
 from arena.schema import load_arena
 from arena.supervisor.arm_permit import CONFIRMATION_S, Confirmation, check_permit, real_vehicles
+from arena.supervisor.permits import Permits
 from arena.supervisor.process_state import ProcessStatus, State
 
 ARENA = """
@@ -60,6 +61,29 @@ def test_the_confirmation_is_used_once_when_all_processes_are_ready():
 def test_a_permit_that_cannot_be_granted_is_refused(real, vehicles, message):
     with pytest.raises(ValueError, match=message):
         check_permit(real, vehicles)
+
+
+class DeadLink:
+    """Processes of a run of which one link process does not receive requests."""
+
+    def __init__(self, statuses, dead):
+        self.statuses, self._dead, self.received = statuses, dead, []
+
+    def request(self, packet, *, to):
+        self.received += [name for name in to if name != self._dead]
+        return [name for name in to if name == self._dead]
+
+
+@pytest.mark.parametrize(
+    ("dead", "served", "named"), [("link.uav2", "link.uav3", "uav2"), ("link.uav3", "link.uav2", "uav3")]
+)
+def test_a_dead_link_takes_the_permit_from_its_own_vehicle_only(plan, dead, served, named):
+    statuses = {spec.name: ProcessStatus(since=0.0, state=State.READY) for spec in plan.processes}
+    processes = DeadLink(statuses, dead)
+    permits = Permits(plan, processes, Confirmation("", began=0.0), print)
+    with pytest.raises(ValueError, match=f"^{named}: no arm permit: {dead} has ended or hangs"):
+        permits.grant(["uav2", "uav3"], "ada")
+    assert processes.received == [served]
 
 
 def test_the_operator_sees_what_is_permitted():

@@ -68,7 +68,9 @@ def test_detached_arena_is_controlled_from_other_terminals(terminal):
 
 
 def test_detached_start_reports_its_failure(terminal):
-    up = terminal.up(plan_of(spec("a", "", argv=("/no/such",)), program("p", "sleeps", needs=("a",))))
+    up = terminal.up(
+        plan_of(spec("a", "", kind="copilot", argv=("/no/such",)), program("p", "sleeps", needs=("a",)))
+    )
     assert up.returncode == 1
     assert "could not start: /no/such" in up.stderr
 

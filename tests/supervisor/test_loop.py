@@ -97,11 +97,39 @@ def test_never_ready_process_is_retried_then_fails(start):
 
 
 def test_process_that_dies_is_restarted_up_to_its_limit(start):
-    child = spec("d", "dies_after_ready", restart=Restart(mode="on_failure", limit=3, backoff_s=0.02))
+    child = spec(
+        "d", "dies_after_ready", kind="mocap", restart=Restart(mode="on_failure", limit=3, backoff_s=0.02)
+    )
     run = start(plan_of(child, program("p", "sleeps", needs=("d",))), "until_done")
     assert run.wait() == 1
     assert run.until("d", "STARTING", times=3)
     assert "gave up after 3 starts" in run.until("d", "FATAL")["reason"]
+
+
+def test_program_is_restarted_without_a_recorder_but_does_not_begin_without_one(start):
+    again = Restart(mode="on_failure", backoff_s=0.02)
+    run = start(
+        plan_of(
+            spec("recorder", "good", kind="recorder", restart=Restart(mode="never")),
+            program("p", "sleeps", needs=("recorder",), restart=again),
+        )
+    )
+    run.until("p", "READY")
+    os.kill(run.pid("recorder"), signal.SIGKILL)
+    run.until("recorder", "EXITED")
+    os.kill(run.pid("p"), signal.SIGKILL)
+    run.until("p", "READY", times=2)
+    run.signal(signal.SIGTERM)
+    run.wait()
+    never = start(
+        plan_of(
+            spec("recorder", "dies_at_once", kind="recorder", restart=Restart(mode="never")),
+            program("p", "sleeps", needs=("recorder",), restart=again),
+        ),
+        "until_done",
+    )
+    assert never.wait() == 1
+    assert "needs recorder" in never.until("p", "FATAL")["reason"]
 
 
 def test_failed_forwarder_stops_only_its_own_vehicles_program(start):

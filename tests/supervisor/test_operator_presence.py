@@ -5,8 +5,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 
+from arena.supervisor import run_folder
+from arena.supervisor.loop import Supervisor
 from arena.supervisor.operator_presence import OperatorPresence
+from arena.supervisor.run_options import Options
+from arena.supervisor.terminal import Lines
+
+from .conftest import plan_of, vehicle
 
 CODE = "from arena.supervisor.operator_presence import at_terminal; open({path!r}, 'w').write(str(at_terminal()))"
 
@@ -53,3 +60,12 @@ def test_only_the_foreground_of_a_terminal_counts(tmp_path):
     assert run_in(tmp_path, terminal=True, foreground=True) == "True"
     assert run_in(tmp_path, terminal=True, foreground=False) == "False"
     assert run_in(tmp_path, terminal=False, foreground=False) == "False"
+
+
+def test_viewers_are_no_sign_of_an_operator(tmp_path, runtime_dir):
+    plan = plan_of(vehicles=(vehicle("real", simulated=False),))
+    supervisor = Supervisor(plan, run_folder.create(plan, tmp_path), Lines(), Options())
+    assert supervisor.answer({"do": "view"})["vehicles"] == ["real"]
+    assert not supervisor._operator.present(time.monotonic(), terminal=False, blocked_s=0.0)
+    supervisor.answer({"do": "ps"})
+    assert supervisor._operator.present(time.monotonic(), terminal=False, blocked_s=0.0)

@@ -11,6 +11,7 @@ from arena.supervisor.process_state import Exit, ProcessStatus, State
 from arena.supervisor.run_end import (
     Cause,
     End,
+    armed,
     exit_code,
     failures,
     grounded,
@@ -130,15 +131,25 @@ def test_world_has_time_for_the_last_steps_of_a_repeatable_flight():
 
 def test_run_is_lost_only_with_a_process_that_all_need():
     plan = plan_of(
-        spec("all", "x"),
-        spec("one", "x", vehicle="uav1"),
-        spec("none", "x"),
+        spec("all", "x", kind="router"),
+        spec("one", "x", kind="forward", vehicle="uav1"),
+        spec("none", "x", kind="mocap"),
         program("p", "x", needs=("all", "one")),
     )
     good = dict.fromkeys(("all", "one", "none", "p"), READY)
     assert lost(plan, {**good, "all": GIVEN_UP}) == "all: gave up"
     assert lost(plan, {**good, "all": DONE}) != ""
     assert lost(plan, {**good, "one": GIVEN_UP}) == lost(plan, {**good, "none": GIVEN_UP}) == ""
+
+
+def test_run_is_not_lost_without_a_tool():
+    plan = plan_of(spec("tool.bag", "x", kind="tool"), program("p", "x", needs=("tool.bag",)))
+    assert lost(plan, {"tool.bag": GIVEN_UP, "p": READY}) == ""
+
+
+def test_run_is_not_lost_without_its_recorder():
+    plan = plan_of(spec("recorder", "x", kind="recorder"), program("p", "x", needs=("recorder",)))
+    assert lost(plan, {"recorder": GIVEN_UP, "p": READY}) == ""
 
 
 def test_task_is_usable_after_exit_0():
@@ -208,7 +219,7 @@ def test_restart_of_one_vehicles_process_looks_at_that_vehicle_only():
     assert "uav1 may be flying" in restart_refusal(forwarder, ["uav1", "uav2"])
 
 
-@pytest.mark.parametrize("kind", ["program", "logger", "tool", "copilot"])
+@pytest.mark.parametrize("kind", ["program", "recorder", "tool", "copilot"])
 def test_restart_of_other_processes_is_allowed_in_flight(kind):
     assert restart_refusal(spec("x", "x", kind=kind), ["uav1"]) == ""
 
@@ -216,3 +227,32 @@ def test_restart_of_other_processes_is_allowed_in_flight(kind):
 def test_unconfirmed_landing_fails_every_end():
     for cause, until_done in itertools.product(Cause, (True, False)):
         assert verdict(cause, DONE, landed=False, until_done=until_done) == 1
+
+
+REPLAY = replace(
+    plan_of(spec("replay", "sleeps", kind="replay"), vehicles=(vehicle("uav1"),)),
+    replay="/runs/a/flight.mcap",
+)
+
+
+def test_nothing_flies_in_a_replay_whatever_was_recorded():
+    statuses, facts = {"replay": READY}, {"uav1.armed": True}
+    assert may_fly(REPLAY, statuses, facts, facts) == []
+    assert armed(REPLAY, statuses, facts) == set()
+
+
+def test_plan_with_a_real_vehicle_is_never_treated_as_a_replay():
+    real = replace(REPLAY, vehicles=(vehicle("uav1", simulated=False),))
+    facts = {"uav1.armed": True}
+    assert may_fly(real, {"replay": READY}, facts, facts) == ["uav1"]
+    assert armed(real, {"replay": READY}, facts) == {"uav1"}
+
+
+def test_replay_is_done_at_the_end_of_the_record():
+    facts = {"uav1.armed": False}
+    assert not is_done(REPLAY, {"replay": READY}, facts, {"replay": {"finished": False}})
+    assert is_done(REPLAY, {"replay": READY}, {"uav1.armed": True}, {"replay": {"finished": True}})
+
+
+def test_replay_that_has_failed_ends_the_run():
+    assert lost(REPLAY, {"replay": FAILED}) == "replay: exit 3"
