@@ -1,4 +1,5 @@
-"""A choreographer: one program that flies 48 vehicles. They take off, write F, L and Y letter by letter, and land.
+"""A choreographer: one program that flies 48 vehicles. They take off, write F, L and Y letter by letter, and land. With the argument
+`F`, for example, it flies only the vehicles of that letter.
 
 The letters are seen from the south, from the front. A vehicle right below another one would be in its downwash, so the letters
 lean back: a point that is 1 m higher is 0.8 m farther north. Seen from the front this is not visible.
@@ -26,11 +27,7 @@ LETTERS = {
     "L": [((0, 1), (0, 0), 9), ((0, 0), (1, 0), 7)],
     "Y": [((0, 1), (0.5, 0.5), 6), ((1, 1), (0.5, 0.5), 6), ((0.5, 0.5), (0.5, 0), 5)],
 }
-TEAMS = {
-    "F": (range(0, 18), -10.4),
-    "L": (range(18, 33), -3.0),
-    "Y": (range(33, 48), 4.4),
-}  # vehicles; left edge, east [m]
+TEAMS = {"F": (18, -10.4), "L": (15, -3.0), "Y": (15, 4.4)}  # number of vehicles; left edge, east [m]
 
 
 def letter(name, east):
@@ -80,17 +77,21 @@ def hold(fleet, goal, seconds):
 
 
 with UAV.all_from_args() as fleet:
+    word = fleet[0].args[0] if fleet[0].args else "FLY"
     fleet.start_offboard_mission()
     ground = fleet.pos
     waiting = ground * [1, 1, 0] - [0, 0, WAIT_M]
     move(fleet, ground, waiting, 5.0)
-    now = waiting
-    for name, (rows, east) in TEAMS.items():
+    now, first = waiting, 0
+    for name in word:
+        count, east = TEAMS[name]
+        rows = slice(first, first + count)
         goal = now.copy()
         goal[rows] = assign(now[rows], letter(name, east))
         move(fleet, now, goal, 10.0)
         print(f"{name} is written", flush=True)
-        now = goal
+        now, first = goal, first + count
     hold(fleet, now, 3.0)
+    print(f"worst_place_error_m: {np.linalg.norm(fleet.pos - now, axis=1).max():.3f}", flush=True)
     move(fleet, now, waiting, 11.0)
     fleet.auto_land()

@@ -1,13 +1,19 @@
-"""Reader of the documentation pages and their code blocks."""
+"""Reader of the documentation pages and their code blocks. A notebook counts as a page: its text is that of its page on the site."""
 
 from __future__ import annotations
 
 import re
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+
+from notebook_page import notebook_page
+
 ROOT = Path(__file__).parents[2]
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+NOTEBOOKS = sorted(ROOT.glob("docs/*/*.ipynb"))
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *NOTEBOOKS])
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.M | re.S)
 
 
@@ -24,12 +30,17 @@ class Block:
         return f"{self.page.relative_to(ROOT)}:{self.line}"
 
 
+def page_text(page: Path) -> str:
+    """Return the text of a page as Markdown."""
+    return notebook_page(page)[0] if page.suffix == ".ipynb" else page.read_text()
+
+
 def blocks(*languages: str) -> list[Block]:
     return [b for page in PAGES for b in _of(page) if b.language in languages]
 
 
 def _of(page: Path) -> list[Block]:
-    text = page.read_text()
+    text = page_text(page)
     found = []
     for match in _FENCE.finditer(text):
         body = match[3]

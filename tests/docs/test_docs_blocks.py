@@ -45,7 +45,7 @@ def test_pages_contain_blocks_of_each_kind():
 @pytest.mark.parametrize("block", SHELL, ids=str)
 def test_shell_blocks_use_known_commands(block):
     for words in lines(block):
-        assert words[0] in ("arena", "make", "pip", "python", "ray"), words
+        assert words[0] in ("arena", "jupyter", "make", "pip", "python", "ray"), words
         if words[0] == "make":
             targets = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M))
             assert {w for w in words[1:] if "=" not in w} <= targets, words
@@ -158,6 +158,12 @@ def stub(found: object, folder: Path) -> None:
         path = folder / "lab1" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text((ROOT / "profiles" / "iris.yaml").read_text() if name.endswith(".yaml") else "")
+    vehicles = found.get("vehicles", {}).values() if isinstance(found, dict) else ()
+    programs = [v["program"] for v in vehicles if v and "program" in v]
+    for path in {p["path"] if isinstance(p, dict) else p for p in programs}:
+        if not path.endswith(".py"):
+            (folder / "lab1").mkdir(exist_ok=True)
+            (folder / "lab1" / path).touch(0o755)
     if isinstance(found, dict) and "px4" in found:
         px4 = folder / "lab1" / found["px4"]["home"]
         for name in ("bin/px4", "etc/init.d-posix/rcS"):

@@ -12,7 +12,7 @@ import pytest
 
 from arena.schema.models import NOT_YET
 
-from .pages import PAGES, ROOT
+from .pages import NOTEBOOKS, PAGES, ROOT, notebook_page, page_text
 
 _CODE = re.compile(r"```.*?```|`[^`]*`", re.S)
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
@@ -21,8 +21,9 @@ IDS = [str(page.relative_to(ROOT)) for page in PAGES]
 
 @pytest.mark.parametrize("page", PAGES, ids=IDS)
 def test_internal_links_resolve(page):
-    for link in _LINK.findall(_CODE.sub("", page.read_text())):
-        if not link.startswith("https://"):
+    stored = notebook_page(page)[1] if page in NOTEBOOKS else {}
+    for link in _LINK.findall(_CODE.sub("", page_text(page))):
+        if not link.startswith("https://") and link not in stored:
             path, _, anchor = link.partition("#")
             target = page.parent / path if path else page
             assert target.is_file(), link
@@ -31,7 +32,7 @@ def test_internal_links_resolve(page):
 
 def anchors(page: Path) -> set[str]:
     """Return the anchors of the headings of a page."""
-    heads = re.findall(r"^#+ (.+)$", page.read_text(), re.M)
+    heads = re.findall(r"^#+ (.+)$", page_text(page), re.M)
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 
 
@@ -46,11 +47,14 @@ def test_no_page_contains_a_path_of_one_machine(page):
     # Paths of this machine are computed, because the test must not contain them either.
     here = {str(Path.home()), str(ROOT), str(ROOT.parent), tempfile.gettempdir()} - {"/"}
     for word in (*(re.escape(f"{folder}/") for folder in here), r"/home/\w+", r"index-url"):
-        assert not re.search(word, page.read_text()), word
+        assert not re.search(word, page_text(page)), word
 
 
-def test_picture_of_the_readme_is_small():
-    assert 10_000 < (ROOT / "docs/images/flight.png").stat().st_size < 100_000
+def test_pictures_of_the_readme_are_small():
+    pictures = re.findall(r"!\[.+?\]\((.+?)\)", (ROOT / "README.md").read_text())
+    sizes = {name: (ROOT / name).stat().st_size for name in pictures}
+    assert sizes.pop("docs/images/swarm.gif") < 2_500_000
+    assert sizes and all(10_000 < size < 300_000 for size in sizes.values()), sizes
 
 
 @pytest.mark.parametrize("word", sorted({value or key.rpartition(".")[2] for key, value in NOT_YET}))

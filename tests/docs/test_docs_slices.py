@@ -7,6 +7,7 @@ import re
 import pytest
 
 from arena.plan import make_plan
+from arena.plan.replay import ReplayedVehicle, ReplaySettings, make_replay_plan
 from arena.schema import load_arena
 
 from .pages import ROOT
@@ -16,8 +17,9 @@ copilot: {}
 geofence: {north: [-3, 3], east: [-1.5, 1.5], up: 2}
 mocap: {source: natnet, server: 127.0.0.3}
 px4: {home: stand-in}
+tools: {ros2: true}
 vehicles:
-  uav1: {start: {position: [0, 0, 0]}, autopilot: builtin, program: hover.py}
+  uav1: {start: {position: [0, 0, 0]}, autopilot: builtin, program: hover.py, neighbours: [uav2]}
   uav2: {start: {position: [1, 0, 0]}, autopilot: hardware, profile: iris, radio: none, url: "udpin:127.0.0.1:15000"}
   uav3: {start: {position: [2, 0, 0]}, autopilot: px4}
 """
@@ -38,7 +40,9 @@ def slices(tmp_path_factory):
     for text in (YAML, FUSED):
         (folder / "arena.yaml").write_text(text)
         made |= make_plan(load_arena(folder / "arena.yaml")).slices
-    return made
+    vehicle = ReplayedVehicle(name="uav1", id=1, body="uav1", simulated=True)
+    settings = ReplaySettings(name="lab", sources=["flight.mcap"], vehicles=[vehicle], size_m=(7.0, 4.0, 3.0))
+    return made | {"replay.json": make_replay_plan(settings).slices["replay.json"]}
 
 
 @pytest.mark.parametrize("section", sorted(SECTIONS))

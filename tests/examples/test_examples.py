@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from end_to_end.flight import ROOT, Flight, Hangar
+from pyulog import ULog
 
 from arena.cli import main
 
 EXAMPLES = sorted((ROOT / "examples").glob("*/arena.yaml"))
-FLOWN_ELSEWHERE = {"01_two_quads"}
+FLOWN_ELSEWHERE = {"01_two_quads", "14_two_backends"}
 REPORT = True  # these tests read the summary
 CROWDED = {"10_ten_quads"}
 SWARM = {"11_swarm"}
@@ -38,7 +39,9 @@ def fly(hangar: Hangar, yaml: Path) -> None:
     print((flight.folder / "summary.txt").read_text())
     summary = flight.summary
     assert summary["cause"] == "done" and summary["failed"] == [] and summary["missing"] == []
-    for told in summary["vehicles"].values():
+    for name, told in summary["vehicles"].items():
+        log = ULog(str(flight.folder / "ulog" / f"{name}.ulg"))
+        assert log.get_dataset("vehicle_status").data["arming_state"][-1] == 1 and not log.dropouts
         assert told["landing"]["landed"] and told["landing"]["error_m"] <= 0.3
         assert told["crashed"] == "" and told["verdict"]["airborne_s"] > 15
         assert told["setpoints"]["count"] >= 2 and told["setpoints"]["worst_m"] <= 0.10, told["setpoints"]

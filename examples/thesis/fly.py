@@ -1,0 +1,106 @@
+"""Fly the experiments of the thesis and print its tables with a column of ours.
+
+    python examples/thesis/fly.py [EXPERIMENT ...] [--backend NAME ...] [--autopilot NAME ...] [--runs FOLDER]
+
+EXPERIMENT: folder beside this file, or FOLDER/FLIGHT for one of its flights; default: all.
+By default each flight is flown on every backend with the built-in autopilot, and on PX4 where PX4_HOME names a build of it.
+All flights are faster than real time. The exit code is 1 if a figure is outside its limits or a flight failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+from expectations import HERE, Expected, measure, read_expected, table
+
+TIME_LIMIT_S = 1500.0
+WALL_LIMIT_S = 1800.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """How a flight is flown. autopilot: builtin or px4.  backend: library of the programs, mavlink or mavsdk."""
+
+    autopilot: str
+    backend: str
+
+    def __str__(self) -> str:
+        return f"{self.autopilot}, {self.backend}"
+
+
+def chosen(names: Iterable[str]) -> Iterator[tuple[Path, str]]:
+    """Yield the folder of each chosen experiment and the name of the chosen flight, "" for all flights."""
+    folders = sorted(path.parent for path in HERE.glob("*/expect.yaml"))
+    for name in names or [folder.name for folder in folders]:
+        folder, _, flight = name.strip("/").partition("/")
+        if HERE / folder not in folders:
+            raise SystemExit(
+                f"{name}: no such experiment, expected one of {', '.join(f.name for f in folders)}"
+            )
+        yield HERE / folder, flight
+
+
+def fly(flight: Expected, variant: Variant, runs: Path) -> Path | None:
+    """Fly once and return the run folder, None if the flight failed. The output of `arena up` is printed only then."""
+    overrides = [*flight.overrides, f"defaults.autopilot={variant.autopilot}"]
+    if variant.backend != "mavlink":
+        overrides.append(f"backend={variant.backend}")
+    command = [sys.executable, "-m", "arena.cli", "up", str(flight.arena), "--headless", "--until-done"]
+    command += ["--speed", "max", "--time-limit", str(TIME_LIMIT_S), "--no-report", "--runs", str(runs)]
+    command += [word for override in overrides for word in ("--set", override)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=WALL_LIMIT_S, check=False)
+    if done.returncode != 0:
+        print(done.stdout + done.stderr)
+        return None
+    (run,) = runs.iterdir()
+    return run
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("experiments", nargs="*", metavar="EXPERIMENT")
+    parser.add_argument("--backend", nargs="+", default=["mavlink", "mavsdk"])
+    parser.add_argument(
+        "--autopilot", nargs="+", default=["builtin", *(["px4"] if "PX4_HOME" in os.environ else [])]
+    )
+    parser.add_argument("--runs", type=Path, help="folder for the run folders; default: a temporary folder")
+    given = parser.parse_args(argv)
+    variants = [Variant(autopilot=a, backend=b) for a in given.autopilot for b in given.backend]
+    with tempfile.TemporaryDirectory() as temporary:
+        wrong = [
+            name
+            for folder, only in chosen(given.experiments)
+            for name in _experiment(folder, only, variants, given.runs or Path(temporary))
+        ]
+    print("all figures are inside their limits" if not wrong else "outside the limits: " + "; ".join(wrong))
+    return 1 if wrong else 0
+
+
+def _experiment(folder: Path, only: str, variants: list[Variant], runs: Path) -> Iterator[str]:
+    """Fly an experiment, print its tables and yield the name of each flight with a figure outside its limits."""
+    title, tests, flights = read_expected(folder)
+    print(f"# {title} (tests {tests} of the thesis)\n", flush=True)
+    for flight in flights:
+        for variant in variants if only in ("", flight.name) else []:
+            name = f"{folder.name}/{flight.name}, {variant}"
+            run = fly(
+                flight, variant, runs / f"{folder.name}-{flight.name}-{variant.autopilot}-{variant.backend}"
+            )
+            found = [] if run is None else measure(flight, run)
+            print(f"{name}\n{table(found) if found else 'the flight failed'}\n", flush=True)
+            if not found or not all(one.passed for one in found):
+                yield name
+
+
+if __name__ == "__main__":
+    sys.exit(main())
