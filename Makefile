@@ -1,18 +1,22 @@
-# make demo    installs into .venv, flies the first example, says where the run and its picture are
+# make demo    installs into .venv, flies the first example, says where to watch it and where its report and its film are
 # make test    installs into .venv, checks style and types, runs every test but the long campaigns
+# make docs    renews the generated pages and builds the documentation site in site/
 # make nightly runs the long campaigns
 # make kernels compiles the formulas of arena/kernels again; the others do it when a formula has changed
+# make thesis  flies the experiments of the thesis and prints its tables beside our figures; with PX4_HOME also on the real PX4
 # make wheels  builds wheels for Linux x86_64 and aarch64 in dist/
 # make bench   the benchmarks that need nothing else, as tables; px4, contract, tracking and thesis are commands of their own
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint unit flights nightly bench docs kernels wheels clean
+# `site` is also the name of a folder that it makes
+.PHONY: demo test lint unit flights nightly bench thesis docs site kernels wheels clean
 
 demo: bytecode
-	$(BIN)/arena up examples/01_two_quads/arena.yaml --headless --until-done --time-limit 120
+	$(BIN)/arena up examples/01_two_quads/arena.yaml --headless --until-done --time-limit 120 --monitor
+	$(BIN)/arena render examples/01_two_quads --size 960x540 --fps 15
 
-test: lint unit flights
+test: lint site unit flights
 
 lint: .venv/ready
 	$(BIN)/ruff check .
@@ -36,8 +40,16 @@ nightly: bytecode
 bench: bytecode
 	for each in flights world router startup; do $(BIN)/python benchmarks/$$each.py || exit 1; done
 
+thesis: bytecode
+	$(BIN)/python examples/thesis/fly.py
+
 docs: .venv/ready
 	$(BIN)/python -m arena.cli.reference
+	$(MAKE) site
+
+# The variable turns off an announcement of mkdocs-material. PYTHONPATH: mkdocs reads the docstrings of these sources.
+site: .venv/ready
+	NO_MKDOCS_2_WARNING=1 PYTHONPATH=$(CURDIR) $(BIN)/mkdocs build --quiet
 
 kernels: .venv/compiled
 
@@ -64,4 +76,4 @@ wheels: .venv/ready
 	touch $@
 
 clean:
-	rm -rf .venv build dist arena/kernels/*.so runs examples/*/runs *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist site arena/kernels/*.so runs examples/*/runs *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

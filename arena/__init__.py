@@ -5,18 +5,23 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from arena.fly import connect
     from arena.uav import UAV, Heart, Heartbeat
 
-__all__ = ["UAV", "Heart", "Heartbeat"]
+__all__ = ["UAV", "Heart", "Heartbeat", "connect"]
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """Import the module `arena.uav` only when `UAV` or `Heartbeat` is first used, so that processes without a user program do
-    not load the module.
+    """Import `arena.uav` and `arena.fly` only when one of their names is first used, so that processes without a user program do
+    not load them.
 
     `Heart` is the deprecated name of `Heartbeat`.
     """
+    if name == "connect":
+        from arena.fly import connect
+
+        return connect
     if name in __all__:
         from arena import uav
 

@@ -1,18 +1,17 @@
-"""Wall clock and simulation clock with the same interface. Code that flies vehicles uses a `Clock`, not the
-time module.
+"""Wall clock and simulation clock with the same interface. Code that flies vehicles uses a `Clock`, not the time module.
 
 The world process serves the simulation clock. A page of shared memory holds the time [s] and whether the clock is in
 lockstep (1) or follows the wall clock (0). A local socket wakes the clients.
     client -> server   first packet: the client's name, utf-8;  later: a requested wake-up time, one native double [s]
     server -> client   the present time, one native double [s], when the requested time has come
-In lockstep the server does not advance beyond the wake-up time of a client until that client sleeps again
-(`may_advance`). If a client does not sleep for one second of wall time, the server stops waiting for it until
-it sleeps again.
+In lockstep the server does not advance beyond the wake-up time of a client until that client sleeps again (`may_advance`).
+If a client does not sleep for one second of wall time, the server stops waiting for it until it sleeps again.
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
 import mmap
 import select
 import socket
@@ -124,9 +123,7 @@ class LockstepClock(ABC):
         """Sleep until the time t [s], without doing the regular work (chores). Return the time after the sleep [s]."""
 
     def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
-        """Call the function `chores` during every later `sleep_until`, every `every_s` of simulation time [s], on the thread
-        that sleeps.
-        """
+        """Call the function `chores` in every later `sleep_until`, every `every_s` of simulation time [s], on the thread that sleeps."""
         self._chores, self._chores_every_s = chores, every_s
         self._chores_due = self.now() + every_s
 
@@ -182,10 +179,8 @@ class SimClock(LockstepClock):
             raise RunError(_ENDED) from error
 
     def wait_for_wake(self, timeout_s: float | None) -> float | None:
-        """Wait until the time given to `request_wake` has come. Return the time [s], or None after the
-        timeout.
+        """Wait until the time given to `request_wake` has come. Return the time [s], or None after the timeout.
 
-        It is the second half of `sleep_until`.
         timeout_s: wall time [s]. 0 does not wait, None waits without a limit.
         """
         if timeout_s != self._socket.gettimeout():
@@ -201,21 +196,19 @@ class SimClock(LockstepClock):
         return float(_DOUBLE.unpack(packet)[0])
 
     def fileno(self) -> int:
-        """Return a file descriptor that is readable when the requested wake-up time has come, or when the
-        world (the simulator process) has ended.
-        """
+        """Return a file descriptor that is readable when the requested wake-up time has come, or when the world has ended."""
         return self._socket.fileno()
 
     @property
     def server_pid(self) -> int:
-        """Process id of the world, the simulator process that serves the clock."""
+        """Process id of the world, which serves the clock."""
         pid, _, _ = _CREDENTIALS.unpack(
             self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         )
         return int(pid)
 
     def ended(self) -> bool:
-        """Return whether the world (the simulator process) has ended. Never blocks.
+        """Return whether the world has ended. Never blocks.
 
         Do not call this function between `request_wake` and `wait_for_wake`, because it would consume the wake-up.
         """
@@ -259,8 +252,7 @@ class _Client:
 
 
 class ClockServer:
-    """Server of the simulation clock, which the world (the simulator process) owns. In lockstep, the world
-    must call `may_advance` before each `tick`.
+    """Server of the simulation clock, which the world owns. In lockstep, the world must call `may_advance` before each `tick`.
 
     lockstep: the world waits for the clients (see `SimTime.lockstep`).
     dropped: names of the clients for which the world no longer waits.
@@ -277,6 +269,7 @@ class ClockServer:
             file.truncate(_PAGE_BYTES)
             self._page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES)).cast("d")
         self._page[1] = float(lockstep)
+        self._next_wake = math.inf  # no client sleeps until an earlier time [s]
         part.replace(page)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.bind(str(sock))
@@ -289,13 +282,26 @@ class ClockServer:
         self.dropped: list[str] = []
         self.joined: set[str] = set()
 
-    def tick(self, now: float) -> None:
-        """Publish the simulation time [s], read the wake-up requests of the clients, and wake the clients whose requested time has come."""
+    def tick(self, now: float, *, poll: bool = True) -> None:
+        """Publish the simulation time [s], and wake the clients whose requested time has come.
+
+        poll: read the wake-up requests of the clients first. False saves a system call if `poll` is called before each step.
+        """
         self._page[0] = now
-        self.poll()
+        if poll:
+            self.poll()
+        if now + 1e-9 < self._next_wake:
+            return
+        self._next_wake = math.inf
         for client in list(self._clients.values()):
             if client.wake is not None and client.wake <= now + 1e-9:
                 self._wake(client, now)
+            elif client.wake is not None:
+                self._next_wake = min(self._next_wake, client.wake)
+
+    def fileno(self) -> int:
+        """Return a file descriptor that is readable when a client has sent something, or a new client has connected."""
+        return self._epoll.fileno()
 
     def poll(self, timeout_s: float = 0.0) -> None:
         """Accept new clients, and read the requests of all clients."""
@@ -325,8 +331,7 @@ class ClockServer:
     def may_advance(self, now: float, wall: float) -> bool:
         """Return whether the world may advance in lockstep: all clients that it waits for must be asleep.
 
-        A client that has been awake for more than one second of wall time is added to `dropped`, and the
-        world no longer waits for it.
+        A client that has been awake for more than one second of wall time is added to `dropped` and not waited for any more.
         """
         all_asleep = True
         for client in self._clients.values():
@@ -378,6 +383,8 @@ class ClockServer:
             client.wake, client.gates = _DOUBLE.unpack(packet)[0], True
             if client.wake <= self._page[0]:
                 self._wake(client, self._page[0])
+            else:
+                self._next_wake = min(self._next_wake, client.wake)
         return True
 
     def _wake(self, client: _Client, now: float) -> None:

@@ -5,6 +5,9 @@ from __future__ import annotations
 GRAVITY_M_S2 = 9.80665
 """Standard gravity [m/s2] (ISO 80000-3). PX4's CONSTANTS_ONE_G has the same value."""
 
+MONITOR_PORT = 8480
+"""TCP port of the page of `arena monitor`. If it is taken, the next free one is used."""
+
 MAX_ROTORS = 8
 """Largest number of rotors of a vehicle."""
 

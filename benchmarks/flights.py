@@ -2,7 +2,7 @@
 
     python benchmarks/flights.py [--vehicles 1 2 10] [--repeat 1]
 
-Flies the first example's program with every vehicle, forwarders, router and loggers included, and prints one line per flight.
+Flies the first example's program with every vehicle, forwarders, router and recorder included, and prints one line per flight.
 Quote medians of several; the machine's other work shows in every column.
 """
 

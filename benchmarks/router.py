@@ -54,9 +54,10 @@ def table(count: int) -> dict:
             "link": {"local": [HOST, BASE + 10 * k + 1], "remote": [HOST, BASE + 10 * k]},
             "serve": [HOST, BASE + 10 * k + 8],
             "tools": [HOST, BASE + 10 * k + 6],
-            "logger": [HOST, BASE + 10 * k + 7],
             "clients": [
-                {"name": n, "address": [HOST, base + k]} for n, base in (("program", 16000), ("sdk", 22000))
+                {"name": "program", "address": [HOST, 16000 + k]},
+                {"name": "sdk", "address": [HOST, 22000 + k]},
+                {"name": "other", "address": [HOST, BASE + 10 * k + 7]},
             ],
         }
         for k in range(1, count + 1)
@@ -84,7 +85,7 @@ def bare(file: str) -> None:
     routes = {}
     for v in json.loads(Path(file).read_text())["vehicles"]:
         link, serve = udp(v["link"]["local"]), udp(v["serve"])
-        listeners = [tuple(c["address"]) for c in v["clients"]] + [tuple(v["logger"])]
+        listeners = [tuple(c["address"]) for c in v["clients"]]
         routes[link.fileno()] = link, serve, listeners
         routes[serve.fileno()] = serve, link, [tuple(v["link"]["remote"])]
     poll = select.epoll()
@@ -112,7 +113,7 @@ class Load:
         vehicles = table(self.count)["vehicles"]
         self.links = [udp(v["link"]["remote"]) for v in vehicles]
         self.programs = [udp(v["clients"][0]["address"]) for v in vehicles]
-        self.unread = [udp(a) for v in vehicles for a in (v["clients"][1]["address"], v["logger"])]
+        self.unread = [udp(a) for v in vehicles for a in (c["address"] for c in v["clients"][1:])]
         self.to = [(tuple(v["link"]["local"]), tuple(v["serve"])) for v in vehicles]
         self.frames = [(message(ATTITUDE, v["id"], 1), message(COMMAND_LONG, v["id"], 191)) for v in vehicles]
         self.poll = select.epoll()

@@ -21,6 +21,9 @@ settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("hunt", derandomize=False, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
+COUNTED = {"px4": "real PX4", "browser": "real browser", "fastdds": "Fast DDS"}
+"""Marks of tests that are counted in the summary, because they need something that a computer may not have -> its name there."""
+
 
 @pytest.fixture(autouse=True)
 def no_px4_by_chance(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
@@ -30,10 +33,11 @@ def no_px4_by_chance(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureReq
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Record which tests are marked px4; keywords would also match folder names."""
+    """Record which tests are marked px4 or browser; keywords would also match folder names."""
     for item in items:
-        if item.get_closest_marker("px4") is not None:
-            item.user_properties.append(("marked", "px4"))
+        for mark in COUNTED:
+            if item.get_closest_marker(mark) is not None:
+                item.user_properties.append(("marked", mark))
 
 
 @pytest.fixture
@@ -63,11 +67,12 @@ def serial_cable() -> Iterator[tuple[str, str]]:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print how many tests ran on a real PX4 and how many did not."""
+    """Print how many tests ran on a real PX4 and in a real browser, and how many did not."""
 
-    def count(*kinds: str) -> int:
+    def count(mark: str, *kinds: str) -> int:
         reports = (r for kind in kinds for r in terminalreporter.stats.get(kind, []))
-        return sum(("marked", "px4") in getattr(r, "user_properties", ()) for r in reports)
+        return sum(("marked", mark) in getattr(r, "user_properties", ()) for r in reports)
 
-    ran, did_not = count("passed", "failed"), count("skipped")
-    terminalreporter.write_line(f"real PX4: {ran} tests ran, {did_not} did not")
+    for mark, words in COUNTED.items():
+        ran, did_not = count(mark, "passed", "failed"), count(mark, "skipped")
+        terminalreporter.write_line(f"{words}: {ran} tests ran, {did_not} did not")

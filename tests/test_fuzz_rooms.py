@@ -70,7 +70,6 @@ def test_the_router_passes_whole_frames_to_named_vehicles_only(who):
             "link": {"local": [host, 1000 + k], "remote": [host, 2000 + k]},
             "serve": [host, 3000 + k],
             "clients": [{"name": "program", "address": [host, 4000 + k]}],
-            "logger": [host, 5000 + k],
             "tools": [host, 6000 + k],
         }
         for k in (1, 2)

@@ -14,6 +14,7 @@ GROUND = {
     "authority",
     "builtin_parameters",
     "background_writer",
+    "socket_watch",
     "constants",
     "errors",
     "fault_injection",
@@ -21,6 +22,8 @@ GROUND = {
     "geometry",
     "kernels",
     "motion_check",
+    "obstacle_surface",
+    "obstacles",
     "wire",
     "clock",
     "process_context",
@@ -42,8 +45,11 @@ MAY: dict[str, set[str]] = {
     "geomagnetism": set(),
     "geometry": {"errors"},
     "kernels": {"constants"},
+    "obstacle_surface": {"geometry"},
+    "obstacles": {"geometry", "obstacle_surface"},
     "motion_check": {"constants", "geometry"},
     "clock": {"errors"},
+    "socket_watch": set(),
     "process_context": {"background_writer", "errors"},
     "run_dirs": set(),
     "signing_key": {"errors", "wire"},
@@ -52,13 +58,22 @@ MAY: dict[str, set[str]] = {
     "transport": {"errors"},
     "wire": {"constants", "errors", "geometry", "kernels"},
     "mocap": {"errors"},  # the table of vendors; their packages are found by name
-    "mocap.client": {"errors", "geometry", "mocap"},
+    "mocap.client": {"errors", "geometry", "mocap", "transport"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
     "params": {"constants", "errors", "wire", "clock", "run_dirs", "signing_key", "transport"},
     "mocap.emulator": GROUND | {"mocap"},
-    # the only process that joins the parts of other processes
+    # the processes that join the parts of other processes
+    "replay": GROUND | {"flight_log", "fused", "mocap.client", "mocap.emulator", "recorder"},
     "fused": GROUND
-    | {"sim", "mocap.client", "mocap.emulator", "pose_forwarder", "mavlink_router", "recorder"},
+    | {
+        "sim",
+        "mocap.client",
+        "mocap.emulator",
+        "pose_forwarder",
+        "mavlink_router",
+        "emulated_sensors",
+        "recorder",
+    },
     "schema": {
         "constants",
         "errors",
@@ -68,6 +83,7 @@ MAY: dict[str, set[str]] = {
         "thrust_curve",
         "transport",
         "mocap",
+        "obstacles",
         "signing_key",
     },
     "plan": {
@@ -86,14 +102,45 @@ MAY: dict[str, set[str]] = {
     },
     "supervisor": GROUND | {"schema", "plan"},
     # tool rooms and what a user imports may read the schema and the plan
-    "recorder": GROUND | {"mocap.client", "schema", "plan"},
-    "uav": GROUND | {"mocap", "mocap.client", "schema"},
+    "flight_log": GROUND,
+    "log_download": GROUND | {"params"},
+    "report": GROUND | {"flight_log"},
+    "render": GROUND | {"flight_log"},
+    "top": GROUND | {"live_view"},
+    "recorder": GROUND | {"mocap.client", "flight_log"},
+    "live_view": GROUND | {"mocap.client", "supervisor"},
+    "monitor": GROUND | {"live_view", "emergency", "supervisor"},
+    # the bridge to ROS 2 sends setpoints as a user program does
+    "ros2": GROUND | {"mocap.client", "uav"},
+    "trajectories": {"errors", "geometry"},
+    "controllers": {"constants", "geometry", "trajectories"},
+    "uav": GROUND | {"mocap", "mocap.client", "schema", "trajectories"},
+    "compat": GROUND | {"uav"},  # the thesis's names over `arena.uav`
     "uav.group": GROUND | {"uav"},  # runs user programs, which import `arena.uav`
+    "fly": GROUND | {"live_view", "supervisor", "trajectories", "uav"},
     "emergency": GROUND | {"schema", "plan"},
-    "smoke": GROUND | {"schema", "plan", "supervisor", "recorder"},
-    "campaign": GROUND | {"schema", "recorder", "smoke"},
+    "smoke": GROUND | {"schema", "plan", "supervisor", "report"},
+    "campaign": GROUND | {"schema", "flight_log", "report", "smoke"},
     "cli": GROUND
-    | {"mocap", "schema", "plan", "supervisor", "emergency", "recorder", "params", "smoke", "campaign"},
+    | {
+        "mocap",
+        "schema",
+        "plan",
+        "supervisor",
+        "emergency",
+        "flight_log",
+        "log_download",
+        "report",
+        "render",
+        "top",
+        "fly",
+        "params",
+        "replay",
+        "ros2",  # only the generator of the reference pages
+        "smoke",
+        "campaign",
+        "monitor",
+    },
 }
 # Rooms without a row: a package with a `__main__` is a process, one inside `mocap` holds a vendor's protocol.
 PROCESS = GROUND | {"mocap.client"}
@@ -101,16 +148,28 @@ VENDOR = {"errors", "geometry", "mocap", "mocap.client", "mocap.emulator"}
 # Only the world's shell puts two cores together; the package re-exports the user's names.
 EXCEPT: dict[str, set[str]] = {
     "sim/__main__.py": {"autopilot", "px4"},
-    "__init__.py": {"uav"},
+    "__init__.py": {"fly", "uav"},
     "__main__.py": {"cli"},
 }
 HEAVY = {
     "pybullet": {"sim"},
     "mavsdk": {"uav"},
-    "matplotlib": {"recorder"},
+    "matplotlib": {"report"},
+    "PIL": {"render"},
+    "imageio_ffmpeg": {"render"},
+    "plotly": {"report"},
     "serial": {"transport"},
-    "pyarrow": {"campaign"},
+    "pyulog": {"flight_log"},
+    "rosbags": {"flight_log"},
+    "pyarrow": {"campaign", "flight_log"},
+    "ruckig": {"trajectories"},
+    "foxglove": {"recorder"},
+    "mcap": {"flight_log"},
     "ray": {"campaign"},
+    "pygame": {"fly"},
+    "cyclonedds": {"ros2"},
+    "viser": {"monitor"},
+    "trimesh": {"monitor"},
 }
 
 

@@ -51,3 +51,22 @@ def test_build_without_headers_shows_the_error_and_says_once_what_would_help(che
     assert done.stderr.count("Python.h: No such file") == 1, "one attempt, not one per kernel"
     assert done.stderr.count("arena: no C compiler that finds Python's headers") == 1
     assert not list((checkout / "arena").rglob("*.so"))
+
+
+def test_package_contains_the_pages_of_reports(checkout: Path, tmp_path: Path) -> None:
+    """Without its templates an installed arena could write no report."""
+    for folder in ("profiles", "templates"):
+        shutil.copytree(ROOT / folder, checkout / folder)
+    subprocess.run(
+        [sys.executable, "setup.py", "-q", "build_py", "--build-lib", str(tmp_path / "built")],
+        cwd=checkout,
+        env={**os.environ, "ARENA_NO_COMPILE": "1"},
+        capture_output=True,
+        check=True,
+    )
+    source, built = ROOT / "arena" / "report" / "page", tmp_path / "built" / "arena" / "report" / "page"
+    assert (
+        {file.name for file in built.iterdir()}
+        == {file.name for file in source.iterdir()}
+        > {"run.html", "page.js"}
+    )

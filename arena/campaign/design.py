@@ -109,7 +109,12 @@ def _short(value: float) -> float:
 
 
 def overrides_of(name: str, setting: Setting, value: Value) -> tuple[str, ...]:
-    """Return the `key=value` overrides of the YAML that give a setting this value."""
+    """Return the overrides of the YAML, such as `world.wind_m_s=[3.0, 0, 0]`, for a flight with one value of a setting.
+
+    name: name of the setting.  setting: its entry in the sweep file.  value: value of the setting in the flight.
+    Each text in the list `set` of the setting becomes an override, with the value in place of {}. Without `set`, the name
+    of the setting is the key.
+    """
     text = json.dumps(value, ensure_ascii=False)
     return tuple(t.replace(PLACEHOLDER, text) for t in setting.set) or (f"{name}={text}",)
 

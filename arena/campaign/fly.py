@@ -14,7 +14,7 @@ from arena.campaign.design import Flight
 from arena.campaign.measures import of_flight, of_vehicle, recorded_by_world
 from arena.campaign.store import Record
 from arena.errors import EXIT_OK, ArenaError
-from arena.recorder.flight_log import read_flight
+from arena.flight_log.flight import read_flight
 from arena.schema import load_arena
 from arena.smoke.flying.fly_scenario import FlightOptions, alone_if_px4
 from arena.smoke.flying.fly_scenario import fly as fly_scenario

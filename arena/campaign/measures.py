@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from arena.recorder.analysis import analyse
-from arena.recorder.flight_log import Flight
+from arena.flight_log.flight import Flight
+from arena.report.analysis import analyse
 
 Numbers = Mapping[str, float | None]
 
@@ -26,9 +26,15 @@ class Measure:
 
 
 MEASURES = (
-    Measure(name="tracking_rms_m", unit="m", meaning="distance to the position reference in OFFBOARD, rms"),
     Measure(
-        name="tracking_max_m", unit="m", meaning="distance to the position reference in OFFBOARD, largest"
+        name="tracking_rms_m",
+        unit="m",
+        meaning="distance to the position reference in OFFBOARD in the air, rms",
+    ),
+    Measure(
+        name="tracking_max_m",
+        unit="m",
+        meaning="distance to the position reference in OFFBOARD in the air, largest",
     ),
     Measure(
         name="setpoint_error_m",

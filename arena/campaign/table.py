@@ -77,7 +77,7 @@ def write_parquet(listing: Listing, records: Sequence[Record], path: Path) -> No
 
 def write_plots(listing: Listing, records: Sequence[Record], folder: Path) -> list[Path]:
     """Write one plot per measure that has data. Return the paths of the plots."""
-    from arena.recorder import campaign_plots
+    from arena.report import campaign_plots
 
     settings: Mapping[str, list[Any]] = {
         name: _alike([r.settings.get(name) for r in records]) for name in listing.settings

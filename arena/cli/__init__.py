@@ -32,11 +32,19 @@ VERBS = {
     "smoke": "Fly scenarios without a window, several at a time, and report which passed. All files are checked before the first flight.",
     "campaign": "Fly many simulated flights over seeds and settings: `arena campaign SWEEP`. Show their results.",
     "up": "Start an arena and supervise it until its end. Ctrl-C lands the vehicles, then stops the arena.",
+    "fly": "Fly a vehicle of a running arena by hand, with keys or a gamepad, or along a trajectory file: `arena fly uav1 path.csv`.",
+    "shell": "Open a Python shell (IPython if installed) with `uav`, a vehicle of a running arena. Leaving the shell lands the vehicle.",
+    "replay": "Send the recorded messages of a flight again. Nothing flies: a replay reaches no vehicle, and cannot be commanded.",
     "runs": "List the run folders of an arena, oldest first, and every running arena.",
     "summary": "Print the full result of a run: the verdict and the report (summary.txt).",
+    "render": "Make a film (mp4, gif) or a picture (png) of a recorded flight. Needs no screen.",
+    "report": "Write report.html: what happened in a run, with interactive figures. With two runs: both flights side by side.",
     "audit": "Print the requests to the vehicles of a run, such as arming and parameter changes: who sent them, and which were refused.",
     "ps": "Show the vehicles and processes of a running arena.",
+    "top": "Show the vehicles, processes and events of a running arena live in the terminal. q quits.",
+    "monitor": "Show a running arena on a web page, live, with buttons to hold, land and stop vehicles. Waits for an arena if none runs.",
     "logs": "Print the log of one process: the last lines of its stdout and stderr.",
+    "log": "List, describe, export, plot and compare the logs of flights, and fetch logs from vehicles.",
     "restart": "Restart one process of a running arena. If a flying vehicle depends on the process, --yes is required.",
     "forget": "Declare a real vehicle dead: the run does not wait until the vehicle is disarmed.",
     "down": "Land the vehicles, then stop the arena. The exit code is the exit code of the run.",
@@ -46,7 +54,7 @@ VERBS = {
     "land-all": "Land all vehicles and wait until each is on the ground and disarmed. Works without supervisor and router.",
     "kill-all": "Stop every motor at once, also in the air. To land, use land-all.",
 }
-GROUPS = ("params", "signing", "campaign")
+GROUPS = ("params", "signing", "campaign", "log")
 EMERGENCY = ("land-all", "kill-all")
 _HELP = ("-h", "--help")
 _HELP_COLUMNS = 110

@@ -51,20 +51,26 @@ def what_would_run(arena: Arena, plan: Plan) -> list[str]:
     from arena.plan.open_ports import open_lines
 
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
-    lines += not_possible(arena) + without_effect(arena) + copilot_notes(arena) + open_lines(plan)
+    lines += (
+        not_possible(arena)
+        + without_effect(arena)
+        + clock_notes(arena)
+        + copilot_notes(arena)
+        + open_lines(plan)
+    )
     programs = sum(p.is_program for p in plan.processes)
     lines.append(f"{len(plan.processes)} processes, {programs} of them user programs")
     return [*lines, _how_many(arena, plan)] if arena.simulated else lines
 
 
 def _how_many(arena: Arena, plan: Plan) -> str:
-    """Return a line that says whether world, motion capture, forwarders, router and loggers run in one process or in several, and why."""
+    """Return a line that says whether world, motion capture, forwarders, router and recorder run in one process or in several, and why."""
     from arena.plan.fused import why_many, why_one
 
     members = [member.name for spec in plan.processes if spec.kind == "world" for member in spec.members]
     if members:
         return f"the process world contains {', '.join(members)}: {why_one(arena)}"
-    return f"world, motion capture, pose forwarders, router and loggers are separate processes: {why_many(arena)}"
+    return f"world, motion capture, pose forwarders, router and recorder are separate processes: {why_many(arena)}"
 
 
 def not_possible(arena: Arena) -> list[str]:
@@ -97,6 +103,19 @@ def without_effect(arena: Arena) -> list[str]:
                 f"{v.name}: {counted} parameters of its params_file have no effect in the built-in autopilot"
             )
     return found
+
+
+def clock_notes(arena: Arena) -> list[str]:
+    """Return a note if the arena runs at speed 1 although the user asked for another speed, because of a wall-clock program."""
+    from arena.schema.resolve import wall_clock_programs
+
+    asked, programs = arena.source.value(("sim", "speed")), wall_clock_programs(arena.vehicles)
+    if not programs or asked in (None, 1):
+        return []
+    return [
+        f"sim.speed is 1 instead of {asked}: the program of {programs[0]} uses the wall clock. If it follows simulation time, "
+        "write `program: {path: ..., clock: simulation}`"
+    ]
 
 
 def copilot_notes(arena: Arena) -> list[str]:

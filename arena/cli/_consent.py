@@ -31,8 +31,8 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
     for v in real:
         if v.axes_check == "none":
             print(
-                f"  {v.name} needs no identity and axes check: it can arm even if its poses are those of another rigid "
-                "body, or if the axes of its rigid body are wrong"
+                f"  {v.name} can arm without the identity and axes check, even if its poses are those of another rigid body or "
+                "its axes are wrong. To require the check, remove `axes_check: none` from the YAML"
             )
     print(
         "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?\n"

@@ -29,7 +29,8 @@ PACKAGES: dict[str, tuple[str, bool]] = {
     "jinja2": ("PX4's startup scripts", False),
     "serial": ("flight controllers on a serial port: pip install pyserial", True),
     "pybullet": ("the simulated world: pip install 'flying-arena[sim]'", False),
-    "matplotlib": ("plots", True),
+    "matplotlib": ("plots of campaigns", True),
+    "plotly": ("the report of a run", True),
     "mavsdk": ("programs that use MAVSDK: pip install 'flying-arena[sdk]'", True),
 }
 _VEHICLES = 10  # of the default arena

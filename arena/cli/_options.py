@@ -18,6 +18,23 @@ Jobs = Annotated[
     ),
 ]
 
+TimeLimit = Annotated[
+    float | None, typer.Option("--time-limit", metavar="S", min=0.0, help="end after S seconds of wall time")
+]
+NoReport = Annotated[
+    bool,
+    typer.Option(
+        "--no-report",
+        help="write no summary and no report.html, only the CSV logs; `arena report RUN` can write them later",
+    ),
+]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="print only the verdict and failures")]
+Verbose = Annotated[
+    bool,
+    typer.Option("-v", "--verbose", help="print every start and stop of a process, and the full summary"),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="print one JSON object per line, for other programs")]
+
 
 def jobs_or_cores(jobs: int | None) -> int:
     """Return the number of flights at the same time: as given, or one per CPU core of this computer."""

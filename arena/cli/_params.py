@@ -259,6 +259,12 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarg
     return found
 
 
+def run_folder_of(arena: Arena) -> Path:
+    """Return the run folder of the running arena that belongs to this YAML; the current folder if none is running."""
+    run = _run_of(arena)
+    return Path(run.run) if run is not None else Path()
+
+
 def _uid_of_run(run: RunState, v: Vehicle) -> str:
     """Return the hardware uid of a real vehicle's autopilot, as the running arena has recorded it; "" if unknown."""
     if v.wire is None:
@@ -382,6 +388,7 @@ class ParamSources:
             vision=required.vision_delay_ms is not None,
             gps=required.gps,
             rc=required.sticks,
+            joystick=required.joystick,
             latency_ms=required.vision_delay_ms if required.simulated else None,
             height_m=required.ceiling_m,
         )

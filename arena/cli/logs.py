@@ -55,7 +55,7 @@ def _log(folder: Path, name: str) -> Path:
 def _process_of(folder: Path, name: str) -> str:
     """Return the name of the process whose log contains the output of `name`.
 
-    A simulated arena can run its router, pose forwarders and loggers in the process `world`: `router` -> `world`.
+    A simulated arena can run its router, pose forwarders and recorder in the process `world`: `router` -> `world`.
     Programs can share a process `group.NAME`. The name of a process is returned unchanged.
     """
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):

@@ -31,3 +31,5 @@ def register(app: typer.Typer) -> None:
 
         Console().print(status_view(status))
         print(f"run folder: {Path(state.run)}")
+        if status.get("replay"):
+            print(f"replayed from: {status['replay']}")

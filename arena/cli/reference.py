@@ -1,7 +1,7 @@
 """Generator of the pages in docs/reference: `python -m arena.cli.reference [FOLDER]`.
 
-Pages: keys of the YAML, ports, processes, exit codes, the command line, words of scenarios, columns of the log. Do not edit
-these pages by hand: a test generates them again and compares.
+Pages: keys of the YAML, ports, processes, exit codes, the command line, words of scenarios, columns of the log, channels
+of a record. Do not edit these pages by hand: a test generates them again and compares.
 """
 
 from __future__ import annotations
@@ -16,11 +16,14 @@ import typer.main
 
 from arena import errors
 from arena.cli import VERBS, build_complete
+from arena.cli.reference_channels import channels_page
+from arena.cli.reference_placeholders import placeholders_page
+from arena.cli.reference_ros2 import ros2_page
+from arena.flight_log import columns
 from arena.mocap.vendors import VENDORS, vendor_settings
 from arena.plan import ProcessSpec, Restart, make_plan
 from arena.plan.model import PROGRAMS
 from arena.plan.process_table import TABLE, ProcessKind
-from arena.recorder import columns
 from arena.schema import load_arena
 from arena.schema.descriptions import descriptions
 from arena.schema.mocap import Mocap
@@ -38,12 +41,15 @@ def pages() -> dict[str, str]:
     """Return file name -> text of every generated page."""
     made = {
         "yaml.md": yaml_page(),
+        "placeholders.md": placeholders_page(table),
+        "ros2-topics.md": ros2_page(table),
         "ports.md": ports_page(),
         "processes.md": processes_page(),
         "exit-codes.md": exit_codes_page(),
         "cli.md": cli_page(),
         "scenarios.md": scenarios_page(),
         "log-columns.md": log_columns_page(),
+        "channels.md": channels_page(table),
     }
     return {name: _HEAD + text.rstrip() + "\n" for name, text in made.items()}
 
@@ -68,8 +74,9 @@ def yaml_page() -> str:
     text += "  the vehicle's own entry, `--set key=value`.\n\n"
     text += "## The arena\n\n" + _keys(schema)
     order = [
-        "World", "Origin", "Sim", "Px4Keys", "Mocap", "MocapNoise", "VehicleKeys", "Start", "Grid",
-        "Measured", "Signing", "Program", "Tool", "VehicleDefaults", "Preflight", "Failsafe", "OffboardLoss",
+        "World", "Obstacle", "Origin", "Sim", "Px4Keys", "Mocap", "MocapNoise", "LogKeys", "Foxglove", "VehicleKeys", "Start", "Grid",
+        "Neighbours", "NeighbourNoise", "BeaconSensor", "BeaconNoise",
+        "Measured", "Signing", "Program", "Tool", "Ready", "Ros2", "Microxrce", "VehicleDefaults", "Preflight", "Failsafe", "OffboardLoss",
         "PositionLoss", "LowBattery", "RcLoss", "DataLinkLoss", "FenceLoss", "AttitudeLoss",
         "Geofence", "Copilot", "GeofenceRule", "SeparationRule", "TiltRule", "SpeedRule",
         "PoseAgeRule", "EstimateRule", "BatteryRule", "ProgramRule", "Host",
@@ -163,7 +170,7 @@ def ports_page() -> str:
                 )
             )
     text = "# Ports\n\n- All ports are on the arena's `address` (default 127.0.0.1).\n"
-    text += "- All ports are UDP, except for PX4's simulator API, which is TCP.\n"
+    text += "- All ports are UDP, except for PX4's simulator API, Foxglove and the monitor, which are TCP.\n"
     text += "- `id` is the vehicle's MAV_SYS_ID.\n"
     text += "- The messages of a vehicle are also sent to each of its `gcs` addresses: to its program port, its SDK port and\n"
     text += "  14550 there.\n\n"
@@ -222,7 +229,7 @@ def _kind(row: ProcessKind) -> list[str]:
     ]
 
 
-_READY = {"reported": "it reports READY", "started": "it is started", "port": "its port is open"}
+_READY = {"reported": "it reports READY", "started": "it is started"}
 
 
 def _process(spec: ProcessSpec) -> list[str]:

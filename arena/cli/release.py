@@ -20,7 +20,9 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def release(
-        vehicles: Annotated[list[str], typer.Argument(metavar="VEHICLE...", help="vehicles to release")],
+        vehicles: Annotated[
+            list[str], typer.Argument(metavar="VEHICLE...", help="vehicles that programs may fly again")
+        ],
         run: RunOption = None,
     ) -> None:
         """Allow programs to arm and fly a vehicle again, after land-all, the copilot, a pilot or a ground station took control."""

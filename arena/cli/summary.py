@@ -34,6 +34,4 @@ def register(app: typer.Typer) -> None:
         if text.is_file():
             print(text.read_text().rstrip())
         else:
-            raise InputError(
-                f"{run}: this run has no report. Create it with: python -m arena.recorder.report {run}"
-            )
+            raise InputError(f"{run}: this run has no report. Create it with: arena report {run}")

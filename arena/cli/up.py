@@ -7,7 +7,6 @@ Exit codes: 0 success; 1 a program, a vehicle, a process or the landing failed; 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import json
 import os
 import shutil
@@ -17,8 +16,10 @@ from typing import Annotated, Any
 
 import typer
 
-from arena.cli._arena import at_free_address, copilot_notes, not_possible, without_effect
+from arena.cli._arena import at_free_address, clock_notes, copilot_notes, not_possible, without_effect
 from arena.cli._consent import ask_consent
+from arena.cli._options import AsJson, NoReport, Quiet, TimeLimit, Verbose
+from arena.cli._page import with_page
 from arena.cli._running import user_name
 from arena.errors import EXIT_FAILED, EXIT_OK, InputError, RunError
 from arena.kernels import INTERPRETED
@@ -43,6 +44,9 @@ File = Annotated[Path, typer.Argument(help="YAML file of the arena, or a folder 
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")
 ]
+
+
+Output = Lines | LiveTable | JsonLines
 
 
 def register(app: typer.Typer) -> None:
@@ -84,7 +88,7 @@ def register(app: typer.Typer) -> None:
             bool,
             typer.Option(
                 "--processes",
-                help="run world, motion capture, pose forwarders, router and loggers of a simulated arena as separate processes; "
+                help="run world, motion capture, pose forwarders, router and recorder of a simulated arena as separate processes; "
                 "the same as --set sim.processes=many",
             ),
         ] = False,
@@ -95,11 +99,25 @@ def register(app: typer.Typer) -> None:
                 help="run the world at a higher priority than other programs (needs root); the same as --set sim.realtime=true",
             ),
         ] = False,
+        foxglove: Annotated[
+            bool,
+            typer.Option(
+                "--foxglove",
+                help="show the flight live in Foxglove, at ws://ADDRESS:8765; the same as --set log.foxglove=true",
+            ),
+        ] = False,
         allow_diff: Annotated[
             bool,
             typer.Option(
                 "--allow-diff",
                 help="fly real vehicles even if their parameters differ from the values that `arena params push` would write",
+            ),
+        ] = False,
+        monitor: Annotated[
+            bool,
+            typer.Option(
+                "--monitor",
+                help="show the flight live on a web page (`arena monitor`); the same as --set tools.monitor=true",
             ),
         ] = False,
         yes: Annotated[
@@ -111,10 +129,7 @@ def register(app: typer.Typer) -> None:
                 "--until-done", help="end when every program has ended and every vehicle is disarmed"
             ),
         ] = False,
-        time_limit: Annotated[
-            float | None,
-            typer.Option("--time-limit", metavar="S", min=0.0, help="end after S seconds of wall time"),
-        ] = None,
+        time_limit: TimeLimit = None,
         runs: Annotated[
             Path | None,
             typer.Option(
@@ -123,50 +138,51 @@ def register(app: typer.Typer) -> None:
                 help="folder for the run folders; default: `runs` next to the YAML file",
             ),
         ] = None,
-        no_report: Annotated[
-            bool,
-            typer.Option(
-                "--no-report",
-                help="write no summary and no plots; `python -m arena.recorder.report RUN` can write them later",
-            ),
-        ] = False,
-        quiet: Annotated[
-            bool, typer.Option("-q", "--quiet", help="print only the verdict and failures")
-        ] = False,
-        verbose: Annotated[
-            bool,
-            typer.Option(
-                "-v", "--verbose", help="print every start and stop of a process, and the full summary"
-            ),
-        ] = False,
-        as_json: Annotated[
-            bool, typer.Option("--json", help="print one JSON object per line, for other programs")
-        ] = False,
+        no_report: NoReport = False,
+        quiet: Quiet = False,
+        verbose: Verbose = False,
+        as_json: AsJson = False,
     ) -> None:
         """Start an arena and supervise it until its end. Ctrl-C lands the vehicles, then stops the arena."""
-        if quiet and verbose:
-            raise InputError("got both -q and -v, expected one of them")
+        show = output_of(quiet=quiet, verbose=verbose, as_json=as_json, headless=headless)
         overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
         overrides += ["preflight.params=false"] if allow_diff else []
         overrides += ["sim.realtime=true"] if realtime else []
         overrides += ["sim.processes=many"] if processes else []
+        overrides += ["log.foxglove=true"] if foxglove else []
+        overrides += ["tools.monitor=true"] if monitor else []
         overrides += [f"world.seed={seed}", f"mocap.seed={seed}"] if seed is not None else []
         overrides += [f"sim.speed={speed}"] if speed is not None else []
-        plan = _plan(file, overrides)
-        for line in open_lines(plan):
+        plan, page = with_page(_plan(file, overrides))
+        for line in (*open_lines(plan), *([page] if page else [])):
             print(line, file=sys.stderr if as_json or quiet else sys.stdout, flush=True)
         consent = ask_consent(plan, yes=yes)
-        plan = dataclasses.replace(plan, report=None) if no_report else plan
+        plan = _without_report(plan) if no_report else plan
         beside = file if file.is_dir() else file.parent
         folder = create(plan, runs if runs is not None else beside / "runs")
         permit_by = f"{user_name()} (arena up, {consent})" if consent else ""
         options = Options(until_done=until_done, time_limit_s=time_limit, adopt=True, permit_by=permit_by)
         if detach:
-            raise SystemExit(_detached(plan, folder, options))
-        level = Level.RESULT if quiet else Level.DETAIL if verbose else Level.CHANGE
-        live = sys.stdout.isatty() and not (headless or quiet or as_json)
-        show = JsonLines(level) if as_json else LiveTable(level) if live else Lines(level)
-        raise SystemExit(_run(plan, folder, show, options))
+            raise SystemExit(run_detached(plan, folder, options))
+        raise SystemExit(run_plan(plan, folder, show, options))
+
+
+def output_of(*, quiet: bool, verbose: bool, as_json: bool, headless: bool) -> Output:
+    """Return what prints a run: a live table on a terminal, else lines. Raises InputError for -q with -v.
+
+    headless: no live table.
+    """
+    if quiet and verbose:
+        raise InputError("got both -q and -v, expected one of them")
+    level = Level.RESULT if quiet else Level.DETAIL if verbose else Level.CHANGE
+    live = sys.stdout.isatty() and not (headless or quiet or as_json)
+    return JsonLines(level) if as_json else LiveTable(level) if live else Lines(level)
+
+
+def _without_report(plan: Plan) -> Plan:
+    from arena.plan.make import without_report
+
+    return without_report(plan)
 
 
 def _plan(file: Path, overrides: list[str]) -> Plan:
@@ -180,7 +196,7 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
     from arena.schema import load_arena
 
     arena = load_arena(file, overrides)
-    for line in (*not_possible(arena), *without_effect(arena), *copilot_notes(arena)):
+    for line in (*not_possible(arena), *without_effect(arena), *clock_notes(arena), *copilot_notes(arena)):
         print(line, file=sys.stderr)
     if arena.simulated and INTERPRETED:
         print(INTERPRETED, file=sys.stderr)
@@ -190,6 +206,7 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
     if moved:
         _say(moved)
     _refuse_second(plan)
+    _refuse_beside_replay(plan)
     check_machine(arena, plan)
     return plan
 
@@ -213,11 +230,27 @@ def _refuse_second(plan: Plan) -> None:
             )
 
 
+def _refuse_beside_replay(plan: Plan) -> None:
+    """Raise RunError if the plan has real vehicles while a replay sends telemetry to a ground station.
+
+    The ground station would mix up real and replayed vehicles with the same id, and show the state of the wrong one.
+    """
+    if all(v.simulated for v in plan.vehicles):
+        return
+    for state in active_runs():
+        other = plan_of(state)
+        if state.live and other is not None and other.is_replay and other.slices["router.json"]["gcs"]:
+            raise RunError(
+                f"a replay is running ({state.run}) and sends the telemetry of recorded vehicles to ground stations, which would mix "
+                f"them up with real vehicles. End it with `arena down --run {state.run}`, or replay with --no-gcs"
+            )
+
+
 def _sockets(plan: Plan) -> set[tuple[str, str, int]]:
     return {(x.protocol, x.address, x.port) for spec in plan.processes for x in spec.listens}
 
 
-def _run(plan: Plan, folder: RunFolder, show: Lines, options: Options) -> int:
+def run_plan(plan: Plan, folder: RunFolder, show: Lines, options: Options) -> int:
     """Run the plan in this process (main thread), print the result and return the exit code."""
     _set_title(plan)
     show.say(Message(text=f"{plan.name}: starting {len(plan.processes)} processes, run folder {folder.path}"))
@@ -247,6 +280,8 @@ def _print_result(run: Path, code: int, show: Lines) -> None:
         show.print(summary.read_text().rstrip())
     if show.level is not Level.RESULT:
         show.print(f"run folder: {run}")
+        if (page := run / "report.html").is_file():
+            show.print(f"report: {page}")
         if summary.is_file() and show.level is Level.CHANGE:
             show.print(f"more: arena summary {run}")
 
@@ -271,7 +306,7 @@ class _Piped(Lines):
         self.report(started=True, failed=failed)
 
 
-def _detached(plan: Plan, folder: RunFolder, options: Options) -> int:
+def run_detached(plan: Plan, folder: RunFolder, options: Options) -> int:
     """Fork the supervisor into its own session. Wait until all processes are started or the run has ended.
 
     Return the exit code of `arena up --detach`.
@@ -301,7 +336,7 @@ def _detached(plan: Plan, folder: RunFolder, options: Options) -> int:
 def _run_detached(plan: Plan, folder: RunFolder, options: Options, show: _Piped) -> int:
     code = EXIT_FAILED
     try:
-        code = _run(plan, folder, show, options)
+        code = run_plan(plan, folder, show, options)
     except BaseException:
         import traceback
 

@@ -25,10 +25,10 @@ def component_for(target: Target) -> int:
 
 
 def send_first_commands(targets: Sequence[Target], action: Action) -> None:
-    """Send one command to each vehicle, on its panic link and through its MAVLink router.
+    """Send the first landing or kill command to each vehicle, on two connections at once.
 
-    The panic link is a separate MAVLink connection of each autopilot, for emergencies only. Errors are ignored, because
-    `dispatch` repeats the commands.
+    One is the panic link: a separate MAVLink connection of each vehicle that is reserved for emergencies. The other is the MAVLink
+    router. Errors are ignored, because `dispatch` repeats the commands.
     """
     sockets: dict[str, socket.socket] = {}
     now = time.monotonic()

@@ -99,6 +99,12 @@ def _command_all(action: Action, selection: Selection) -> int:
 
 def _command_own(action: Action, selection: Selection, elsewhere: Callable[[], bool]) -> int:
     found = find(arena=selection.arena, run=selection.run, elsewhere=elsewhere)
+    for replay in found.replays:
+        _say(
+            f"not commanded: {replay} is a replay. Its vehicles are recorded: they do not fly, and cannot land"
+        )
+    if found.replays and not found.source:
+        return EXIT_OK
     targets = choose(found.targets, selection.only, selection.spared)
     if not targets:
         if found.source:

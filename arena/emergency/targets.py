@@ -18,6 +18,7 @@ from arena.emergency.yaml_fallback import VehicleEntry, read_yaml, vehicles_of
 from arena.errors import InputError
 from arena.transport import Address, url_from_json
 
+_NO_REPLAY = '"replay": ""'  # in the plan.json of every other run
 _LINK_BASE, _PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS = 24000, 4, 5, 6
 
 
@@ -50,11 +51,13 @@ class Found:
 
     source: the run folders or the YAML that contain the addresses
     unread: one message per active run whose plan cannot be read
+    replays: the active runs that are replays: they have no vehicle, and are not commanded
     """
 
     source: str
     targets: tuple[Target, ...]
     unread: tuple[str, ...] = ()
+    replays: tuple[str, ...] = ()
 
 
 def find(
@@ -73,16 +76,29 @@ def find(
     elsewhere: function that returns whether another process commands the vehicles; then no YAML is read
     """
     if run is not None:
-        return _of_run(ActiveRun(folder=run))
+        chosen = ActiveRun(folder=run)
+        if is_replay(chosen):
+            return Found(source="", targets=(), replays=(str(chosen),))
+        return _of_run(chosen)
     runs = active_runs()
     if os.geteuid() != 0:
         runs += [shared for found in active_runs_of_others().values() for shared in found]
+    replays = tuple(str(one) for one in runs if is_replay(one))
+    return replace(_find_in(runs, arena, elsewhere, replays), replays=replays)
+
+
+def _find_in(
+    runs: Sequence[ActiveRun], arena: Path | None, elsewhere: Callable[[], bool], replays: Sequence[str]
+) -> Found:
     if selected := of_runs(runs, arena):
         return selected
     if elsewhere():
         return Found(source="", targets=())
     if arena is None:
         arena = Path("arena.yaml")
+        only_replays = len(replays) == len(runs)
+        if replays and only_replays and not _names_real_vehicle(arena):
+            return Found(source="", targets=())
         if not arena.is_file():
             raise InputError(
                 "nothing to land: no run is active, and there is no arena.yaml in this folder. Name the file: arena land-all FILE"
@@ -97,8 +113,9 @@ def of_runs(runs: Sequence[ActiveRun], arena: Path | None) -> Found | None:
 
     If no run was started from this YAML, the newest run on its address is used. Returns None if there is no run, or none
     can be read.
-    runs: active runs.
+    runs: active runs. Replays are ignored: their vehicles are recorded, so they cannot land.
     """
+    runs = [run for run in runs if not is_replay(run)]
     if arena is None:
         return _of_all(runs)
     file = _yaml_path(arena)
@@ -112,6 +129,38 @@ def of_runs(runs: Sequence[ActiveRun], arena: Path | None) -> Found | None:
                 if hosts & {target.tools[0] for target in running.targets}:
                     return running
     return None
+
+
+def _names_real_vehicle(arena: Path) -> bool:
+    """Return whether a YAML names a real vehicle. False if the file does not exist.
+
+    While a replay runs, a bare land-all does not search for simulated vehicles of arena.yaml: they exist in a run only. Real vehicles
+    are landed as without the replay.
+    """
+    if not arena.is_file():
+        return False
+    try:
+        return any(target.direct is not None for target in from_yaml(arena).targets)
+    except InputError:
+        return True
+
+
+def is_replay(run: ActiveRun) -> bool:
+    """Return whether a run plays back a recorded flight, as its plan.json says. False if the plan cannot be read."""
+    for folder in (run.folder, run.runtime):
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
+            if folder is not None:
+                text = (folder / "plan.json").read_text()
+                may_be = (
+                    _NO_REPLAY not in text and '"replay"' in text
+                )  # else the text is not parsed, to command vehicles sooner
+                return may_be and _plays_back(json.loads(text))
+    return False
+
+
+def _plays_back(plan: Any) -> bool:
+    """Return whether a plan is a replay. A plan with a real vehicle never is."""
+    return bool(plan.get("replay")) and all(v["simulated"] is True for v in plan["vehicles"])
 
 
 def _yaml_path(arena: Path) -> Path:

@@ -69,6 +69,7 @@ class Forwarder:
         self._wait_s, self._waiting_since = wait_s, math.inf
         self.system = int(settings["id"])
         self._body, self._origin = settings["body"], settings["origin"]
+        self._origin_alt_m = float(settings.get("origin_alt_m", 0.0))
         self._every = round(float(settings["frame_rate_hz"]) / float(settings["rate_hz"]))
         self._stale_s = float(settings["stale_s"])
         noise = settings["noise"]
@@ -271,8 +272,11 @@ class Forwarder:
         return 0.0 <= now - a.since < (_ORIGIN_WAIT_S if a.on_ground else _ORIGIN_WAIT_UNKNOWN_S)
 
     def tick(self, now: float) -> list[bytes]:
-        """Return the messages to send now: the own heartbeat; MAV_CMD_REQUEST_MESSAGE for HEARTBEAT until the autopilot's first one
-        has arrived; and the origin until the autopilot has it.
+        """Return the messages to send to the autopilot now. now: time [s].
+
+        - HEARTBEAT of the pose forwarder, once a second.
+        - MAV_CMD_REQUEST_MESSAGE, once a second until the first HEARTBEAT of the autopilot has arrived.
+        - The origin and the global position, once a second until the autopilot has reported the origin, at most _ORIGIN_TRIES times.
         """
         due = []
         if now - self._beat >= 1.0:
@@ -314,11 +318,10 @@ class Forwarder:
         )
 
     def _global_position(self, pose: Pose) -> list[bytes]:
-        """Return two messages: one sets the autopilot's origin at altitude 0 (sea level), the other sets its
-        global position, computed from `pose`.
+        """Return two messages: one sets the autopilot's origin, the other sets its global position, computed from `pose`.
 
-        After a gap PX4's estimator resets its height from the first pose as if the origin's altitude were 0.
-        With any other altitude the height would jump by that value.
+        PX4 gets an origin at altitude 0 (sea level): after a gap its estimator resets its height from the first pose as if the
+        origin's altitude were 0. With any other altitude the height would jump by that value.
         """
         assert self._origin is not None
         lat, lon = self._origin["lat_deg"], self._origin["lon_deg"]
@@ -326,7 +329,7 @@ class Forwarder:
         there = globe_from_local(lat, lon, north, east)
         accuracy_m = max(math.sqrt(self._covariance[0]), 0.01)
         origin = mavlink.MAVLink_set_gps_global_origin_message(
-            self.system, round(lat * 1e7), round(lon * 1e7), 0, 0
+            self.system, round(lat * 1e7), round(lon * 1e7), round(self._origin_alt_m * 1e3), 0
         )
         place = mavlink.MAVLink_command_int_message(
             self.system,

@@ -54,6 +54,7 @@ def serve(context: ProcessContext) -> int:
         **os.environ,
         **{f"PX4_PARAM_{name}": param_text(value) for name, value in s["params"].items()},
         "PX4_SIM_MODEL": s["model"],
+        **s.get("env", {}),
     }
     env.pop("PX4_SIM_SPEED_FACTOR", None)  # PX4 would scale its failsafes' times by it
     print(" ".join(argv), flush=True)

@@ -1,4 +1,4 @@
-"""Output of scenario results: a table for the terminal, JUnit XML, results.json, and plots of failed flights.
+"""Output of scenario results: a table for the terminal, JUnit XML, and results.json.
 
 JUnit XML is written with the standard library: `junitparser` would save some 15 of 45 lines and add a dependency.
 """
@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -21,7 +19,7 @@ from rich.text import Text
 
 from arena.smoke.language.model import Place
 from arena.smoke.language.scenario import stem
-from arena.smoke.referee.verdict import Result, Row, RuleResult, StepResult, Touchdown, Verdict
+from arena.smoke.referee.verdict import Result, RuleResult, StepResult, Touchdown, Verdict
 
 _SUITE = "arena smoke"
 _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -178,9 +176,16 @@ def _plain(text: str) -> str:
 
 def results_json(results: Sequence[Result]) -> str:
     """Return the results as JSON. `read_results` converts it back; the extra key `passed` is for other programs."""
-    return (
-        json.dumps([{"passed": r.verdict.passed, **dataclasses.asdict(r)} for r in results], indent=1) + "\n"
-    )
+    return json.dumps([_as_json(result) for result in results], indent=1) + "\n"
+
+
+def result_json(result: Result) -> str:
+    """Return one result as JSON, for `scenario.json` in its run folder."""
+    return json.dumps(_as_json(result), indent=1) + "\n"
+
+
+def _as_json(result: Result) -> dict[str, Any]:
+    return {"passed": result.verdict.passed, **dataclasses.asdict(result)}
 
 
 def read_results(text: str) -> list[Result]:
@@ -200,50 +205,4 @@ def _result(raw: dict[str, Any]) -> Result:
         ended=verdict["ended"],
         problems=tuple(verdict["problems"]),
     )
-    return Result(**{**raw, "verdict": made, "pictures": tuple(raw["pictures"])})
-
-
-# -- pictures -----------------------------------------------------------------------------------------------------------------
-
-
-def draw(result: Result, rows: Sequence[Row], folder: Path) -> list[str]:
-    """Plot height, distance and mode of each vehicle over time to folder/plots/scenario.png. The distance is
-    to the nearest vehicle, or to the start if there is only one vehicle.
-
-    rows: values of all vehicles over the flight.  folder: the run folder.
-    Return the paths of the plots; empty if there are no rows.
-    """
-    if not rows:
-        return []
-    import numpy as np
-
-    from arena.recorder import scenario_plots
-
-    tracks = {}
-    for name in dict.fromkeys(row.vehicle for row in rows):
-        own = [row for row in rows if row.vehicle == name]
-        away = [math.dist(row.p_n[:2], own[0].p_n[:2]) for row in own]
-        near = [math.nan if row.nearest_m is None else row.nearest_m for row in own]
-        several = any(row.vehicle != name for row in rows)
-        tracks[name] = scenario_plots.Track(
-            t=np.array([row.time_s for row in own]),
-            height=np.array([row.height_m for row in own]),
-            distance=np.array(near if several else away),
-            modes=[row.mode for row in own],
-        )
-    marks = [scenario_plots.Mark(at_s=at, text=text, good=good) for at, text, good in _marks(result.verdict)]
-    return [str(scenario_plots.draw(result.scenario, tracks, marks, folder / "plots" / "scenario.png"))]
-
-
-def _marks(verdict: Verdict) -> Iterator[tuple[float, str, bool]]:
-    """Yield (time [s], text, passed) for each step and each violated rule, to be marked in the plot.
-
-    The time of a failed step is the time at which the step began.
-    """
-    for step in verdict.steps:
-        at = step.done_s if step.outcome == "passed" else step.begun_s
-        if at is not None:
-            yield at, step.place.text, step.outcome == "passed"
-    for rule in verdict.rules:
-        if rule.outcome == "failed" and rule.at_s is not None:
-            yield rule.at_s, rule.place.text, False
+    return Result(**{**raw, "verdict": made})

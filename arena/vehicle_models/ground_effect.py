@@ -35,11 +35,12 @@ _MIN_HEIGHT = 0.5  # rotor radii
 
 
 def ground_table(profile: Mapping[str, Any]) -> tuple[Array, float, float]:
-    """Compute the table of thrust gain over height for the vehicle of one profile.
+    """Compute how much the ground effect increases the thrust of a vehicle, as a table over its height.
 
+    profile: the vehicle's profile, as in the files of `profiles/`
     Returns (1) the thrust divided by the thrust far from the floor, at CELLS + 1 equally spaced heights of
     the body origin from 0 [-] (CELLS + 1,); (2) the number of cells per metre [1/m]; (3) the height at which
-    the effect ends [m]. For a profile without `ground_effect` these are ones, 0 and 0.
+    the effect ends [m]. Without the key `ground_effect` in the profile these are ones, 0 and 0.
     """
     settings = profile.get("ground_effect")
     if not settings:

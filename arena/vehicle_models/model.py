@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from arena.kernels.rotor_dynamics import RotorDynamics
+
     Array = NDArray[np.float64]
 Profile = Mapping[str, Any]
 """A vehicle's profile, as in the JSON configuration (slice) of a process."""
@@ -32,6 +34,8 @@ class Dynamics(Protocol):
 
     spin: state of the actuators, given as the command that would maintain this state, 0..1 [-] (V, R)
     supply: battery voltage divided by nominal voltage [-] (V,); written by the world
+    motors: last argument of `step`, which the kernel `law` reads (V, R)
+    law: kernel of the actuators
     voltage_matters: whether the thrust of any vehicle depends on `supply`
     hover: motor command at which each vehicle hovers [-] (V,)
     supply_per_volt: `supply` per volt of the battery [1/V], 0 for a vehicle whose thrust does not depend on
@@ -40,6 +44,8 @@ class Dynamics(Protocol):
 
     spin: Array
     supply: Array
+    motors: Array
+    law: RotorDynamics
 
     @property
     def voltage_matters(self) -> bool: ...

@@ -111,4 +111,4 @@ def test_consent_repeats_that_there_is_no_axes_check(
     (tmp_path / "arena.yaml").write_text(f"{REAL}{keys}\n")
     monkeypatch.setattr("sys.stdin", Terminal("yes\n"))
     ask_consent(make_plan(load_arena(tmp_path / "arena.yaml")), yes=False)
-    assert ("uav2 needs no identity and axes check" in capsys.readouterr().out) is repeated
+    assert ("uav2 can arm without the identity and axes check" in capsys.readouterr().out) is repeated

@@ -6,7 +6,18 @@ import pytest
 
 from arena.cli.reference import FOLDER, pages
 
-PAGES = ("yaml.md", "ports.md", "processes.md", "exit-codes.md", "cli.md", "scenarios.md", "log-columns.md")
+PAGES = (
+    "yaml.md",
+    "ports.md",
+    "processes.md",
+    "exit-codes.md",
+    "cli.md",
+    "scenarios.md",
+    "log-columns.md",
+    "placeholders.md",
+    "ros2-topics.md",
+    "channels.md",
+)
 
 
 @pytest.mark.parametrize("name", PAGES)

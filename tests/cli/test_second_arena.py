@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ import pytest
 from arena.cli import up
 from arena.errors import RunError
 from arena.plan import Plan, make_plan
+from arena.plan.replay import ReplayedVehicle, ReplaySettings, make_replay_plan
 from arena.schema import load_arena
 
 
@@ -54,3 +56,31 @@ def test_second_arena_on_one_address_is_refused(tmp_path: Path, monkeypatch: pyt
         RunError, match=r"End it with `arena down --run /runs/first`, or set another `address`"
     ):
         refuse(monkeypatch, plan_on(tmp_path, "127.74.6.1", 8), plan_on(tmp_path, "127.74.6.1", 7))
+
+
+def test_real_vehicles_do_not_fly_beside_a_replay_for_ground_stations(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulated = plan_on(tmp_path, "127.74.6.1", 7)
+    real = dataclasses.replace(
+        simulated, vehicles=tuple(dataclasses.replace(v, simulated=False) for v in simulated.vehicles)
+    )
+    run = SimpleNamespace(live=True, run="/runs/replay")
+    monkeypatch.setattr(up, "active_runs", lambda: [run])
+    for local_station in (True, False):
+        vehicles = [ReplayedVehicle(name="a", id=7, body="a", simulated=False)]
+        settings = ReplaySettings(
+            name="lab",
+            sources=["/a"],
+            vehicles=vehicles,
+            size_m=(7.0, 4.0, 3.0),
+            local_station=local_station,
+        )
+        shown = make_replay_plan(settings)
+        monkeypatch.setattr(up, "plan_of", lambda _, shown=shown: shown)
+        up._refuse_beside_replay(simulated)
+        if local_station:
+            with pytest.raises(RunError, match=r"End it with `arena down --run /runs/replay`"):
+                up._refuse_beside_replay(real)
+        else:
+            up._refuse_beside_replay(real)

@@ -37,7 +37,7 @@ def make_run(
         "duration_s": 20.44,
         "exit_code": 0,
         "failed": [],
-        "landing": "nothing was flying",
+        "landing": "no vehicle had to be landed",
         "real_time": {"factor": 0.997, "asked": 1.0},
         **changes,
     }
@@ -93,7 +93,7 @@ def test_verdict_without_an_outcome_says_so(tmp_path: Path) -> None:
 
 def test_verdict_of_a_run_of_an_earlier_version_is_read(tmp_path: Path) -> None:
     run = make_run(tmp_path, real_time=None)
-    assert verdict(run) == "lab: succeeded after 20.4 s: nothing was flying"
+    assert verdict(run) == "lab: succeeded after 20.4 s: no vehicle had to be landed"
 
 
 def test_short_table_has_a_row_per_vehicle(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_summary_without_a_report_names_the_command_that_makes_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, _, err = run_cli("summary", str(make_run(tmp_path)), capsys=capsys)
-    assert code == 2 and "python -m arena.recorder.report" in err
+    assert code == 2 and "arena report" in err
     code, _, err = run_cli("summary", str(tmp_path), capsys=capsys)
     assert code == 2 and "not a run folder" in err
 

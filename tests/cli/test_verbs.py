@@ -88,7 +88,7 @@ def test_plan_prints_each_process_with_its_needs_ports_and_command(
     code, out, _ = run("plan", capsys=capsys)
     assert code == 0
     line = next(x for x in out.splitlines() if "program.uav1" in x and "--uav" in x)
-    for word in ("forward.uav1, router, logger.uav1", "started", "16001", "{run}/slices/program.uav1.json"):
+    for word in ("forward.uav1, router, recorder", "started", "16001", "{run}/slices/program.uav1.json"):
         assert word in line
 
 
@@ -213,6 +213,14 @@ def test_check_imports_neither_the_supervisor_loop_nor_numpy_nor_rich(folder: Pa
     code = "from arena.cli import main; assert main(['check']) == 0"
     heavy = ("numpy", "pymavlink", "rich.console", "matplotlib", "psutil", "arena.supervisor.loop")
     assert imported(code, *heavy) == []
+
+
+def test_check_of_obstacles_does_not_import_numpy(tmp_path: Path) -> None:
+    file = tmp_path / "arena.yaml"
+    pole = "{shape: cylinder, size: [0.2, 2.0], position: [1.0, 0.0, 0.0], rpy_deg: [10, 0, 0]}"
+    file.write_text(f"vehicles: {{uav1: {{}}}}\nworld: {{obstacles: {{pole: {pole}}}}}\n")
+    code = f"from arena.cli import main; assert main(['check', {str(file)!r}]) == 0"
+    assert imported(code, "numpy") == []
 
 
 def test_check_reads_no_source_of_models(folder: Path) -> None:

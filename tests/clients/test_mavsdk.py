@@ -8,6 +8,7 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,12 +23,17 @@ pytest.importorskip("mavsdk.asyncio", reason="client is not installed: mavsdk>=4
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk  # noqa: E402
 from mavsdk.asyncio.plugins.action import ActionAsync  # noqa: E402
 from mavsdk.asyncio.plugins.failure import FailureAsync  # noqa: E402
+from mavsdk.asyncio.plugins.ftp import FtpAsync  # noqa: E402
+from mavsdk.asyncio.plugins.info import InfoAsync  # noqa: E402
+from mavsdk.asyncio.plugins.log_files import LogFilesAsync  # noqa: E402
 from mavsdk.asyncio.plugins.mission import MissionAsync  # noqa: E402
 from mavsdk.asyncio.plugins.offboard import OffboardAsync  # noqa: E402
 from mavsdk.asyncio.plugins.param import ParamAsync  # noqa: E402
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync  # noqa: E402
 from mavsdk.exceptions import MavsdkError  # noqa: E402
 from mavsdk.plugins.failure import FailureType, FailureUnit  # noqa: E402
+from mavsdk.plugins.ftp import FtpResult  # noqa: E402
+from mavsdk.plugins.log_files import LogFilesResult  # noqa: E402
 from mavsdk.plugins.mission import MissionItem, MissionPlan  # noqa: E402
 from mavsdk.plugins.offboard import (  # noqa: E402
     AccelerationNed,
@@ -49,6 +55,9 @@ class Drone:
 
     action: ActionAsync
     failure: FailureAsync
+    files: FtpAsync
+    info: InfoAsync
+    logs: LogFilesAsync
     mission: MissionAsync
     offboard: OffboardAsync
     param: ParamAsync
@@ -64,6 +73,9 @@ async def connected(site: Site) -> AsyncIterator[Drone]:
         drone = Drone(
             ActionAsync(system),
             FailureAsync(system),
+            FtpAsync(system),
+            InfoAsync(system),
+            LogFilesAsync(system),
             MissionAsync(system),
             OffboardAsync(system),
             ParamAsync(system),
@@ -205,6 +217,33 @@ def test_mavsdk_invalid_requests_are_refused(site: Site) -> None:
             await drone.offboard.start()
 
     fly(site, try_it)
+
+
+def test_mavsdk_reads_files_logs_and_flight_information(site: Site, tmp_path: Path) -> None:
+    async def read(drone: Drone) -> None:
+        assert (await drone.files.list_directory("/")).entries
+        suffix = "" if site.kind == "builtin" else ".xz"
+        general = f"/etc/extras/component_general.json{suffix}"
+        for burst in (False, True):
+            async for result, _ in drone.files.download(general, str(tmp_path), burst):
+                if result == FtpResult.SUCCESS:
+                    break
+            assert (tmp_path / Path(general).name).stat().st_size > 50
+        with pytest.raises(MavsdkError):
+            await drone.files.list_directory("/no/such/folder")
+        await drone.action.arm()
+        info = drone.info.subscribe_flight_information()
+        await until(info, lambda i: i.duration_since_arming_ms > 0)
+        await drone.action.disarm()
+        deadline = time.monotonic() + PATIENCE * 20.0
+        while not (entries := [e for e in await drone.logs.get_entries() if e.size_bytes > 2000]):
+            assert time.monotonic() < deadline
+        async for result, _ in drone.logs.download_log_file(entries[-1], str(tmp_path / "log.ulg")):
+            if result == LogFilesResult.SUCCESS:
+                break
+        assert (tmp_path / "log.ulg").read_bytes()[:4] == b"ULog"
+
+    fly(site, read)
 
 
 def test_mavsdk_offboard_flies_every_setpoint_type(site: Site) -> None:

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arena.emergency.active_runs import active_runs
-from arena.emergency.land_all import land_all
+from arena.emergency.land_all import kill_all, land_all
 from arena.emergency.run_record import DirectAddress, ProcessIdentity
-from arena.emergency.targets import choose, find, from_plan, from_yaml
+from arena.emergency.targets import choose, find, from_plan, from_yaml, is_replay
 from arena.emergency.yaml_fallback import read_yaml, vehicles_of
 from arena.errors import InputError
 from arena.plan.model import LinkPlan, Plan, VehiclePlan
@@ -47,7 +48,6 @@ def plan(ids=(1, 2), host=HOST):
             port=16000 + k,
             sdk_port=22000 + k,
             tools_port=24006 + 10 * k,
-            logger_port=24007 + 10 * k,
             mocap_body=f"uav{k}",
         )
         for k in ids
@@ -58,6 +58,7 @@ def plan(ids=(1, 2), host=HOST):
 @pytest.fixture
 def runtime(tmp_path, monkeypatch):
     """Return a function that makes an active run; the runtime folder is empty."""
+    monkeypatch.delenv("ARENA_RUNTIME_DIR", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "rt"))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
@@ -347,3 +348,71 @@ def test_a_vehicle_with_an_invalid_url_is_still_landed(tmp_path, url):
 
 def test_an_invalid_address_is_not_looked_up_as_a_name():
     assert named("address: 999.1.1.1\nvehicles:\n  uav1:\n") == ("127.0.0.1", [("uav1", 1)])
+
+
+def replay_plan(*, simulated=True):
+    made = plan((1,), host="127.0.77.1")
+    vehicles = tuple(dataclasses.replace(v, simulated=simulated) for v in made.vehicles)
+    return dataclasses.replace(made, vehicles=vehicles, replay="/runs/a/flight.mcap")
+
+
+def test_replay_is_named_and_never_commanded(runtime):
+    folder = runtime("a", replay_plan())
+    found = find()
+    assert (found.targets, found.replays) == ((), (str(folder),))
+    assert (find(run=folder).targets, find(run=folder).replays) == ((), (str(folder),))
+
+
+def test_land_all_on_a_replay_says_at_once_that_nothing_flies(runtime, capsys):
+    folder = runtime("a", replay_plan())
+    began = time.monotonic()
+    assert land_all() == 0
+    assert land_all(run=folder) == 0
+    assert kill_all(yes=True) == 0
+    assert time.monotonic() - began < 2.0
+    assert capsys.readouterr().out.count(f"not commanded: {folder} is a replay") == 3
+
+
+def test_flight_beside_a_replay_is_landed(runtime):
+    runtime("a", replay_plan())
+    flight = runtime("b", plan((1,)))
+    found = find()
+    assert (found.source, found.targets) == (str(flight), (target(1, HOST),))
+    assert len(found.replays) == 1
+
+
+def test_real_vehicles_of_the_yaml_are_landed_while_only_a_replay_runs(runtime, tmp_path):
+    runtime("a", replay_plan())
+    yaml = tmp_path / "arena.yaml"
+    yaml.write_text(
+        f"address: {HOST}\nvehicles: {{uav1: {{autopilot: hardware, url: 'udpin:127.0.0.1:14540'}}}}\n"
+    )
+    assert [t.name for t in find().targets] == ["uav1"]
+    yaml.write_text(f"address: {HOST}\nvehicles:\n  uav1: {{}}\n")
+    assert find().targets == ()
+    assert find(arena=yaml).targets == (target(1, HOST),)
+
+
+def test_plan_of_a_flight_is_not_parsed_to_see_that_it_is_no_replay(runtime, monkeypatch):
+    runtime("b", plan((1,)))
+    (run,) = active_runs()
+    parsed = []
+    monkeypatch.setattr("arena.emergency.targets.json.loads", parsed.append)
+    assert not is_replay(run) and parsed == []
+
+
+def test_run_that_cannot_be_read_beside_a_replay_is_not_a_success(runtime, tmp_path):
+    runtime("a", replay_plan())
+    flight = runtime("b", plan((1,)))
+    for file in flight.glob("plan.json"):
+        file.unlink()
+    with pytest.raises(InputError, match="nothing to land"):
+        land_all()
+    (tmp_path / "arena.yaml").write_text(f"address: {HOST}\nvehicles:\n  uav1: {{}}\n")
+    assert find().targets == (target(1, HOST),)
+
+
+def test_plan_with_a_real_vehicle_is_commanded_even_if_it_says_replay(runtime):
+    runtime("a", replay_plan(simulated=False))
+    assert [t.name for t in find().targets] == ["uav1"]
+    assert find().replays == ()

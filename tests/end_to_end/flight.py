@@ -151,8 +151,13 @@ class Flight:
         return file.read_text(errors="replace") if file.exists() else ""
 
     def rows(self, vehicle: str) -> list[dict[str, str]]:
-        """Return the rows of the vehicle's CSV."""
-        with (self.folder / "csv" / f"{vehicle}.csv").open() as file:
+        """Return the rows of the vehicle's CSV, which is made from the record if the supervisor has died before the report."""
+        path = self.folder / "csv" / f"{vehicle}.csv"
+        if not path.exists():
+            subprocess.run(
+                [sys.executable, "-m", "arena.flight_log", str(self.folder)], check=True, timeout=120
+            )
+        with path.open() as file:
             return list(csv.DictReader(file))
 
     def said(self) -> str:

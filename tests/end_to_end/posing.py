@@ -23,6 +23,9 @@ from arena.plan import make_plan
 from arena.schema import load_arena
 from arena.wire.truth_page import Truth, TruthReader
 
+NO_RADIO = {"COM_RC_IN_MODE": 4.0, "COM_RCL_EXCEPT": 4.0}
+"""Parameters that a hardware vehicle without a radio must have, and a simulated one has not."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PosingVehicle:
@@ -54,7 +57,7 @@ class PosingRoom:
                 "id": v.number,
                 "autopilot": "builtin",
                 "start": {"position": v.position},
-                "params": v.params,
+                "params": {**NO_RADIO, **v.params},
             }
             for v in vehicles
         }

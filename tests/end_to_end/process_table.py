@@ -97,7 +97,7 @@ def _cells() -> Iterator[Cell]:
         ("mocap", (A, F, F, 0, B), (K, B, B, 1, F), (A, F, F, 0), (K, F, F, 0)),
         ("router", (A, F, F, 0, L), (K, L, L, 1, F), (A, F, F, 0), (K, F, F, 0)),
         ("forward.<v>", (A, F, F, 0, B), (K, B, F, 1, F), (A, F, F, 0), (K, F, F, 0)),
-        ("logger.<v>", (A, F, F, 0), (K, F, F, 0), (A, F, F, 0), (K, F, F, 0)),
+        ("recorder", (A, F, F, 0), (K, F, F, 0), (A, F, F, 0), (K, F, F, 0)),
         ("program.<v>", (E, L, F, 1), (O, L, F, 0), (E, S, F, 1), (O, S, F, 0)),
         ("tool.<name>", (E, F, F, 0), (O, F, F, 0), (E, F, F, 0), (O, F, F, 0)),
         ("px4.<v>", (E, X, F, 1), (O, F, F, 0), (E, S, F, 1), (O, F, F, 0)),
@@ -219,10 +219,10 @@ def _sorties() -> Iterator[Sortie]:
                 name=f"{kind} {where}", where=where, vehicles=3, hits=px4s, px4=("uav1", "uav2"), speed="1"
             )
     tools = _both("tool.<name>", "air", "tool.one", "tool.two")
-    loggers = _both("logger.<v>", "air", "logger.uav1", "logger.uav2")
-    yield Sortie(name="bystanders air", where="air", vehicles=3, hits=loggers + tools)
+    killed, stopped = _both("recorder", "air", "recorder", "recorder")
+    yield Sortie(name="bystanders air", where="air", vehicles=3, hits=(killed, *tools))
     forwarders = _both("forward.<v>", "air", "forward.uav1", "forward.uav2")
-    yield Sortie(name="forwarders air", where="air", vehicles=3, hits=forwarders, speed="1")
+    yield Sortie(name="forwarders air", where="air", vehicles=3, hits=(*forwarders, stopped), speed="1")
     for process in ("mocap", "router", "land-all"):
         for number in ("SIGKILL", "SIGSTOP"):
             yield Sortie(
@@ -235,8 +235,8 @@ def _sorties() -> Iterator[Sortie]:
     yield Sortie(
         name="land-all ground", where="ground", hits=_both("land-all", "ground", "land-all", "land-all")
     )
-    shared = [h for p in ("mocap", "router") for h in _both(p, "ground", p, p)]
-    owned = [h for p in ("forward", "logger") for h in _both(f"{p}.<v>", "ground", f"{p}.uav1", f"{p}.uav1")]
+    shared = [h for p in ("mocap", "router", "recorder") for h in _both(p, "ground", p, p)]
+    owned = _both("forward.<v>", "ground", "forward.uav1", "forward.uav1")
     tools = _both("tool.<name>", "ground", "tool.one", "tool.two")
     yield Sortie(name="all that is started again, ground", where="ground", hits=(*shared, *owned, *tools))
 

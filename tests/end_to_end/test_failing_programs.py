@@ -12,8 +12,11 @@ REPORT = True  # these tests read the summary
 BAD = {"thrower": "throws", "spinner": "spins", "frozen": "freezes", "killed": "is_killed"}
 
 
-def test_failing_program_lands_only_its_own_vehicle(hangar: Hangar) -> None:
-    flight = hangar.fly({**BAD, "good": "tours"}, "--until-done")
+@pytest.mark.parametrize("backend", ["mavlink", "mavsdk"])
+def test_failing_program_lands_only_its_own_vehicle(hangar: Hangar, backend: str) -> None:
+    if backend == "mavsdk":
+        pytest.importorskip("mavsdk.plugins.mavlink_direct", reason="mavsdk is not installed")
+    flight = hangar.fly({**BAD, "good": "tours"}, "--until-done", "--set", f"defaults.backend={backend}")
     flight.until_up()
     flight.until_disarmed(BAD, 25)
     assert flight.fact("good.armed") is True and flight.fact("good.mode") == "OFFBOARD"

@@ -1,4 +1,4 @@
-"""Tests of what people do to a flying arena: ps, logs, an SDK, a ground station, restart."""
+"""Tests of what people do to a flying arena: ps, top, logs, an SDK, a ground station, restart."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_ps_lists_every_process_and_vehicle(flying: Flight) -> None:
     )
     assert {row["state"] for row in status["processes"].values()} == {"READY"} and len(
         status["processes"]
-    ) == 9
+    ) == 8
     assert flying.processes() == {row["pid"] for row in status["processes"].values()}
     assert {f"{flying.address}:16001", f"{flying.address}:24000"} <= {
         f"{c.laddr.ip}:{c.laddr.port}" for c in flying.sockets()
@@ -133,6 +133,18 @@ def test_ps_lists_every_process_and_vehicle(flying: Flight) -> None:
         )
     table = flying.cli("ps").stdout
     assert all(name in table for name in status["processes"])
+
+
+def test_top_shows_every_vehicle_with_its_state_and_every_process(flying: Flight) -> None:
+    shown = flying.cli("top", "--once", "--run", str(flying.folder))
+    assert shown.returncode == 0, shown.stderr
+    rows = {line.split()[0]: line.split() for line in shown.stdout.splitlines() if line.split()}
+    for vehicle in VEHICLES:
+        words = rows[vehicle]
+        assert words[1:5] == ["OFFBOARD", "yes", "no", "program"]
+        height = float(words[words.index("%") + 5])  # 97 % N m E m height m
+        assert 0.8 < height < 1.5
+    assert {"world", "router", "mocap", "program.uav1", "forward.uav2"} <= set(rows)
 
 
 def test_logs_prints_a_log_and_refuses_an_unknown_process(flying: Flight) -> None:

@@ -174,6 +174,8 @@ def test_killed_px4_falls_and_stopped_px4_recovers(hangar: Hangar, px4: list[str
         "--until-done",
         "--time-limit",
         "300",  # wall time: a starved machine simulates slowly, and a limit in the landing stops the program (143)
+        # far from uav2, which flies away before its PX4 replies again
+        *("--set", "world.size=[30, 8, 5]", "--set", "vehicles.uav3.start.position=[12, 0, 0]"),
         *px4,
         *flown_by_px4("uav1", "uav2"),
     )

@@ -51,7 +51,7 @@ def to_set(fix: str) -> dict[str, float]:
 
 def test_generated_parameters_have_only_notes():
     arena = load_arena(EXAMPLE)
-    environment = Environment(latency_ms=arena.mocap.latency_ms, height_m=arena.world.size[2])
+    environment = Environment(joystick=True, latency_ms=arena.mocap.latency_ms, height_m=arena.world.size[2])
     for vehicle in arena.vehicles:
         findings = check(firmware(arena, vehicle).values, "1.16", environment=environment)
         assert [f for f in findings if f.severity != "note"] == []

@@ -13,7 +13,6 @@ from arena.params.checks.diff import (
     NOT_SETTINGS,
     Difference,
     diff,
-    diff_from_defaults,
     exclusion_reason,
     same,
 )
@@ -109,18 +108,6 @@ def test_without_a_version_nothing_is_converted():
 def test_unknown_version_is_refused():
     with pytest.raises(InputError, match=r"Known: 1\.9"):
         diff({}, {}, "1.8")
-    with pytest.raises(InputError, match=r"Known: 1\.9"):
-        diff_from_defaults({}, "2.0")
-
-
-def test_defaults_are_compared_with_given_values_only():
-    values = {"COM_OF_LOSS_T": 1.0, "EKF2_EV_CTRL": 11, "EKF2_EVP_NOISE": as_float(0.1), "FOO": 3.0}
-    rows = diff_from_defaults(values, "1.16")
-    assert rows == [
-        Difference("EKF2_EV_CTRL", 11, 0, ""),
-        Difference("FOO", 3.0, None, "PX4 1.16 has no such parameter"),
-    ]
-    assert [r.name for r in diff_from_defaults(values, "1.15")] == ["EKF2_EV_CTRL", "FOO"]
 
 
 @pytest.mark.parametrize(
@@ -144,8 +131,6 @@ def test_parameter_that_is_no_setting_is_left_out(name):
     assert exclusion_reason(name)
     assert diff({name: 1}, {name: 2}, "1.9") == []
     assert [row.name for row in diff({name: 1}, {name: 2}, "1.9", include_excluded=True)] == [name]
-    assert diff_from_defaults({name: 77}, "1.9") == []
-    assert [row.name for row in diff_from_defaults({name: 77}, "1.9", include_excluded=True)] == [name]
 
 
 @pytest.mark.parametrize(

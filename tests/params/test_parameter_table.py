@@ -15,7 +15,6 @@ from arena.params.facts.parameter_table import (
     is_unreleased,
     parameter,
     parameters,
-    source_file,
     versions,
 )
 
@@ -79,7 +78,6 @@ def test_names_and_defaults_follow_the_version() -> None:
         5_000_000,
     )
     assert "COM_POSCTL_NAVL" in new and "COM_POSCTL_NAVL" not in parameters("1.17")
-    assert source_file("EKF2_EV_CTRL", "1.16") and source_file("EKF2_EV_CTRL", "1.9") == ""
 
 
 def test_only_1_18_is_unreleased() -> None:

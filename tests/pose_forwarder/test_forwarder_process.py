@@ -259,7 +259,7 @@ def test_flood_of_foreign_datagrams_stops_no_pose(arena):
                 stranger.sendto(os.urandom(200), arena.link)
             arena.step()
     assert not arena.ready, "only the autopilot says that it may arm"
-    assert len(arena.of("ODOMETRY")) - before > 40
+    assert len(arena.of("ODOMETRY")) - before > 20, "60 Hz on a quiet machine"
     arena.until(lambda: arena.stats.get("dropped foreign datagram", 0) > 1000)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from arena.plan import Plan, make_plan
-from arena.recorder.report import report
+from arena.report.run_report import report
 from arena.schema import load_arena
 from arena.supervisor.process_state import Exit, ProcessStatus, State
 from arena.supervisor.run_end import Cause, End, failures, grounded, is_done, may_fly
@@ -93,17 +93,14 @@ def write_run(folder: Path, plan: Plan, ended: str) -> Path:
 def test_summary_names_px4_its_logs_and_its_end(plan: Plan, tmp_path: Path) -> None:
     run = write_run(tmp_path / "run", plan, "killed by SIGKILL")
     text = report(run)
-    assert (
-        "uav1: arena's stand-in for PX4 ENDED BY ITSELF (killed by SIGKILL); ULogs: px4/uav1/log/2026-01-02/10_11_12"
-        in text
-    )
+    assert "uav1: arena's stand-in for PX4 ENDED BY ITSELF (killed by SIGKILL); ULogs: ulog/uav1.ulg" in text
     assert "uav2: arena's stand-in for PX4; ULogs: none" in text and "uav3: arena" not in text
     found = json.loads((run / "summary.json").read_text())["px4"]
     assert found["uav1"] == {
         "version": "",
         "stand_in": True,
         "ended": "killed by SIGKILL",
-        "ulogs": ["px4/uav1/log/2026-01-02/10_11_12.ulg"],
+        "ulogs": ["ulog/uav1.ulg"],
     }
     assert set(found) == {"uav1", "uav2"} and found["uav2"]["ended"] == ""
 
@@ -113,4 +110,30 @@ def test_summary_has_the_version_of_a_real_px4(plan: Plan, tmp_path: Path) -> No
     whole = json.loads((run / "plan.json").read_text())
     whole["slices"]["px4.uav1.json"] |= {"version": "1.16.0", "stand_in": False}
     (run / "plan.json").write_text(json.dumps(whole))
-    assert "uav1: PX4 1.16.0; ULogs: px4/uav1/log/2026-01-02/10_11_12.ulg" in report(run)
+    assert "uav1: PX4 1.16.0; ULogs: ulog/uav1.ulg" in report(run)
+
+
+def test_report_gives_the_logs_of_px4_a_name_in_the_folder_ulog(plan: Plan, tmp_path: Path) -> None:
+    run = write_run(tmp_path / "run", plan, "")
+    (run / "px4/uav1/log/2026-01-02/10_20_00.ulg").write_bytes(b"ULog2")
+    for _ in range(2):
+        report(run)
+    assert {p.name: p.read_bytes() for p in (run / "ulog").iterdir()} == {
+        "uav1.ulg": b"ULog",
+        "uav1_2.ulg": b"ULog2",
+    }
+    assert (run / "ulog/uav1.ulg").stat().st_ino == (
+        run / "px4/uav1/log/2026-01-02/10_11_12.ulg"
+    ).stat().st_ino
+
+
+def test_logs_are_copied_where_hard_links_are_not_possible(
+    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(self: Path, target: Path) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "hardlink_to", refuse)
+    run = write_run(tmp_path / "run", plan, "")
+    report(run)
+    assert (run / "ulog/uav1.ulg").read_bytes() == b"ULog"

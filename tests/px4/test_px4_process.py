@@ -96,7 +96,8 @@ def until_ready(started: Started, world: World) -> None:
 
 def test_process_is_ready_with_the_stand_in_and_ends_it(started: Started, world: World) -> None:
     until_ready(started, world)
-    assert BANNER in started.output and UP in started.output
+    world.until(lambda: UP in started.output, 30.0)
+    assert BANNER in started.output
     child = started.standin()
     assert child.cmdline()[-6:-1] == ["-d", "-i", "6", "-w", str(Path(child.cmdline()[-2]))]
     world.step(50)

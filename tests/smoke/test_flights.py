@@ -110,7 +110,7 @@ def test_shipped_scenarios_pass(smoke: Any, temporary: Path, tmp_path: Path, sce
     print(flown.output)
     assert len(flown.runs) >= len(scenarios)
     assert f'tests="{len(flown.runs)}" failures="0"' in (tmp_path / "junit.xml").read_text()
-    assert not [run for run in flown.runs if list((run / "plots").iterdir())]
+    assert not [run for run in flown.runs if (run / "report.html").exists()]
     assert {json.loads((run / "slices" / "world.json").read_text())["seed"] for run in flown.runs} == {3}
     assert_nothing_left(flown, temporary)
 
@@ -137,7 +137,7 @@ steps:
 
 
 @pytest.mark.flight
-def test_failed_scenario_has_its_reason_and_plots(smoke: Any, temporary: Path, tmp_path: Path):
+def test_failed_scenario_has_its_reason_and_a_report(smoke: Any, temporary: Path, tmp_path: Path):
     for name in ("one.yaml", "square.py"):
         shutil.copy(SHIPPED / name, tmp_path)
     (tmp_path / "falls.smoke.yaml").write_text(FAILING)
@@ -146,7 +146,8 @@ def test_failed_scenario_has_its_reason_and_plots(smoke: Any, temporary: Path, t
     text = " ".join(flown.output.split())
     assert "falls.smoke.yaml:7: uav1.mode was" in text and "expected uav1.mode == RTL within 2 s" in text
     assert "uav1 crashed" in text
-    assert list((flown.runs[0] / "plots").glob("*.png"))
+    page = (flown.runs[0] / "report.html").read_text()
+    assert "FAILED: uav1 " in page and "expected uav1.mode == RTL within 2 s" in page
     assert_nothing_left(flown, temporary)
 
 

@@ -21,7 +21,6 @@ from .synthetic_flights import (
     DOWN_S,
     FLOWN,
     START_S,
-    both,
     flight,
     flown_with_faults,
     fly,
@@ -186,15 +185,6 @@ def test_bounce_is_not_a_touchdown(referee_for) -> None:
 
     (touchdown,) = judged(referee_for("  - at: start + 12 s\n"), script).touchdowns
     assert touchdown.at_s == pytest.approx(START_S + DOWN_S) and touchdown.speed_m_s == pytest.approx(0.7)
-
-
-def test_ten_rows_per_second_are_kept(referee_for) -> None:
-    referee = referee_for(FLOWN)
-    judged(referee, both)
-    own = [row for row in referee.rows if row.vehicle == "uav1"]
-    assert len(own) == 61 and len(referee.rows) == 122
-    assert min(row.nearest_m for row in own if row.nearest_m is not None) == pytest.approx(0.6)
-    assert own[0].nearest_m is None and own[20].nearest_m == pytest.approx(2.0)
 
 
 def test_same_observations_give_the_same_verdict(referee_for) -> None:

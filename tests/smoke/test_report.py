@@ -5,15 +5,13 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import replace
-from pathlib import Path
 from xml.etree import ElementTree
 
-import pytest
 from rich.console import Console
 
 from arena.smoke import report
 from arena.smoke.language.model import Place
-from arena.smoke.referee.verdict import Result, Row, RuleResult, StepResult, Touchdown, Verdict
+from arena.smoke.referee.verdict import Result, RuleResult, StepResult, Touchdown, Verdict
 
 
 def place(line: int, text: str) -> Place:
@@ -58,7 +56,7 @@ PASSED = Result(
 BROKEN = replace(
     PASSED,
     scenario="loss <& [bold]$four^[/] $_",
-    pictures=("runs/2/plots/scenario.png",),
+    report="runs/2/report.html",
     verdict=replace(
         PASSED.verdict,
         steps=(
@@ -176,28 +174,3 @@ def test_results_are_read_back_equal() -> None:
     text = report.results_json(BOTH)
     assert report.read_results(text) == list(BOTH)
     assert [one["passed"] for one in json.loads(text)] == [True, False]
-
-
-@pytest.mark.parametrize("names", [("uav1",), ("uav1", "uav2")])
-def test_plot_is_drawn_of_any_rows(tmp_path: Path, names: tuple[str, ...]) -> None:
-    rows = [
-        Row(
-            time_s=5 + k / 10,
-            vehicle=name,
-            p_n=(0.0, k / 50, -1.0),
-            height_m=1.0,
-            speed_m_s=0.2,
-            tilt_deg=1.0,
-            mode="" if k < 3 else "OFFBOARD" if k < 30 else "AUTO.LAND",
-            nearest_m=None if k < 9 or len(names) == 1 else 2.0,
-        )
-        for k in range(50)
-        for name in names
-    ]
-    (picture,) = report.draw(BROKEN, rows, tmp_path)
-    assert Path(picture) == tmp_path / "plots" / "scenario.png"
-    assert Path(picture).read_bytes().startswith(b"\x89PNG") and Path(picture).stat().st_size > 10_000
-
-
-def test_no_plot_without_rows(tmp_path: Path) -> None:
-    assert report.draw(BROKEN, [], tmp_path) == [] and not list(tmp_path.iterdir())

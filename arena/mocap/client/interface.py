@@ -54,5 +54,8 @@ def open_client(settings: Settings) -> MocapClient:
 
     Without a network the client opens its sockets later, as soon as there is a route. Raises InputError for
     settings that cannot work.
+
+    The optional key `stamps` is for a client that calls `poll` at fixed times, not when a frame arrives: the frames get the time of
+    their arrival (`CapturedFrame.arrived_s`), if the vendor's client supports it.
     """
     return cast(MocapClient, load_vendor(settings["kind"], "client").open_client(settings))

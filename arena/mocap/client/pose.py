@@ -48,6 +48,7 @@ class CapturedFrame:
     poses: poses of the tracked bodies. untracked: names of the bodies that are not tracked.
     sent_s: time at which the server sent the frame, by its clock [s]; None if unknown.
     echo: the last comparison of the clocks; None if the server answers no echo requests.
+    arrived_s: time at which the kernel received the frame, monotonic [s]; None if the client uses no stamps.
     """
 
     number: int
@@ -56,6 +57,7 @@ class CapturedFrame:
     untracked: tuple[str, ...]
     sent_s: float | None = None
     echo: Echo | None = None
+    arrived_s: float | None = None
 
 
 def pose_ned(body: str, position_w: Triple, quat_xyzw_wf: Quad) -> Pose | None:

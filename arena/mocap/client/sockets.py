@@ -4,17 +4,21 @@ server.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import select
 import socket
 import sys
+import time
 from collections import Counter
 
 from arena.mocap.client.reception import Reception
+from arena.transport import enable_stamps, receive_stamped
 
 _IP_MULTICAST_ALL = 49  # linux/in.h; the socket module does not name it
 _RETRY_S = 1.0  # between tries to open sockets while there is no network
 _MAX_DATAGRAMS = 256  # per socket and read: more than a default buffer holds, so nothing older stays behind
+_STAMPED_BUFFER_BYTES = 4 << 20  # holds the datagrams of a client that reads late
 
 
 def local_address_for(server: str, port: int) -> str:
@@ -67,6 +71,8 @@ class ServerSockets:
     local: address of the local interface; None selects the interface that routes to the server.
     multicast: group and port to join, or None.
     counts: counter to which dropped datagrams are added.
+    stamps: the kernel records the time at which each datagram arrives, and the receive buffers are larger: for a client that reads
+        several datagrams at a time.
     """
 
     def __init__(
@@ -76,11 +82,13 @@ class ServerSockets:
         multicast: tuple[str, int] | None,
         reception: Reception,
         counts: Counter[str],
+        *,
+        stamps: bool = False,
     ) -> None:
         self.local = local or "this computer"
         self.error = ""
         self._server, self._wanted_local, self._multicast = server, local, multicast
-        self._reception, self._counts = reception, counts
+        self._reception, self._counts, self._stamps = reception, counts, stamps
         self._sockets: list[socket.socket] = []
         self._tried = -math.inf
         self._epoll = select.epoll()
@@ -116,7 +124,11 @@ class ServerSockets:
 
     def read(self, wall: float) -> list[bytes]:
         """Return the datagrams from the server that have arrived, one socket after the other."""
-        return [data for s in self._sockets for data in self._read(s, wall)]
+        return [data for data, _ in self.read_stamped(wall)]
+
+    def read_stamped(self, wall: float) -> list[tuple[bytes, float | None]]:
+        """Return (datagram, monotonic time of arrival [s]) as `read` returns the datagrams. The time is None without stamps."""
+        return [received for s in self._sockets for received in self._read(s, wall)]
 
     def send(self, data: bytes) -> None:
         """Send a request to the server. If the network refuses the request, the request is lost."""
@@ -138,17 +150,23 @@ class ServerSockets:
 
     def _add(self, s: socket.socket) -> None:
         self._sockets.append(s)
+        if self._stamps:
+            enable_stamps(s)
+            with contextlib.suppress(OSError):
+                s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _STAMPED_BUFFER_BYTES)
         self._epoll.register(s.fileno(), select.EPOLLIN)
 
-    def _read(self, s: socket.socket, wall: float) -> list[bytes]:
-        found = []
+    def _read(self, s: socket.socket, wall: float) -> list[tuple[bytes, float | None]]:
+        found: list[tuple[bytes, float | None]] = []
+        stamps = self._stamps
+        offset_s = time.monotonic() - time.time() if stamps else 0.0
         for _ in range(_MAX_DATAGRAMS):
             try:
-                data, sender = s.recvfrom(65535)
+                data, sender, stamp_s = receive_stamped(s) if stamps else (*s.recvfrom(65535), None)
             except OSError:
                 break
             if sender[0] == self._server[0]:
-                found.append(data)
+                found.append((data, None if stamp_s is None else stamp_s + offset_s))
             else:
                 self._counts["foreign"] += 1
                 self._reception.on_foreign(sender[0], wall)

@@ -14,23 +14,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from arena.geometry import (
-    q_wf_from_q_nb,
-    quat_exp,
-    quat_from_euler,
-    quat_multiply,
-    world_from_ned,
-    xyzw_from_wxyz,
-)
+from arena.geometry import quat_from_euler
+from arena.kernels.arrays import array, view
+from arena.kernels.pose_measurement import PoseMeasurement
 from arena.mocap.emulator.interface import MeasuredBody, MeasuredFrame
 from arena.wire.truth_page import Truth
 
-Array = NDArray[np.float64]
-
-# The conversions are linear, so each is the matrix of its action on a basis: one product a frame instead of a dozen calls.
-_W_N, _XYZW_NB = world_from_ned(np.eye(3)), xyzw_from_wxyz(q_wf_from_q_nb(np.eye(4)))
 _STREAM = 180  # distinguishes these random streams from others with the same seed
 _BLOCK = 64  # frames drawn at once
 _CLOCK_STEP_S = 1e-6  # a clock that wakes by steps may return a time a little before the one requested
@@ -51,17 +41,17 @@ class EmulatedCameras:
         self._index = {str(b["name"]): i for i, b in enumerate(self._bodies)}
         self._numbers = [int(b["number"]) for b in self._bodies]
         self._rows = np.array([b["index"] for b in self._bodies], int)
-        self._shown_rows = self._rows  # rows of the truth after swapped bodies
-        self._offset_n = np.zeros((len(self._bodies), 3))
-        self._rotation = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._bodies), 1))
-        self._has_offset = False
         self._swapped: list[frozenset[str]] = []
         self._waiting: deque[MeasuredFrame] = deque()
         self._sigma_m = float(settings["noise"]["position_m"])
-        self._sigma_rad = math.radians(float(settings["noise"]["rotation_deg"]))
+        sigma_rad = math.radians(float(settings["noise"]["rotation_deg"]))
+        self._shown_rows = self._rows.copy()  # rows of the truth after swapped bodies
+        self._law = law = PoseMeasurement(self._shown_rows, _BLOCK, self._sigma_m, sigma_rad)
+        self._offset_n, self._rotation, self._noise = map(array, (law.offset_n, law.rotation, law.noise))
+        self._rotation[:, 0] = 1.0
+        self._position_w, self._quat_xyzw_wf = array(law.position_w), array(law.quat_xyzw_wf)
         seed = int(settings["seed"])
         self._streams = [np.random.default_rng([seed, _STREAM, int(b["number"])]) for b in self._bodies]
-        self._noise: Array = np.zeros((_BLOCK, len(self._bodies), 6))
         self._frames_left = 0
         self._occluded: set[str] = set()
         self._frozen: set[str] = set()
@@ -107,12 +97,8 @@ class EmulatedCameras:
 
     def measure(self, number: int, truth: Truth) -> MeasuredFrame:
         """Return frame `number`, with noise and injected faults. truth: true poses at the exposure."""
-        noise = self._draw()
-        p_n = truth.p_n[self._shown_rows] + self._sigma_m * noise[:, :3]
-        q_nb = quat_multiply(truth.q_nb[self._shown_rows], quat_exp(self._sigma_rad * noise[:, 3:]))
-        if self._has_offset:
-            p_n, q_nb = p_n + self._offset_n, quat_multiply(self._rotation, q_nb)
-        places, quats = (p_n @ _W_N).tolist(), (q_nb @ _XYZW_NB).tolist()
+        self._law.measure(view(truth.p_n), view(truth.q_nb), self._next_noise())
+        places, quats = self._position_w.tolist(), self._quat_xyzw_wf.tolist()
         bodies = [
             MeasuredBody(k, (x, y, z), (qx, qy, qz, qw), self._sigma_m, True)
             for k, (x, y, z), (qx, qy, qz, qw) in zip(self._numbers, places, quats, strict=True)
@@ -122,15 +108,14 @@ class EmulatedCameras:
         self._last = bodies
         return MeasuredFrame(number=number, exposed_s=self.exposure(number), bodies=tuple(bodies))
 
-    def _draw(self) -> Array:
-        """Return standard normal noise of one frame: position and rotation of each body (B, 6)."""
+    def _next_noise(self) -> int:
+        """Return the row of the next frame in the noise. Draw new noise if all rows are used."""
         if not self._frames_left:
             for i, stream in enumerate(self._streams):
                 self._noise[:, i] = stream.standard_normal((_BLOCK, 6))
             self._frames_left = _BLOCK
         self._frames_left -= 1
-        row: Array = self._noise[_BLOCK - 1 - self._frames_left]
-        return row
+        return _BLOCK - 1 - self._frames_left
 
     def _with_faults(self, name: str, measured: MeasuredBody) -> MeasuredBody:
         """Return the pose of a body with the injected faults: an occluded or frozen body repeats its last pose."""
@@ -157,13 +142,12 @@ class EmulatedCameras:
         """
         i = self._index[body]
         self._offset_n[i], self._rotation[i] = offset_n, quat_from_euler([0.0, 0.0, yaw_rad])
-        self._has_offset = bool(self._offset_n.any() or self._rotation[:, 1:].any())
 
     def set_swapped(self, a: str, b: str, swapped: bool) -> None:
         """Start or stop exchanging the poses of two bodies."""
         pair = frozenset((a, b))
         self._swapped = [p for p in self._swapped if p != pair] + [pair] * swapped
-        self._shown_rows = self._rows.copy()
+        self._shown_rows[:] = self._rows
         for names in self._swapped:
             i, k = (self._index[name] for name in names)
             self._shown_rows[[i, k]] = self._shown_rows[[k, i]]

@@ -50,7 +50,12 @@ class NatNetClient:
         self._reception = Reception(now)
         multicast = None if self._unicast else (self._group, self._data_port)
         self._sockets = ServerSockets(
-            (self._server, self._port), settings.get("local"), multicast, self._reception, self.counts
+            (self._server, self._port),
+            settings.get("local"),
+            multicast,
+            self._reception,
+            self.counts,
+            stamps=bool(settings.get("stamps")),
         )
         self._requested_at = self._kept_alive = self._compared_at = -math.inf
         self._request = b""
@@ -70,7 +75,7 @@ class NatNetClient:
         wall = time.monotonic()
         if not self._sockets.is_open:
             self._open(wall)
-        received = (self.core.receive(data, now) for data in self._sockets.read(wall))
+        received = (self.core.receive(data, now, at) for data, at in self._sockets.read_stamped(wall))
         frames = [frame for frame in received if frame is not None]
         self._reception.update("answers", self.core.answers, wall)
         self._reception.update("malformed", self.counts["malformed"], wall)

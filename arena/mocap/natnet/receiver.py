@@ -99,20 +99,23 @@ class NatNetReceiver:
             del self._echoes_sent[next(iter(self._echoes_sent))]
         return echo.encode_echo_request(self._echo_number)
 
-    def receive(self, data: bytes, now: float = nan) -> CapturedFrame | None:
+    def receive(self, data: bytes, now: float = nan, arrived_s: float | None = None) -> CapturedFrame | None:
         """Decode one packet of the server. Return its frame; None for other packets and dropped frames.
 
         now: time of arrival [s], by the clock of `echo_request`; only answers to echo requests need it
+        arrived_s: monotonic time of arrival for the frame [s]; None if unknown
         """
         try:
-            return self._receive(data, codec.message_of(data), now)
+            return self._receive(data, codec.message_of(data), now, arrived_s)
         except WireError:
             self.counts["malformed"] += 1
             return None
 
-    def _receive(self, data: bytes, message: int, now: float) -> CapturedFrame | None:
+    def _receive(
+        self, data: bytes, message: int, now: float, arrived_s: float | None
+    ) -> CapturedFrame | None:
         if message == codec.FRAME:
-            return self._frame(data)
+            return self._frame(data, arrived_s)
         if message == codec.SERVERINFO:
             self._on_server_info(codec.decode_server_info(data))
         elif message == codec.MODELDEF and self._version is not None:
@@ -159,7 +162,7 @@ class NatNetReceiver:
         }
         self._models = {name: _definition(i, found[i]) for i, name in self._names.items()}
 
-    def _frame(self, data: bytes) -> CapturedFrame | None:
+    def _frame(self, data: bytes, arrived_s: float | None) -> CapturedFrame | None:
         if self._version is None:
             self.counts["before the handshake"] += 1
             return None
@@ -183,9 +186,9 @@ class NatNetReceiver:
             self.counts["models changed"] += 1
             return None
         self.counts["frames"] += 1
-        return self._captured_frame(frame)
+        return self._captured_frame(frame, arrived_s)
 
-    def _captured_frame(self, frame: codec.Frame) -> CapturedFrame:
+    def _captured_frame(self, frame: codec.Frame, arrived_s: float | None) -> CapturedFrame:
         poses, untracked = [], []
         for body in frame.bodies:
             name = self._names[body.streaming_id]
@@ -197,10 +200,14 @@ class NatNetReceiver:
             else:
                 poses.append(pose)
         if not (self._clock_hz and frame.exposure_ticks):
-            return CapturedFrame(frame.number, frame.timestamp_s, tuple(poses), tuple(untracked))
+            return CapturedFrame(
+                frame.number, frame.timestamp_s, tuple(poses), tuple(untracked), arrived_s=arrived_s
+            )
         exposed = frame.exposure_ticks / self._clock_hz
         sent = frame.transmit_ticks / self._clock_hz if frame.transmit_ticks else None
-        return CapturedFrame(frame.number, exposed, tuple(poses), tuple(untracked), sent, self._echo)
+        return CapturedFrame(
+            frame.number, exposed, tuple(poses), tuple(untracked), sent, self._echo, arrived_s
+        )
 
 
 def _definition(streaming_id: int, model: codec.BodyModel) -> str:

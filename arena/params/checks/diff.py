@@ -105,24 +105,6 @@ def diff(
     ]
 
 
-def diff_from_defaults(
-    values: Mapping[str, float], version: Version | str, *, include_excluded: bool = False
-) -> list[Difference]:
-    """Return the parameters in `values` that differ from the defaults of a PX4 version. `Difference.b` is the default."""
-    at = Version.of(version)
-    table = parameters(at)
-    return [
-        Difference(
-            name,
-            values[name],
-            table[name].default if name in table else None,
-            "" if name in table else _unknown(at),
-        )
-        for name in _compared(values, include_excluded)
-        if name not in table or not same(values[name], table[name].default, table[name].type)
-    ]
-
-
 def _version(given: Version | str) -> Version | None:
     return (Version.parse(given) if given else None) if isinstance(given, str) else given
 

@@ -42,6 +42,7 @@ class Environment:
     vision: whether the vehicle gets poses from motion capture.
     gps: whether the vehicle has a GPS receiver with reception.
     rc: whether there is an RC transmitter with a pilot.
+    joystick: whether a person may fly with the joystick of a ground station.
     latency_ms: delay from the camera exposure to the arrival of a pose at the autopilot [ms]; None if unknown.
     height_m: height of the room [m]; None if unknown.
     """
@@ -49,6 +50,7 @@ class Environment:
     vision: bool = True
     gps: bool = False
     rc: bool = False
+    joystick: bool = False
     latency_ms: float | None = None
     height_m: float | None = None
 

@@ -168,6 +168,8 @@ def rc_input(ctx: CheckContext) -> Iterator[Finding]:
             why="the vehicle does not arm without RC",
             fix=f"set {name} {none} (RC not required)",
         )
+    elif ctx.environment.joystick and value == rc_input_mode("joystick", ctx.version):
+        return
     elif not ctx.environment.rc and value != none:
         yield ctx.finding(
             "warning",

@@ -162,13 +162,6 @@ def is_unreleased(version: Version | str) -> bool:
     return not provenance()[version.table].released
 
 
-def source_file(name: str, version: Version | str) -> str:
-    """Return the file in PX4's source tree that defines a parameter in a version; "" if unknown."""
-    version = Version.of(version)
-    at = list(provenance()).index(version.table)
-    return next((row[9] for row, since, until in _spans() if row[0] == name and since <= at <= until), "")
-
-
 @cache
 def provenance() -> Mapping[str, Provenance]:
     """Return PX4 minor version -> where the rows of that version come from, oldest version first."""

@@ -107,7 +107,16 @@ def _rc_loss(w: LineWriter, f: Failsafe) -> Iterator[Line]:
         yield from _reaction(w, "rc_loss", "rc_loss", "none", report=False)
         if "COM_RCL_EXCEPT" in w.known:
             yield w.line("COM_RCL_EXCEPT", _EXCEPT_ALL, "no reaction when RC is lost", "failsafe.rc_loss")
-    elif f.rc_loss != "none":
+    elif w.required.joystick and w.version.minor >= 13:
+        # programs fly on when a joystick is switched off; a person without a joystick cannot fly
+        yield from _reaction(w, "rc_loss", "rc_loss", "land", report=False)
+        yield w.line(
+            "COM_RCL_EXCEPT",
+            _EXCEPT_ALL,
+            "only flight by hand ends when the joystick is lost",
+            "failsafe.rc_loss",
+        )
+    if f.rc_loss != "none" and not rc:
         w.not_possible.append(
             f"failsafe.rc_loss: {f.rc_loss} is not set, because the vehicle has no RC. "
             "Set `sticks: true` if it has (hardware: `radio: required`)"

@@ -99,8 +99,15 @@ def _sensors(w: LineWriter) -> Iterator[Line]:
             "declination of the simulated magnetic field [deg]",
             "declination_deg",
         )
-    mode = rc_input_mode("radio" if rc else "none", w.version)
-    yield w.line("COM_RC_IN_MODE", mode, "manual control by RC" if rc else "no manual control", "sticks")
+    source, meaning = ("radio", "by RC") if rc else ("joystick", "by joystick only")
+    if not (rc or w.required.joystick):
+        source, meaning = "none", ""
+    yield w.line(
+        "COM_RC_IN_MODE",
+        rc_input_mode(source, w.version),
+        f"manual control {meaning}" if meaning else "no manual control",
+        "sticks",
+    )
     if rc and w.required.channels and w.required.simulated:
         yield w.line("RC_CHAN_CNT", w.required.channels, "RC channels", "sticks")
         for channel, axis in enumerate(("ROLL", "PITCH", "THROTTLE", "YAW"), 1):

@@ -82,6 +82,7 @@ class Requirements:
     gps: whether the vehicle has a GPS receiver.
     declination_deg: declination of the simulated magnetic field [deg]; None: the vehicle keeps its own.
     sticks: whether the vehicle has an RC transmitter.
+    joystick: whether a person may fly with the joystick of a ground station; ignored if `sticks` is true.
     channels: number of RC channels; 0 keeps the vehicle's own mapping.
     failsafe: reactions to failures and lost connections.
     landing_speed_m_s: landing speed [m/s]; None keeps the vehicle's own.
@@ -102,6 +103,7 @@ class Requirements:
     gps: bool = False
     declination_deg: float | None = None
     sticks: bool = False
+    joystick: bool = False
     channels: int = 8
     failsafe: Failsafe
     landing_speed_m_s: float | None = None

@@ -25,11 +25,13 @@ from arena.smoke.language.model import named_processes
 from arena.smoke.language.scenario import Scenario
 from arena.smoke.referee.referee import Referee
 from arena.smoke.referee.verdict import Result
-from arena.smoke.report import draw
+from arena.smoke.report import result_json
 
 # limit of the wall time of a flight: WALL_LIMIT_S + WALL_LIMIT_PER_S * time limit of the scenario
 WALL_LIMIT_S, WALL_LIMIT_PER_S = 60.0, 10.0
 REPORT_TIMEOUT_S = 120.0
+SCENARIO_FILE = "scenario.json"
+"""File of the run folder with the result of a smoke flight. The report reads it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +41,7 @@ class FlightOptions:
     results: folder in which each scenario gets a folder for its run folders.
     speed: simulated seconds per second, or "max", as `arena up --speed`.
     seed: seed of world and motion capture; None: as the YAML files say.
-    report: whether a failed flight gets a summary and plots.
+    report: whether a failed flight gets a summary and report.html.
     """
 
     results: Path
@@ -74,9 +76,10 @@ def fly(scenario: Scenario, options: FlightOptions) -> Result:
         run=str(session.run or ""),
         facts=_facts(scenario.arena),
     )
-    if options.report and not result.verdict.passed and session.run is not None:
-        _make_report(session.run)
-        result = replace(result, pictures=tuple(draw(result, referee.rows, session.run)))
+    if session.run is not None:
+        _write_result(result, session.run)
+        if options.report and not result.verdict.passed:
+            result = replace(result, report=_make_report(session.run))
     return replace(result, wall_s=time.monotonic() - began)
 
 
@@ -157,11 +160,22 @@ def _facts(arena: Arena) -> dict[str, str]:
     }
 
 
-def _make_report(run: Path) -> None:
-    """Write summary and plots of a failed flight. They do not exist yet, because `arena up` ran with --no-report."""
-    argv = [sys.executable, "-m", "arena.recorder.report", str(run)]
+def _write_result(result: Result, run: Path) -> None:
+    """Write the result into the run folder, so that the report of the run shows the steps of the scenario."""
+    with contextlib.suppress(OSError):
+        (run / SCENARIO_FILE).write_text(result_json(result))
+
+
+def _make_report(run: Path) -> str:
+    """Write summary and report.html of a failed flight, because `arena up` ran with --no-report.
+
+    Return the path of report.html, "" if it could not be made.
+    """
+    argv = [sys.executable, "-m", "arena.report", str(run)]
     with (
         (run / "logs" / "report.log").open("wb") as out,
         contextlib.suppress(OSError, subprocess.TimeoutExpired),
     ):
         subprocess.run(argv, stdout=out, stderr=subprocess.STDOUT, timeout=REPORT_TIMEOUT_S, check=False)
+    page = run / "report.html"
+    return str(page) if page.is_file() else ""

@@ -118,11 +118,10 @@ PROCESS_STATES = ("STOPPED", "STARTING", "READY", "BACKOFF", "STOPPING", "EXITED
 VEHICLE_PROCESSES: dict[str, str] = {
     "program": "program.{}",
     "forwarder": "forward.{}",
-    "logger": "logger.{}",
     "px4": "px4.{}",
     "link": "link.{}",
 }
-SINGLE_PROCESSES = ("router", "mocap", "world", "supervisor", "copilot")
+SINGLE_PROCESSES = ("router", "mocap", "world", "supervisor", "copilot", "recorder")
 UNPLANNED_PROCESSES = ("supervisor",)
 """Processes of an arena that are not in its plan."""
 

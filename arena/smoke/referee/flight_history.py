@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from arena.smoke.language.model import Box, Observation, VehicleState
-from arena.smoke.referee.verdict import Row, Touchdown
+from arena.smoke.referee.verdict import Touchdown
 
 _BOUNCE_S = 0.5  # a shorter time in the air is not a new flight
 _ROW_PERIOD_S = 0.1
@@ -42,7 +42,7 @@ class FlightHistory:
 
     vehicles: names.  fence: volume that the vehicles must not leave.
     now: newest observation.  ended: the arena ended by itself.
-    action_s: simulation time of the last action [s].  rows: values for plots.  crashes: vehicle -> crash report.
+    action_s: simulation time of the last action [s].  crashes: vehicle -> crash report.
     """
 
     vehicles: tuple[str, ...]
@@ -50,10 +50,8 @@ class FlightHistory:
     now: Observation = field(default_factory=lambda: Observation(time_s=0.0, vehicles={}))
     ended: bool = False
     action_s: float | None = None
-    rows: list[Row] = field(default_factory=list)
     crashes: dict[str, str] = field(default_factory=dict)
     _histories: dict[str, _VehicleHistory] = field(default_factory=dict)
-    _row_s: float = -math.inf
     _timed: list[tuple[float, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -67,9 +65,6 @@ class FlightHistory:
                 self._update(self._histories[name], vehicle)
         if now.wall_s is not None and self.in_flight:
             self._timed[1:] = [(now.time_s, now.wall_s)]
-        if now.time_s >= self._row_s + _ROW_PERIOD_S - 1e-6:
-            self._row_s = now.time_s
-            self.rows.extend(self._rows())
 
     def action(self) -> None:
         """Record the time and the positions of all vehicles at an action, for `drift_m`. Call this when an action is carried out."""
@@ -157,19 +152,3 @@ class FlightHistory:
             for a, b in itertools.combinations(here, 2)
             if a in flying or b in flying
         }
-
-    def _rows(self) -> list[Row]:
-        apart = self.separations()
-        return [
-            Row(
-                time_s=self.now.time_s,
-                vehicle=v.name,
-                p_n=v.p_n,
-                height_m=v.height_m,
-                speed_m_s=math.hypot(*v.v_n),
-                tilt_deg=math.degrees(v.tilt_rad),
-                mode=v.mode,
-                nearest_m=min((d for pair, d in apart.items() if v.name in pair), default=None),
-            )
-            for v in self.now.vehicles.values()
-        ]

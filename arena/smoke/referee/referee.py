@@ -13,7 +13,7 @@ The same observations give the same verdict. Only the rule `real time factor` de
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +24,7 @@ from arena.smoke.referee.expectation import EPSILON_S
 from arena.smoke.referee.flight_history import FlightHistory
 from arena.smoke.referee.rules import RuleTracker
 from arena.smoke.referee.step_tracker import StepTracker
-from arena.smoke.referee.verdict import Outcome, Row, RuleResult, Verdict
+from arena.smoke.referee.verdict import Outcome, RuleResult, Verdict
 
 _ENDING_VERBS = ("kill", "hang", "restart")
 _LANDED, _CRASH, _PROCESSES = "all vehicles have landed at the end", "no vehicle crashes", "no process fails"
@@ -91,16 +91,6 @@ class Referee:
     def over(self) -> bool:
         """True if the flight is over: all steps done and all vehicles down, or a step failed, or the time limit passed."""
         return bool(self._end_reason)
-
-    @property
-    def end_reason(self) -> str:
-        """The reason why the flight is over; "" before that."""
-        return self._end_reason
-
-    @property
-    def rows(self) -> Sequence[Row]:
-        """Values of every vehicle for plots, ten times per simulated second."""
-        return self._flight.rows
 
     @property
     def _current(self) -> StepTracker | None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from arena.smoke.language.model import Place, Vector
+from arena.smoke.language.model import Place
 
 Outcome = Literal["passed", "failed", "not reached"]
 
@@ -103,28 +103,11 @@ class Verdict:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
-    """Values of one vehicle at one observation, for plots.
-
-    p_n: position [m] [NED].  nearest_m: distance to the nearest other vehicle [m]; None if no vehicle of the pair flies.
-    """
-
-    time_s: float
-    vehicle: str
-    p_n: Vector
-    height_m: float
-    speed_m_s: float
-    tilt_deg: float
-    mode: str
-    nearest_m: float | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class Result:
     """Result of the flight of one scenario.
 
     run: path of the run folder, "" if there is none.  wall_s: duration in wall time [s].
-    pictures: paths of plots.  facts: properties of the arena, such as its autopilot, for the report.
+    report: path of report.html, "" if there is none.  facts: properties of the arena, such as its autopilot, for the report.
     """
 
     scenario: str
@@ -133,5 +116,5 @@ class Result:
     verdict: Verdict
     run: str = ""
     wall_s: float = 0.0
-    pictures: tuple[str, ...] = ()
+    report: str = ""
     facts: Mapping[str, str] = field(default_factory=dict)

@@ -26,7 +26,7 @@ def resend() -> None:
     )
     rate = clock.rate(20.0)
     while True:
-        uav._connection.send(uav._control.encoder.pos_yaw(place, 0.0, clock.now()))
+        uav._connection.send(uav.encoder.pos_yaw(place, 0.0, clock.now()))
         rate.sleep()
 
 

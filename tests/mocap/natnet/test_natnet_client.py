@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import select
 import socket
 import time
@@ -101,6 +102,26 @@ def server():
 def test_second_request_follows_the_first_answer_at_once(server):
     capture = open_client(server.settings())
     server.handshake(capture)
+    capture.close()
+
+
+@pytest.mark.parametrize("stamps", [True, False])
+def test_frames_that_wait_in_the_socket_have_the_time_of_their_arrival(server, stamps):
+    capture = open_client(server.settings(stamps=stamps))
+    server.handshake(capture)
+    began = time.monotonic()
+    for number in range(1, 41):
+        server.socket.sendto(frame(number), (GROUP, server.data_port))
+    sent, found = time.monotonic(), []
+    while time.monotonic() < sent + 0.3:  # the frames wait in the socket
+        os.sched_yield()
+    while len(found) < 40:
+        found += until(capture, got_some)
+    assert [f.number for f in found] == list(range(1, 41))
+    if stamps:
+        assert all(began - 0.02 <= f.arrived_s <= sent + 0.02 for f in found)
+    else:
+        assert all(f.arrived_s is None for f in found)
     capture.close()
 
 

@@ -1,0 +1,42 @@
+"""Page of `arena up --monitor`: chooses its address before the start, so that the terminal can show its URL."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import ipaddress
+
+from arena.constants import MONITOR_PORT
+from arena.errors import RunError
+from arena.monitor.server import free_port
+from arena.plan.model import Plan, ProcessSpec
+from arena.plan.open_ports import MONITOR_COMMAND
+
+
+def with_page(plan: Plan) -> tuple[Plan, str]:
+    """Return the plan with the address of the page, and a line for the terminal; "" if the arena has no page.
+
+    Without viser, or without a free port, the plan is returned without the page: a flight does not need it.
+    """
+    spec = next(
+        (p for p in plan.processes if p.name == "tool.monitor" and p.argv[1:4] == MONITOR_COMMAND), None
+    )
+    if spec is None:
+        return plan, ""
+    if importlib.util.find_spec("viser") is None:
+        why = "the package viser is not installed: pip install 'flying-arena[monitor]'"
+        return _without(plan, spec), f"no page: {why}"
+    if "--host" in spec.argv or "--port" in spec.argv:
+        return plan, f"watch live: the log of {spec.name} contains the URL (`arena logs {spec.name}`)"
+    host = plan.address if ipaddress.ip_address(plan.address).is_loopback else "127.0.0.1"
+    try:
+        port = free_port(host, MONITOR_PORT)
+    except RunError as error:
+        return _without(plan, spec), f"no page: {error}"
+    placed = dataclasses.replace(spec, argv=(*spec.argv, "--host", host, "--port", str(port)))
+    processes = tuple(placed if p is spec else p for p in plan.processes)
+    return dataclasses.replace(plan, processes=processes), f"watch live: http://{host}:{port}/"
+
+
+def _without(plan: Plan, spec: ProcessSpec) -> Plan:
+    return dataclasses.replace(plan, processes=tuple(p for p in plan.processes if p is not spec))

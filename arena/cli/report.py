@@ -1,0 +1,79 @@
+"""`arena report RUN [RUN2]`: write the page of a run, or the page that compares two flights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from arena.errors import InputError
+
+COMPARISON_FILE = "comparison.html"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command `arena report` to the typer app."""
+
+    @app.command()
+    def report(
+        run: Annotated[
+            str, typer.Argument(metavar="RUN", help="path of a run folder; `arena runs` lists them")
+        ],
+        other: Annotated[
+            str,
+            typer.Argument(
+                metavar="[RUN2]",
+                show_default=False,
+                help="second flight. With two flights, both can be run folders or logs (CSV, ULog, flight.mcap). PATH:VEHICLE "
+                "takes one vehicle of a run",
+            ),
+        ] = "",
+        output: Annotated[
+            Path | None,
+            typer.Option(
+                "--output",
+                "-o",
+                metavar="FILE",
+                help=f"path of the page; default: report.html in RUN, or {COMPARISON_FILE} in this folder",
+            ),
+        ] = None,
+        align: Annotated[
+            str,
+            typer.Option(
+                "--align",
+                metavar="MOMENT",
+                help="time 0 of two flights: step (first setpoint away from the start), offboard or takeoff; default: the "
+                "first of them that both logs contain",
+            ),
+        ] = "",
+    ) -> None:
+        """Write report.html: what happened in a run, with interactive figures. With two runs: both flights side by side."""
+        if other:
+            print(_compare(run, other, output or Path(COMPARISON_FILE), align))
+            return
+        print(_report(Path(run), output))
+
+
+def _report(run: Path, output: Path | None) -> Path:
+    from arena.report.run_data import read_run
+    from arena.report.run_report import PAGE, write_page
+    from arena.report.run_report import report as write_report
+
+    if not (run / "plan.json").is_file() and not (run / "csv").is_dir():
+        raise InputError(f"{run}: not a run folder. `arena runs` lists run folders")
+    if output is not None:
+        return write_page(read_run(run), output)
+    write_report(run)
+    return run / PAGE
+
+
+def _compare(run: str, other: str, output: Path, align: str) -> Path:
+    from arena.report.comparison_page import comparison_page, read_source
+    from arena.report.flight_pair import MOMENTS
+
+    if align and align not in MOMENTS:
+        raise InputError(f"--align: got {align!r}, expected one of: {', '.join(MOMENTS)}")
+    page = comparison_page(read_source(run), read_source(other), align or None)
+    output.write_text(page)
+    return output

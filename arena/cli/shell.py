@@ -1,0 +1,34 @@
+"""`arena shell`: a Python shell with a connected vehicle of a running arena."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from arena.cli._running import RunOption
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command `arena shell` to the typer app."""
+
+    @app.command()
+    def shell(
+        vehicle: Annotated[
+            str | None,
+            typer.Argument(metavar="[VEHICLE]", help="name of the vehicle; by default the only one"),
+        ] = None,
+        run: RunOption = None,
+        real: Annotated[bool, typer.Option("--real", help="allow a real vehicle; asks for its name")] = False,
+    ) -> None:
+        """Open a Python shell (IPython if installed) with `uav`, a vehicle of a running arena. Leaving the shell lands the vehicle."""
+        from arena.cli.fly import ask_for_real
+        from arena.fly.connect import Session
+        from arena.fly.running_vehicle import find_vehicle, lock_pilot
+        from arena.fly.shell import interact
+
+        found = find_vehicle(vehicle, run)
+        if found.is_real:
+            ask_for_real(found.name, allowed=real)
+        with lock_pilot(found), Session(found) as session:
+            interact(session)

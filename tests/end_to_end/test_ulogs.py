@@ -1,0 +1,47 @@
+"""Logs (ULog) of PX4 and of the built-in autopilot on the same flight: fetched over MAVLink, and drawn on top of each other."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import pytest
+from pyulog import ULog
+
+from .flight import ROOT, Hangar
+from .test_px4 import flown_by_px4, real_px4
+
+pytestmark = pytest.mark.flight
+
+
+@pytest.mark.px4
+def test_log_of_a_real_px4_is_fetched_and_overlays_that_of_the_built_in_autopilot(hangar: Hangar) -> None:
+    flight = hangar.fly({"uav1": "lands", "uav2": "lands"}, *real_px4(), *flown_by_px4("uav1"))
+    flight.until_up(0.8, 60)
+    flight.until_disarmed(("uav1", "uav2"), 60)
+    fetched = flight.cli(
+        "log", "fetch", "uav1", "--arena", str(hangar.folder / "arena.yaml"), *flown_by_px4("uav1")
+    )
+    assert fetched.returncode == 0, fetched.stdout + fetched.stderr
+    nothing = flight.cli(
+        "log", "fetch", "uav2", "--arena", str(hangar.folder / "arena.yaml"), *flown_by_px4("uav1")
+    )
+    assert nothing.returncode == 1 and "uav2: no log: the vehicle has no log" in nothing.stdout
+    logs = [flight.folder / "ulog" / f"{name}.ulg" for name in ("uav1", "uav2")]
+    (original,) = (flight.folder / "px4" / "uav1" / "log").glob("*/*.ulg")
+    assert logs[0].read_bytes() == original.read_bytes()
+    names = [{each.name for each in ULog(str(log)).data_list} for log in logs]
+    assert not names[1] - names[0] - {"vehicle_magnetometer"}, "every topic of ours is one that PX4 logs"
+    picture = flight.folder / "overlay.png"
+    script = ROOT / "examples" / "13_overlay" / "overlay.py"
+    drawn = subprocess.run(
+        [sys.executable, str(script), *map(str, logs), "-o", str(picture)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert drawn.returncode == 0, drawn.stderr
+    (difference,) = re.findall(r"differ by ([\d.]+) m", drawn.stdout)
+    assert float(difference) < 0.3 and picture.stat().st_size > 50_000
