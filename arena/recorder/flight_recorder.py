@@ -6,6 +6,7 @@ The process `recorder` and the fused arena use it. No call blocks.
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -38,6 +39,9 @@ if TYPE_CHECKING:
 FLUSH_PERIOD_S = 0.5
 """Time between two writes to the disk [s]: a loss of power loses at most the data of this time."""
 REPORT_PERIOD_S = 1.0
+# Both clocks are read this often, and so many readings are kept: an event is read from the disk up to 1.5 s after its time.
+_CLOCK_PERIOD_S = 0.02
+_CLOCK_READINGS = 128
 MakeChannels = Callable[[Mapping[str, Any], Sequence[Recorded], "Context"], Sequence[RecordChannels]]
 
 
@@ -73,8 +77,9 @@ class FlightRecorder:
         self._file = McapFile(folder / FILE_NAME, METADATA, _metadata(settings, now_s), self._context)
         self._channels = list(make(settings, self._vehicles, self._context))
         self._events = EventTail(folder / "events.jsonl") if own_events else None
-        self._clock = RunClock(now_s, time.monotonic())
-        self._next_flush = self._next_report = 0.0
+        self._clock = RunClock(now_s, time.monotonic(), _CLOCK_READINGS)
+        self._last_event_s = -math.inf
+        self._next_reading = self._next_flush = self._next_report = 0.0
         self._failure = ""
         self._server = self._open_viewers(folder)
         self.lost = self.unknown = self._left_out = 0
@@ -133,10 +138,12 @@ class FlightRecorder:
         """
         if self._server is not None:
             self._server.pass_time(now_s)
+        if monotonic_s >= self._next_reading:
+            self._next_reading = monotonic_s + _CLOCK_PERIOD_S
+            self._clock.update(now_s, monotonic_s)
         if monotonic_s < self._next_flush:
             return
         self._next_flush = monotonic_s + FLUSH_PERIOD_S
-        self._clock.update(now_s, monotonic_s)
         if self._events is not None:
             self._record_events(self._events.take())
             self._events.poll()
@@ -187,10 +194,14 @@ class FlightRecorder:
                 self._record_event(line, fields)
 
     def _record_event(self, line: bytes, fields: Mapping[str, Any]) -> None:
+        """Record a line at its time, but not before the previous line.
+
+        The monotonic times of the lines are not in order, and the order of the lines must be that of their times in the record.
+        """
         at = fields.get("mono")
-        self.on_event(
-            line, fields, self._clock.at(float(at) if isinstance(at, int | float) else time.monotonic())
-        )
+        time_s = self._clock.at(float(at) if isinstance(at, int | float) else time.monotonic())
+        self._last_event_s = max(self._last_event_s, time_s)
+        self.on_event(line, fields, self._last_event_s)
 
     def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
         """Record a line of events.jsonl. line: the JSON object as bytes.  fields: its content.  time_s: as in `on_datagram`."""

@@ -1,7 +1,7 @@
 """Script of a record: the messages of `flight.mcap`, read while they are sent.
 
-A recorder logs events and true states up to a second after their time. They are sorted by time, and the messages of one topic keep
-their order.
+A recorder logs true states up to 0.2 s after their time, and events up to seconds after it. They are sorted by time, and the
+messages of one topic keep their order.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import heapq
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from operator import itemgetter
 
 import numpy as np
 
@@ -62,10 +63,12 @@ class RecordScript:
                 up_topic(v.name): (Kind.UP, i),
                 truth_topic(v.name): (Kind.TRUTH, i),
             }
+        self._events: list[RecordedMessage] = []
         self.start_ns, self.end_ns, self.bodies = self._survey()
 
     def items(self, from_ns: int) -> Iterator[Item]:
-        for time_ns, message in in_order(self._recording.messages(self._kinds.keys())):
+        others = self._recording.messages(self._kinds.keys() - {EVENTS_TOPIC})
+        for time_ns, message in heapq.merge(in_order(others), in_order(self._events), key=itemgetter(0)):
             if time_ns >= from_ns and (item := self._item(message, time_ns)) is not None:
                 yield item
 
@@ -83,7 +86,7 @@ class RecordScript:
         return Item(time_ns, kind, vehicle, message.data)
 
     def _survey(self) -> tuple[int, int, frozenset[str]]:
-        """Return the times of the first and the last message [ns], and the names of all rigid bodies. Collect the parameters.
+        """Return the times of the first and the last message [ns], and the names of all rigid bodies. Collect parameters and events.
 
         Frames of the same size have the same bodies, so only one frame of each size is decoded.
         """
@@ -93,6 +96,8 @@ class RecordScript:
             kind, vehicle = self._kinds[message.topic]
             if kind is Kind.DOWN:
                 self.parameters[vehicle].add(nanoseconds(message.time_s), message.data)
+            elif kind is Kind.EVENT:
+                self._events.append(message)
             first = message.time_s if first is None else min(first, message.time_s)
             last = max(last, message.time_s)
             if message.topic == FRAMES_TOPIC and len(message.data) not in sizes:

@@ -83,6 +83,19 @@ def test_metadata_and_all_data_are_in_the_file(tmp_path):
     assert record.truth("uav1").t.tolist() == [3.3]
 
 
+def test_event_is_not_recorded_before_the_line_above_it(tmp_path, monkeypatch):
+    """The supervisor writes times of the start of its loop beside present times, so a line can have an earlier time."""
+    recorder, began = FlightRecorder(Process(tmp_path), 0.0), time.monotonic()
+    times = [began + 0.9, began + 0.1, began + 0.95]
+    lines = [{"mono": at, "process": "arena", "event": f"event {i}"} for i, at in enumerate(times)]
+    (tmp_path / "events.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    monkeypatch.setattr(time, "monotonic", lambda: began + 1.0)
+    recorder.close(10.0)
+    events = list(Recording(tmp_path / "flight.mcap").events())
+    assert [event.text for event in events] == ["event 0", "event 1", "event 2"]
+    assert [round(event.time_s, 1) for event in events] == [9.0, 9.0, 9.5]
+
+
 def test_events_of_the_run_are_recorded_at_their_time(tmp_path):
     recorder, began = FlightRecorder(Process(tmp_path), 0.0), time.monotonic()
     lines = [{"mono": began + 0.1 * i, "process": "arena", "event": f"event {i}"} for i in range(3)]

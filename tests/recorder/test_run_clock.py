@@ -30,6 +30,15 @@ def test_only_the_last_two_readings_count():
     assert clock.at(15.0) == pytest.approx(6.0)
 
 
+def test_more_readings_convert_older_times():
+    clock = RunClock(0.0, 0.0, readings=3)
+    clock.update(1.0, 10.0)
+    clock.update(11.0, 20.0)
+    assert clock.at(5.0) == pytest.approx(0.5)
+    clock.update(12.0, 30.0)
+    assert [clock.at(5.0), clock.at(15.0), clock.at(25.0)] == pytest.approx([1.0, 6.0, 11.5])
+
+
 @given(st.lists(st.tuples(times, times), min_size=1), times)
 def test_result_is_never_outside_of_the_readings(readings, at):
     clock = RunClock(0.0, 0.0)

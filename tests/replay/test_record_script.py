@@ -85,6 +85,35 @@ def test_every_message_has_its_time_kind_and_content(record: Path) -> None:
     assert state.omega_b == (0.25, 0.25, 0.25)
 
 
+def test_event_at_the_end_of_the_file_is_sent_at_its_time(tmp_path: Path) -> None:
+    """In a fast simulation, the recorder reads an event from the disk when many seconds of the flight are already in the file."""
+    from foxglove import Context
+
+    context = Context()
+    metadata = pack_metadata(
+        name="lab",
+        clock="simulation",
+        start_s=0.0,
+        start_unix_s=0.0,
+        size_m=(7.0, 4.0, 3.0),
+        vehicles=VEHICLES,
+    )
+    file = McapFile(tmp_path / "flight.mcap", METADATA, metadata, context)
+    known = [Recorded(name=v.name, id=v.id, body=v.body, index=0 if v.simulated else None) for v in VEHICLES]
+    channels = RawChannels(known, context)
+    for second in range(20):
+        channels.on_datagram("uav1", False, heartbeat(1), float(second))
+    line = {"process": "uav1", "event": "took off"}
+    channels.on_event(json.dumps(line).encode(), line, 2.5)
+    assert file.close()
+    items = list(RecordScript(Recording(tmp_path / "flight.mcap")).items(0))
+    assert [(i.kind, i.time_ns) for i in items[2:5]] == [
+        (Kind.DOWN, 2000 * MS),
+        (Kind.EVENT, 2500 * MS),
+        (Kind.DOWN, 3000 * MS),
+    ]
+
+
 def test_vehicles_bodies_and_times_are_known_before_the_first_message(record: Path) -> None:
     script = RecordScript(Recording(record))
     assert [(v.name, v.id, v.body, v.simulated) for v in script.vehicles] == [
