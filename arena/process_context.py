@@ -41,7 +41,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, Protocol
 
 from arena.background_writer import BackgroundWriter, write_all
 from arena.errors import ArenaError, InputError
@@ -230,6 +230,26 @@ def run_process(
     except ArenaError as error:
         print(f"{error_prefix}: {error}", file=sys.stderr)
         return error.exit_code
+
+
+class Loop(Protocol):
+    """Loop of a process. `run` returns when the process must end. `close` closes its sockets and files."""
+
+    def run(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def run_and_close(loop: Loop) -> Callable[[], None]:
+    """Return a serve function for `run_process`: it runs the loop, and closes it also after an error."""
+
+    def serve() -> None:
+        try:
+            loop.run()
+        finally:
+            loop.close()
+
+    return serve
 
 
 def read_slice(path: Path) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from arena.copilot.copilot import STEP_HZ, Copilot, Output
 from arena.copilot.settings import Rules, Vehicle
 from arena.errors import ArenaError
 from arena.mocap.client import ChangeReport, MocapClient, open_client
-from arena.process_context import ProcessContext, ShutdownPolicy, run_process
+from arena.process_context import ProcessContext, ShutdownPolicy, run_and_close, run_process
 from arena.transport import listen_udp
 
 _BUFFER_BYTES = 1 << 22
@@ -182,15 +182,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _make(room: ProcessContext) -> Callable[[], None]:
-    process = CopilotProcess(room)
-
-    def serve() -> None:
-        try:
-            process.run()
-        finally:
-            process.close()
-
-    return serve
+    return run_and_close(CopilotProcess(room))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 
 from arena.emulated_sensors.shell import SensorsShell
-from arena.process_context import ProcessContext, run_process
+from arena.process_context import ProcessContext, run_and_close, run_process
 
 
 def main() -> int:
@@ -15,15 +15,8 @@ def main() -> int:
 
 def _make(process: ProcessContext) -> Callable[[], None]:
     shell = SensorsShell(process)
-
-    def serve() -> None:
-        process.ready()
-        try:
-            shell.run()
-        finally:
-            shell.close()
-
-    return serve
+    process.ready()
+    return run_and_close(shell)
 
 
 if __name__ == "__main__":

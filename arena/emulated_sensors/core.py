@@ -41,11 +41,11 @@ class EmulatedSensors:
         self.sent = {settings.vehicles[c.row].name: 0 for c in self._carriers}
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, now: float) -> None:
-        """Store the poses of a frame. simulated: it is from the motion capture emulator.  now: time of arrival [s]."""
+        """Store the poses of a frame. simulated: the motion-capture emulator sent it.  now: time of arrival [s]."""
         self._states.captured.on_frame(frame, simulated, now)
 
     def on_datagram(self, row: int, data: bytes, now: float) -> None:
-        """Store the estimates in a datagram from an autopilot. row: index of the vehicle.  now: time of arrival [s]."""
+        """Store the estimates that a datagram of an autopilot contains. row: index of the vehicle.  now: time of arrival [s]."""
         if self.settings.vehicles[row].estimated:
             self._states.estimated.on_datagram(row, data, now)
 

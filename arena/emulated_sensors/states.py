@@ -54,7 +54,7 @@ class CapturedStates:
         self._lateness = {simulated: StreamLateness(CAPTURE_LIMIT_S) for simulated in (True, False)}
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, now: float) -> None:
-        """Store the poses of a frame. simulated: it is from the motion capture emulator.  now: time of arrival [s]."""
+        """Store the poses of a frame. simulated: the motion-capture emulator sent it.  now: time of arrival [s]."""
         if self._lateness[simulated].measure(frame, now) > CAPTURE_LIMIT_S:
             self.counts["late frame"] += 1
             return
@@ -85,7 +85,7 @@ class EstimatedStates:
         self._telemetry = [Telemetry(v.id, only) for v in vehicles]
 
     def on_datagram(self, row: int, data: bytes, now: float) -> None:
-        """Store the estimates in a datagram from an autopilot. row: index of the vehicle.  now: time of arrival [s]."""
+        """Store the estimates that a datagram of an autopilot contains. row: index of the vehicle.  now: time of arrival [s]."""
         self._telemetry[row].on_datagram(data, now)
 
     def get(self, row: int, now: float) -> State | None:

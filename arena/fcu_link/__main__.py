@@ -17,7 +17,6 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from arena.background_writer import BackgroundWriter
-from arena.errors import ArenaError
 from arena.fcu_link.axes_record import RecordFile, computer_start
 from arena.fcu_link.core import SIMULATOR, FcuLink, Out
 from arena.fcu_link.identity import NO_UID
@@ -27,7 +26,13 @@ from arena.fcu_link.signing import LinkSigning
 from arena.fcu_link.simulator_client import SimulatorClient, controller_greeting
 from arena.fcu_link.transports import FcuTransport, open_transport
 from arena.fcu_link.wire_record import WireRecord
-from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
+from arena.process_context import (
+    SUPERVISOR_LOST,
+    ProcessContext,
+    ShutdownPolicy,
+    run_and_close,
+    run_process,
+)
 from arena.transport import AgedSocket, StampAges, listen_udp
 from arena.wire.qgc_params import format_params
 
@@ -310,17 +315,11 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    try:
-        process = ProcessContext.enter(argv)
-        shell = FcuLinkShell(process, Settings.from_slice(process.settings))
-    except ArenaError as error:
-        print(f"link: {error}", file=sys.stderr)
-        return error.exit_code
-    try:
-        shell.run()
-    finally:
-        shell.close()
-    return 0
+    return run_process("link", _make, argv)
+
+
+def _make(process: ProcessContext) -> Callable[[], None]:
+    return run_and_close(FcuLinkShell(process, Settings.from_slice(process.settings)))
 
 
 if __name__ == "__main__":

@@ -240,7 +240,7 @@ class _Sensors:
         self._core.on_frame(frame, True, now)
 
     def on_copy(self, socket: int, data: bytes) -> None:
-        """Store the estimates in a datagram from an autopilot. socket: index of the router's socket that sends it."""
+        """Store the estimates that a datagram of an autopilot contains. socket: index of the router's socket that sends it."""
         if (row := self._row_of.get(socket)) is not None:
             self._core.on_datagram(row, data, self._time.now())
 

@@ -1,4 +1,6 @@
-"""Readings of the simulated sensors: the true values that are added to noise and bias. Every function changes its first argument.
+"""Sums of the true values, the noise and the bias of simulated sensors. Every function changes its first argument.
+
+Before `add_*` the array contains noise and bias, afterwards the readings.
 
 `arena.sim.sensors` contains the sensors. A row is one vehicle.
 """
@@ -12,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def add_inertial(noise: Floats, accel_b: Floats, omega_b: Floats) -> None:
-    """Add specific force [m/s2] and angular velocity [rad/s], both [FRD] (V, 3), to the columns 0 to 2 and 3 to 5."""
+    """Add specific force [m/s2] to the columns 0 to 2, and angular velocity [rad/s] to the columns 3 to 5, both [FRD] (V, 3)."""
     for i in range(len(noise)):
         for k in range(3):
             noise[i, k] += accel_b[i, k]
@@ -33,7 +35,7 @@ def add_field(noise: Floats, field_n: Floats, r_nb: Floats) -> None:
 
 
 def add_altitude(noise: Floats, origin_m: float, p_n: Floats) -> None:
-    """Add the altitude to column 0.
+    """Add the altitude above mean sea level to column 0, which contains the altitude error of the barometer [m].
 
     origin_m: altitude of the arena's origin [m]
     p_n: position [m] [NED] (V, 3)

@@ -1,7 +1,7 @@
-"""Limit for how long datagrams have waited in sockets, from the polls of these sockets. Pure.
+"""Longest time that the datagrams in a socket can have waited, computed from the results of polls. Pure.
 
-A datagram cannot have waited longer than the time since its socket was last empty. A poll that does not report a socket
-shows that the socket is empty.
+A poll reports the sockets that contain data; the others are empty. A datagram cannot have waited longer than the time since its
+socket was last empty.
 """
 
 from __future__ import annotations

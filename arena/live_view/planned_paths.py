@@ -26,7 +26,7 @@ class PlannedPaths:
         self.newest: tuple[Array, ...] = (NO_PATH,) * len(vehicles)
 
     def poll(self) -> None:
-        """Read the files that have changed."""
+        """Read the files that were written since the last call, and update `newest`."""
         found = list(self.newest)
         changed = False
         for k, file in enumerate(self._files):

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from arena.mavlink_router.routing_table import Table
 from arena.mavlink_router.shell import RouterShell
-from arena.process_context import ProcessContext, run_process
+from arena.process_context import ProcessContext, run_and_close, run_process
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -30,15 +30,7 @@ def make_shell(process: ProcessContext) -> RouterShell:
 
 
 def _make(process: ProcessContext) -> Callable[[], None]:
-    shell = make_shell(process)
-
-    def serve() -> None:
-        try:
-            shell.run()
-        finally:
-            shell.close()
-
-    return serve
+    return run_and_close(make_shell(process))
 
 
 if __name__ == "__main__":

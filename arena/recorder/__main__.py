@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 
 from arena.errors import RunError
-from arena.process_context import ProcessContext, run_process
+from arena.process_context import ProcessContext, run_and_close, run_process
 from arena.recorder.shell import RecorderShell
 
 
@@ -19,15 +19,8 @@ def _make(process: ProcessContext) -> Callable[[], None]:
         shell = RecorderShell(process)
     except OSError as error:  # the file cannot be created
         raise RunError(str(error)) from error
-
-    def serve() -> None:
-        process.ready()
-        try:
-            shell.run()
-        finally:
-            shell.close()
-
-    return serve
+    process.ready()
+    return run_and_close(shell)
 
 
 if __name__ == "__main__":

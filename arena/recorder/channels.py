@@ -44,7 +44,7 @@ class RecordChannels(Protocol):
         """
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
-        """Log a frame of motion capture. simulated: it is from the motion capture emulator."""
+        """Log a frame of motion capture. simulated: the motion-capture emulator sent it."""
 
     def on_truth(self, truth: Truth, time_s: float) -> None:
         """Log the true state of all simulated vehicles, `log.rate_hz` times a second of simulation time.

@@ -107,7 +107,7 @@ class FlightRecorder:
                 self._remove(channels, error)
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
-        """Record a frame of motion capture. simulated: it is from the motion capture emulator.  time_s: as in `on_datagram`."""
+        """Record a frame of motion capture. simulated: the motion-capture emulator sent it.  time_s: as in `on_datagram`."""
         for pose in frame.poses:
             if (watch := self._watch_of_body.get(pose.body)) is not None:
                 watch.poses += 1

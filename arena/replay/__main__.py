@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from arena.process_context import ProcessContext, read_slice, run_process
+from arena.process_context import ProcessContext, read_slice, run_and_close, run_process
 from arena.replay.loopback import check_loopback
 from arena.replay.open_script import open_script
 from arena.replay.shell import ReplayLoop
@@ -23,14 +23,7 @@ def _make(process: ProcessContext, folder: Path) -> Callable[[], None]:
     slices = {name: read_slice(folder / f"{name}.json") for name in process.settings["members"]}
     check_loopback({**slices, "replay": process.settings}, process.settings["stations"])
     loop = ReplayLoop(process, slices, open_script([Path(path) for path in process.settings["sources"]]))
-
-    def serve() -> None:
-        try:
-            loop.run()
-        finally:
-            loop.close()
-
-    return serve
+    return run_and_close(loop)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 
-from arena.process_context import ProcessContext, run_process
+from arena.process_context import ProcessContext, run_and_close, run_process
 from arena.ros2.bridge import Bridge
 
 POLL_S = 0.005
@@ -50,15 +50,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _make(room: ProcessContext) -> Callable[[], None]:
-    process = Ros2Process(room)
-
-    def serve() -> None:
-        try:
-            process.run()
-        finally:
-            process.close()
-
-    return serve
+    return run_and_close(Ros2Process(room))
 
 
 if __name__ == "__main__":

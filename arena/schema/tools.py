@@ -36,7 +36,7 @@ def _pattern(text: str) -> str:
 
 
 class Ready(Strict):
-    """Condition for a tool to be ready. Exactly one of log, port, file and delay_s."""
+    """How to see that a tool is ready. Set exactly one of log, port, file and delay_s."""
 
     log: Annotated[str | None, AfterValidator(_pattern)] = None
     """Ready when a line of its output contains a match of this regular expression."""

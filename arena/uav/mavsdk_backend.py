@@ -115,7 +115,7 @@ class _Slot:
         self._lock, self._calls = threading.Lock(), threading.Lock()
 
     def pass_one(self, asked: Any, call: Callable[[], object]) -> None:
-        """Call a function of MAVSDK, and wait until the message that it sends has passed the gate.
+        """Call a function of MAVSDK, and wait until the gate has sent its message to the vehicle.
 
         Raises NotConfirmedError if MAVSDK does not send the message.
         """

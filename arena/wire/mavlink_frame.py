@@ -58,8 +58,9 @@ class MavlinkSender(Protocol):
 
 
 def pack_frame(msgid: int, payload: bytes, sender: MavlinkSender, crc_extra: bytes) -> bytes:
-    """Pack a payload into a MAVLink 2 frame, without the zeros at its end. Does not increase the sequence
-    number.
+    """Return a MAVLink 2 frame with a payload. Zeros at the end of the payload are left out, as MAVLink 2 asks.
+
+    The caller increases the sequence number of `sender`.
     """
     return pack(payload, msgid, crc_extra, sender.seq, sender.srcSystem, sender.srcComponent)
 

@@ -54,7 +54,7 @@ class Px4Message(NamedTuple):
     payload: bytes
 
     def pack(self, sender: MavlinkSender) -> bytes:
-        """Return the frame. Does not increase the sequence number of `sender`."""
+        """Return the frame. The caller increases the sequence number of `sender`."""
         return pack_frame(self.msgid, self.payload, sender, SEEDS[self.msgid])
 
 
