@@ -31,7 +31,13 @@ TOOLS = runpy.run_path(str(HERE / KERNELS / "source_digest.py"))
 # Without contraction a * b + c is rounded twice on every architecture, as Python rounds it.
 # Cython writes the C code, so nobody can mend what the compiler warns of.
 FLAGS = ["-O2", "-g0", "-w", "-ffp-contract=off"]
-DIRECTIVES = {"language_level": 3, "annotation_typing": False, "infer_types": True, "wraparound": False}
+DIRECTIVES = {
+    "language_level": 3,
+    "annotation_typing": False,
+    "infer_types": True,
+    "wraparound": False,
+    "show_performance_hints": False,
+}
 
 
 class BuildWithData(build_py):
