@@ -308,6 +308,21 @@ def hung(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     respond.set()
 
 
+def test_log_that_ends_during_a_write_is_complete(
+    tmp_path: Path, hung: threading.Event, frequent: None
+) -> None:
+    sink = UlogFiles(tmp_path)
+    sink.begin("uav1", b"head")
+    sink.write("uav1", b"one")
+    sink.hand_over(0.0)  # the thread waits for the disk in this write
+    sink.write("uav1", b"two")
+    sink.end("uav1")
+    hung.set()
+    sink.close()
+    assert sink.events() == []
+    assert (tmp_path / "uav1.ulg").read_bytes() == b"headonetwo"
+
+
 def test_hung_disk_does_not_block_and_leaves_a_gap(
     tmp_path: Path, hung: threading.Event, frequent: None
 ) -> None:

@@ -18,8 +18,8 @@ FIRST_ID = 65
 """PX4 binds its ports on every address; other arenas of this computer may use the low ids."""
 
 
-def hung(hangar: Hangar, more: str, *options: str) -> Flight:
-    vehicle = f"{{id: {FIRST_ID}, program: {PROGRAMS / 'hung_sdk.py'}}}"
+def hung(hangar: Hangar, more: str, *options: str, program: str = "hung_sdk.py") -> Flight:
+    vehicle = f"{{id: {FIRST_ID}, program: {PROGRAMS / program}}}"
     lines = [
         f"address: {hangar.address}",
         "defaults: {autopilot: builtin}",
@@ -31,8 +31,13 @@ def hung(hangar: Hangar, more: str, *options: str) -> Flight:
     return hangar.up(file, *options)
 
 
-def test_hung_sdk_program_is_landed_when_its_heartbeat_stops(hangar: Hangar) -> None:
-    flight = hung(hangar, "copilot: {}")
+@pytest.mark.parametrize(
+    "program", [pytest.param("hung_sdk.py", marks=pytest.mark.nightly), "hung_mavsdk.py"]
+)
+def test_hung_sdk_program_is_landed_when_its_heartbeat_stops(hangar: Hangar, program: str) -> None:
+    if "mavsdk" in program:
+        pytest.importorskip("mavsdk.plugins.offboard", reason="mavsdk is not installed")
+    flight = hung(hangar, "copilot: {}", program=program)
     flight.until_up()
     flight.until_disarmed(["uav1"], 60)
     (said,) = [e["event"] for e in flight.events("copilot") if "land: program" in e.get("event", "")]

@@ -24,7 +24,7 @@ class _File:
     head: header and definitions
     begun_at: simulation time of the header [s]
     chunks: bytes that were not passed to the thread yet
-    ended: True if no bytes follow
+    ended: True if the flight has ended, so no bytes are added
     fd: file descriptor, used by the thread only; -1 before the file exists
     written_until: simulation time up to which the thread has written [s]
     problem: why the thread stopped writing; "" if it writes
@@ -41,6 +41,19 @@ class _File:
     problem: str = ""
     path: Path | None = None
     size: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Bytes of a file that one write of the thread adds.
+
+    last: True if no bytes follow, so that the thread closes the file. It is stored here, because the flight can end while
+    an earlier write of the file is in progress.
+    """
+
+    file: _File
+    data: bytes
+    last: bool
 
 
 @dataclass(slots=True)
@@ -127,7 +140,7 @@ class UlogFiles:
 
     def _submit(self) -> None:
         files = [*self._ended, *self._open.values()]
-        work = [(file, b"".join(file.chunks)) for file in files]
+        work = [_Part(file, b"".join(file.chunks), last=file.ended) for file in files]
         for file in files:
             file.chunks = []
         since, until = self._from, self._now
@@ -137,16 +150,18 @@ class UlogFiles:
 
     # -- in the thread ---------------------------------------------------------------------------------------
 
-    def _write(self, work: list[tuple[_File, bytes]], since: float, until: float) -> None:
-        for file, data in work:
+    def _write(self, work: list[_Part], since: float, until: float) -> None:
+        for part in work:
+            file = part.file
             if not file.problem:
                 try:
-                    self._write_one(file, data, since, until)
+                    self._write_one(part, since, until)
                 except OSError as error:
                     file.problem = error.strerror or str(error)
                     self._events.append(f"{file.name}: the ULog ends here: {file.problem}")
 
-    def _write_one(self, file: _File, data: bytes, since: float, until: float) -> None:
+    def _write_one(self, part: _Part, since: float, until: float) -> None:
+        file, data = part.file, part.data
         if file.fd < 0:
             file.fd, file.path = self._create(file.name)
             file.written_until = file.begun_at
@@ -160,7 +175,7 @@ class UlogFiles:
         file.size += len(data)
         os.fdatasync(file.fd)
         file.written_until = until
-        if file.ended:
+        if part.last:
             os.close(file.fd)
 
     def _create(self, name: str) -> tuple[int, Path]:

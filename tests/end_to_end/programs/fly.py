@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 
 import numpy as np
 
@@ -22,11 +23,21 @@ with UAV.from_args() as uav:
             uav.auto_land()
         case "hovers":
             uav.set_pos_yaw(above, 0.0, 300.0)
+        case "sends_at":
+            for _ in range(int(8.0 * float(uav.args[1]))):
+                uav.set_pos_vel_yaw(above, [0.0, 0.0, 0.0], 0.0, float(uav.args[1]))
+            uav.auto_land()
+        case "pauses":
+            uav.clock.sleep_until(uav.clock.now() + float(uav.args[1]))
+            uav.set_pos_yaw(above, 0.0, 5.0)
+            uav.auto_land()
         case "throws":
             raise ValueError("no such place")
         case "spins":
             while True:
                 pass
+        case "waits":
+            threading.Event().wait()
         case "freezes":
             os.kill(os.getpid(), signal.SIGSTOP)
         case "is_killed":
