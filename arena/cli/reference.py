@@ -30,7 +30,7 @@ from arena.schema.mocap import Mocap
 from arena.schema.models import NOT_YET, json_schema
 from arena.schema.ports import PORTS, Port
 from arena.smoke.language import vocabulary
-from arena.smoke.language.scenario import STEP_KEYS, ScenarioFile
+from arena.smoke.language.scenario_file import STEP_KEYS, ScenarioFile
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 _HEAD = "<!-- written by python -m arena.cli.reference; do not edit -->\n\n"

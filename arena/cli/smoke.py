@@ -74,7 +74,7 @@ def register(app: typer.Typer) -> None:
         found = load(files(scenarios), [*(set_ or []), f"sim.speed={speed}", *seeds])
         if list_:
             for one in found:
-                print(f"{one.place.file}: {one.name}")
+                print(f"{one.place.file}: {one.name}" + (f": {one.about}" if one.about else ""))
             return
         for folder in (results, *(() if junit is None else (junit.parent,))):
             _make(folder)

@@ -41,7 +41,7 @@ def _battery(world: World, fault: Fault) -> str:
         return f"the battery of {name} discharges according to its load again"
     empty_in_s = number(fault, "empty_in_s", *_EMPTY_IN_S)
     world.override_discharge(row, empty_in_s)
-    return f"the battery of {name} discharges from full to empty in {empty_in_s:g} s"
+    return f"the battery drain of {name} is set to {100.0 / empty_in_s:.3g} %/s"
 
 
 def _wind(world: World, fault: Fault) -> str:

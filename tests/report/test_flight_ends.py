@@ -122,7 +122,7 @@ def test_commanded_landing_names_the_sender(run):
 
 @pytest.mark.parametrize("failsafe", [False, True])
 def test_landing_with_a_drained_battery_states_charge_and_threshold(run, failsafe):
-    fault = "fault: the battery of uav1 discharges from full to empty in 30 s"
+    fault = "fault: the battery drain of uav1 is set to 3.33 %/s"
     events = [
         Event(at_s=6.0, process="world", text=fault),
         asked(role="program", request="mode AUTO.LAND"),
@@ -204,15 +204,13 @@ def test_faults_and_landings_of_several_vehicles_name_all_of_them(tmp_path):
         "at 8.1 s the programs of uav1 and uav2 were killed by the scenario (injected fault)",
     )
     drained = [
-        Event(
-            at_s=8.0, process="world", text=f"fault: the battery of {n} discharges from full to empty in 30 s"
-        )
+        Event(at_s=8.0, process="world", text=f"fault: the battery drain of {n} is set to 3.33 %/s")
         for n in names
     ]
     asking = [asked(vehicle=n, role="program", request="mode AUTO.LAND") for n in names]
     landed = replace(two, events=[*drained, *asking])
     assert verdict(landed, happenings(landed)).causes == (
-        "at 8.0 s the battery of uav1 and uav2 discharges from full to empty in 30 s (injected fault)",
+        "at 8.0 s the battery drain of uav1 and uav2 is set to 3.33 %/s (injected fault)",
         "at 11.0 s the programs of uav1 and uav2 commanded AUTO.LAND",
     )
 

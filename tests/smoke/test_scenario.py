@@ -13,7 +13,8 @@ from arena.errors import InputError
 from arena.schema import load_arena
 from arena.schema.descriptions import descriptions
 from arena.smoke.language.model import Box
-from arena.smoke.language.scenario import ScenarioFile, load_scenarios
+from arena.smoke.language.scenario import load_scenarios
+from arena.smoke.language.scenario_file import ScenarioFile
 
 TWO = "vehicles:\n  uav1: {program: fly.py}\n  uav2: {start: {position: [2, 0, 0]}}\n"
 ONE = "vehicles:\n  uav1: {program: fly.py}\n"
@@ -309,6 +310,20 @@ def test_distance_to_the_fence_is_negative_inside() -> None:
     assert box.outside_m((0, 0, -1)) == pytest.approx(-2)
     assert box.outside_m((4.5, 0, -1)) == pytest.approx(0.5)
     assert box.outside_m((0, 0, -3.25)) == pytest.approx(0.25)
+
+
+def test_scenario_has_the_sentence_about_what_it_tests(folder: Path) -> None:
+    Path("two.yaml").write_text(TWO)
+    Path("s.yaml").write_text("about: No failsafe may act.\n" + HEAD + STEP)
+    assert load_scenarios("s.yaml")[0].about == "No failsafe may act."
+    Path("s.yaml").write_text(HEAD + STEP)
+    assert load_scenarios("s.yaml")[0].about == ""
+
+
+def test_every_shipped_scenario_says_what_it_tests() -> None:
+    examples = Path(__file__).parents[2] / "examples"
+    for path in sorted(examples.rglob("*.smoke.yaml")):
+        assert all(one.about.endswith(".") for one in load_scenarios(path)), path
 
 
 def test_every_key_is_documented() -> None:

@@ -71,6 +71,7 @@ def fly(scenario: Scenario, options: FlightOptions) -> Result:
     result = Result(
         scenario=scenario.name,
         file=scenario.place.file,
+        about=scenario.about,
         seed=scenario.arena.world.seed if options.seed is None else options.seed,
         verdict=referee.verdict(),
         run=str(session.run or ""),

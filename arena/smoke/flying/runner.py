@@ -62,4 +62,6 @@ def fly_all(
 def _failed(scenario: Scenario, options: FlightOptions, problem: str) -> Result:
     seed = scenario.arena.world.seed if options.seed is None else options.seed
     verdict = Verdict(steps=(), rules=(), problems=(problem,))
-    return Result(scenario=scenario.name, file=scenario.place.file, seed=seed, verdict=verdict)
+    return Result(
+        scenario=scenario.name, file=scenario.place.file, seed=seed, verdict=verdict, about=scenario.about
+    )

@@ -9,14 +9,11 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
-
-from pydantic import BeforeValidator, Field
+from typing import Any, TypeVar
 
 from arena.errors import InputError, Problem
 from arena.schema import Arena, load_arena
 from arena.schema.arena import Fence
-from arena.schema.base import Strict
 from arena.schema.load import arena_of
 from arena.schema.loader import Document, YamlPath, load_yaml
 from arena.schema.source import Source, near, show, with_overrides
@@ -30,6 +27,7 @@ from arena.smoke.language.grammar import (
 )
 from arena.smoke.language.model import Allowance, Box, Place, Rule, Step
 from arena.smoke.language.names import Names, names_of
+from arena.smoke.language.scenario_file import STEP_KEYS, ScenarioFile
 from arena.smoke.language.tokens import WrongWordError
 from arena.smoke.language.vocabulary import VEHICLE_PROCESSES
 
@@ -41,6 +39,7 @@ class Scenario:
     """A scenario to be flown in one arena.
 
     name: name of the scenario. If the file lists several arenas, the name ends with the arena: `offboard loss lands [four]`.
+    about: one sentence about what the scenario tests; "" if the file has none.
     place: file and line of the scenario's name.
     arena: the loaded arena, with the overrides applied.
     arena_file: path of the arena's YAML, to start it with `arena up`. "" if the arena is written inside the scenario file:
@@ -53,6 +52,7 @@ class Scenario:
     """
 
     name: str
+    about: str
     place: Place
     arena: Arena
     arena_file: str
@@ -62,53 +62,6 @@ class Scenario:
     steps: tuple[Step, ...]
     always: tuple[Rule, ...]
     fence: Box
-
-
-def _arena(value: Any) -> Any:
-    named = (value,) if isinstance(value, str) else value
-    if isinstance(value, dict) or (
-        isinstance(named, tuple) and named and all(isinstance(v, str) and v for v in named)
-    ):
-        return value
-    raise ValueError(
-        "expected the path of an arena's YAML, a list of such paths, or a mapping that defines an arena"
-    )
-
-
-def _entries(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return value
-    raise ValueError("expected a list")
-
-
-Entries = Annotated[tuple[Any, ...], BeforeValidator(_entries)]
-
-
-class ScenarioFile(Strict):
-    """Content of a scenario file: arena, time limit, steps, rules and accepted failures."""
-
-    name: Annotated[str, Field(min_length=1, max_length=80)] | None = None
-    """The scenario's name. Default: the name of the file."""
-    arena: Annotated[Any, BeforeValidator(_arena)]
-    """The path of the arena's YAML, relative to the scenario file. With a list of paths, the scenario is flown once in
-    each arena. A mapping defines the arena here."""
-    set: tuple[str, ...] = ()
-    """Values that override the arena's YAML, such as `defaults.autopilot=px4` (as `arena up --set`)."""
-    time_limit_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
-    """Simulated time after which the flight ends and fails [s]."""
-    may: Entries = ()
-    """Failures that are accepted."""
-    steps: Annotated[Entries, Field(min_length=1)]
-    """The steps, in order: each entry is a mapping of `at`, `do` and `expect`."""
-    always: Entries = ()
-    """Rules that must hold for every vehicle in flight: from its first take-off until its landing."""
-
-
-STEP_KEYS = {
-    "at": "the time at which the step begins",
-    "do": "an action, or a list of actions",
-    "expect": "an expectation, or a list of expectations; its time counts from the last `at` or `do`",
-}
 
 
 def load_scenarios(path: str | Path, overrides: Sequence[str] = ()) -> list[Scenario]:
@@ -191,6 +144,7 @@ class _Reader:
             if self.problems or arena is None
             else Scenario(
                 name=f"{name} [{Path(self._file).stem}]" if several else name,
+                about=self._model.about or "",
                 place=self._place(("name",), name),
                 arena=arena,
                 arena_file=str(self._folder / self._file) if self._file else "",

@@ -47,6 +47,7 @@ class Form:
 
 EXAMPLE = """\
 name: offboard loss lands
+about: The program of one vehicle is killed. This vehicle must land, and the other one must fly on.
 arena: two_quads.yaml
 steps:
   - at: uav1.airborne + 3 s

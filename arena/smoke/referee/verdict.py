@@ -107,6 +107,7 @@ class Result:
     """Result of the flight of one scenario.
 
     run: path of the run folder, "" if there is none.  wall_s: duration in wall time [s].
+    about: one sentence about what the scenario tests, "" if its file has none.
     report: path of report.html, "" if there is none.  facts: properties of the arena, such as its autopilot, for the report.
     """
 
@@ -116,5 +117,6 @@ class Result:
     verdict: Verdict
     run: str = ""
     wall_s: float = 0.0
+    about: str = ""
     report: str = ""
     facts: Mapping[str, str] = field(default_factory=dict)
