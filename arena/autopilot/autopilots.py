@@ -25,6 +25,7 @@ from arena.autopilot.estimation.vision_input import VisionInput
 from arena.autopilot.flight_modes import Mode
 from arena.autopilot.make_vehicles import load_params, make_vehicles
 from arena.autopilot.mavlink.mavlink_interface import MavlinkInterface
+from arena.autopilot.mavlink.telemetry import Telemetry
 from arena.autopilot.mavlink.telemetry_packer import TelemetryPacker
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.mode_flight import ModeFlight
@@ -84,10 +85,12 @@ class Autopilots:
         self.vehicles = make_vehicles(settings, self.params, self.est)
         self._boot_unix_us = int(settings.get("boot_unix_us", REPEATABLE_BOOT_UNIX_US))
         self.gates = [CommandGate(x["name"], x["id"], simulated=True) for x in vehicles if authority]
+        packer = TelemetryPacker(self.est, self.sp, self.cascade, self.allocator.rows.shape[1])
+        self._telemetry = Telemetry(self.vehicles, packer, self._read_state)
         self.interfaces = [
             MavlinkInterface(
                 v,
-                self._read_telemetry,
+                self._telemetry,
                 self.gates[i] if authority else None,
                 partial(self._record_text, i),
                 library,
@@ -95,8 +98,7 @@ class Autopilots:
             )
             for i, v in enumerate(self.vehicles)
         ]
-        self._telemetry: TelemetryState | None = None
-        self._packer = TelemetryPacker(self.est, self.sp, self.cascade, self.allocator.rows.shape[1])
+        self._sensors: Mapping[str, Array] = {}  # {} before the first step
         self._decide_every = steps_per_period(_DECISION_PERIOD_S, dt)
         self._realign_every = self._decide_every * steps_per_period(
             _REALIGN_PERIOD_S, dt * self._decide_every
@@ -153,8 +155,22 @@ class Autopilots:
     def transmit(self) -> list[tuple[int, str, bytes]]:
         """Return the datagrams to send after this step, as (index of the vehicle, name of the link, datagram)."""
         now = self._now
-        self._telemetry = TelemetryState(
-            now,
+        if not self._telemetry.has_output(now) or (state := self._telemetry.begin()) is None:
+            return []
+        sent = []
+        for row, link, datagram in self._telemetry.send_streams(now):
+            if datagram:
+                sent.append((row, link, datagram))
+            else:
+                sent += [(row, name, each) for name, each in self.interfaces[row].transmit(now, state)]
+        return sent
+
+    def _read_state(self) -> TelemetryState | None:
+        """Return the state of the last step for telemetry; None before the first step."""
+        if not self._sensors:
+            return None
+        return TelemetryState(
+            self._now,
             self.est,
             self._sensors,
             thrust=self.thrust,
@@ -163,19 +179,6 @@ class Autopilots:
             sp=self.sp,
             boot_unix_us=self._boot_unix_us,
         )
-        active = [x for x in self.interfaces if x.has_output(now)]
-        due = [(x, link, messages) for x in active for link, messages in x.prepare(now)]
-        if due and (last := self._read_telemetry()):
-            for x, link, messages in due:
-                x.send_telemetry(link, messages, *last)
-        return [(x.vehicle.row, link, data) for x in active for link, data in x.take_datagrams()]
-
-    def _read_telemetry(self) -> tuple[TelemetryState, TelemetryPacker] | None:
-        """Return the state of the last step and the packer that writes it into MAVLink messages; None before the first step."""
-        if self._telemetry is None:
-            return None
-        self._packer.begin(self._telemetry)
-        return self._telemetry, self._packer
 
     def on_request(self, request: Mapping[str, Any]) -> None:
         """Process a request of the supervisor (see `process_context`), such as to refuse arming."""
@@ -251,6 +254,8 @@ class Autopilots:
         full = np.where(offboard, self.params["MPC_Z_VEL_MAX_UP"], self.params["MPC_TKO_SPEED"])
         for v in self.vehicles:
             self._decide_one(v)
+            self._telemetry.update(v)
+            self.interfaces[v.row].wake_if_changed()
         flying, begun = self.takeoff.flying, np.isfinite(self.takeoff.begun)
         self.cascade.position.speed_up[:] = self.takeoff.climb_rate_limit(now, full)
         self.cascade.position.tilt_max[:] = np.where(

@@ -9,6 +9,7 @@ cdef Py_ssize_t _POSE_COVARIANCE, _VELOCITY_COVARIANCE, _RESETS, _ACCEL, _GYRO, 
 cdef Py_ssize_t _LAT, _LON, _ALT_MM, _RELATIVE_MM, _VELOCITY_CM_S, _HEADING_CDEG, _SPEED, _ALT, _CLIMB
 cdef Py_ssize_t _HEADING_DEG, _THROTTLE, _HEIGHTS, _Q_SP, _OMEGA_SP, _THRUST, _SETPOINT, _IGNORED, _SERVOS
 cdef Py_ssize_t _VOLTAGE, _CURRENT, _REMAINING, _INPUTS, _ARMED, _LAT0, _LON0, _ALT0, _HEADING, _HOME_D
+cdef Py_ssize_t _PRESENT, _HEALTH, _PRESENT_LOST, _HEALTH_LOST
 cdef Py_ssize_t _POSITION, _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64
 cdef double _DEG, _NAN
 
@@ -30,6 +31,7 @@ cdef class PayloadWriter:
     cdef unsigned long long[::1] u64
     cdef long long[::1] i64
     cdef float[::1] f32
+    @cython.locals(k=Py_ssize_t)
     cpdef bytes write(self, double[::1] values)
     @cython.locals(whole=long)
     cdef void _store(self, double value, Py_ssize_t kind, Py_ssize_t at) except *
@@ -43,9 +45,11 @@ cdef class TelemetryPacking:
     cdef readonly double[:, ::1] p_n, v_n, q_nb, omega_b, sp_p_n, v_sp_n, a_sp_n, q_sp, omega_sp
     cdef readonly double[:, :, ::1] r_nb, cov
     cdef readonly long[::1] resets, level
+    cdef readonly unsigned char[::1] xy_valid
     cpdef void set_time(self, double time_ms, double time_us, double time_ns) except *
     @cython.locals(frames=list, number=long, writer=PayloadWriter, payload=bytes)
     cpdef bytes pack(self, Py_ssize_t i, list message_ids, long seq, long sysid, long compid)
+    @cython.locals(k=Py_ssize_t)
     cdef void _compute(self, Py_ssize_t i) except *
     @cython.locals(at=Py_ssize_t)
     cdef void _compute_estimates(self, Py_ssize_t i) except *

@@ -15,14 +15,16 @@ from arena.kernels.arrays import floats
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from arena.kernels.arrays import Floats, Integers
+    from arena.kernels.arrays import Flags, Floats, Integers
 
 
 KINDS = "BbHhIiQqf"
 """Types of fields that can be packed, as codes of the module `struct`. The tables contain positions in this text."""
 STATUS = ("mav_type", "custom_mode", "base_mode", "status", "landed", "present", "health")
 PLACE = ("armed", "lat0", "lon0", "alt0", "heading", "home_d")
-"""Inputs of a vehicle, each one number. alt0, home_d: NaN if the origin, or home, is not set."""
+LOST = ("present_lost", "health_lost")
+"""Inputs of a vehicle, each one number. alt0, home_d: NaN if the origin, or home, is not set. present_lost, health_lost: used
+instead of present and health while the horizontal position is invalid."""
 SIZES = {
     **dict.fromkeys(("time_ms", "time_us", "time_us_32", "time_ns"), 1),
     **{"rpy": 3, "q_nb": 4, "omega_b": 3, "p_n": 3, "v_n": 3},
@@ -32,7 +34,7 @@ SIZES = {
     **{"speed": 1, "alt": 1, "climb": 1, "heading_deg": 1, "throttle": 1, "heights": 4},
     **{"q_sp": 4, "omega_sp": 3, "thrust": 1, "setpoint": 11, "ignored": 1, "servos": 8},
     **{"voltage_mv": 1, "current_ca": 1, "remaining": 1},
-    **dict.fromkeys(STATUS + PLACE, 1),
+    **dict.fromkeys(STATUS + PLACE + LOST, 1),
 }
 """Quantity -> number of its values. The constant values of messages follow after the last quantity."""
 COLUMNS = {name: sum(list(SIZES.values())[:k]) for k, name in enumerate(SIZES)}
@@ -88,6 +90,8 @@ _INPUTS, _ARMED, _LAT0, _LON0 = (
     COLUMNS["lon0"],
 )
 _ALT0, _HEADING, _HOME_D = COLUMNS["alt0"], COLUMNS["heading"], COLUMNS["home_d"]
+_PRESENT, _PRESENT_LOST = COLUMNS["present"], COLUMNS["present_lost"]
+_HEALTH, _HEALTH_LOST = COLUMNS["health"], COLUMNS["health_lost"]
 _POSITION = 3  # level of a setpoint, as in `cascade`
 _DEG = 180.0 / math.pi
 _NAN = float("nan")
@@ -173,7 +177,7 @@ class PayloadWriter:
 class TelemetryPacking:
     """Packs the telemetry of V vehicles with at most R rotors each.
 
-    inputs: numbers that the caller sets before it packs messages that contain them, `STATUS` then `PLACE` (V, 13)
+    inputs: input: `STATUS`, then `PLACE`, then `LOST` (V, 15)
     accel_b, gyro_b, mag_b: input: specific force [m/s2], body rates [rad/s], magnetic field [gauss] [FRD] (V, 3)
     baro_alt, pressure_hpa: input: barometric altitude [m] and its pressure [hPa] (V,)
     battery_v, battery_a, battery: input: voltage [V], current [A] and remaining charge 0..1 (V,)
@@ -202,7 +206,7 @@ class TelemetryPacking:
             self.values[VALUES + k] = constant
         for k in range(21):
             self.values[_POSE_COVARIANCE + k] = self.values[_VELOCITY_COVARIANCE + k] = _NAN
-        self.inputs = floats(vehicles, len(STATUS) + len(PLACE))
+        self.inputs = floats(vehicles, len(STATUS) + len(PLACE) + len(LOST))
         self.accel_b, self.gyro_b, self.mag_b = floats(vehicles, 3), floats(vehicles, 3), floats(vehicles, 3)
         self.baro_alt, self.pressure_hpa = floats(vehicles), floats(vehicles)
         self.battery_v, self.battery_a, self.battery = floats(vehicles), floats(vehicles), floats(vehicles)
@@ -217,10 +221,11 @@ class TelemetryPacking:
         omega_b: Floats,
         cov: Floats,
         resets: Integers,
+        xy_valid: Flags,
     ) -> None:
-        """Use these arrays of the estimator in each later step."""
+        """Use these arrays of the estimator in each later step. xy_valid: whether the horizontal position is valid (V,)"""
         self.p_n, self.v_n, self.q_nb, self.r_nb, self.omega_b = p_n, v_n, q_nb, r_nb, omega_b
-        self.cov, self.resets = cov, resets
+        self.cov, self.resets, self.xy_valid = cov, resets, xy_valid
 
     def read_setpoints_from(
         self,
@@ -265,6 +270,11 @@ class TelemetryPacking:
         """Compute all quantities of vehicle i."""
         for k in range(VALUES - _INPUTS):
             self.values[_INPUTS + k] = self.inputs[i, k]
+        if not self.xy_valid[i]:
+            self.values[_PRESENT], self.values[_HEALTH] = (
+                self.values[_PRESENT_LOST],
+                self.values[_HEALTH_LOST],
+            )
         self._compute_estimates(i)
         self._compute_sensors(i)
         self._compute_heights(i)

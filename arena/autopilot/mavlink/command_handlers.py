@@ -184,7 +184,7 @@ def _set_message_interval(r: Request) -> int:
     default = streams.LINK_RATES[link.name].get(msgid, 0.0)
     interval = (1.0 / default if default else 0.0) if us == 0 else us * 1e-6 if us > 0 else 0.0
     interval = min(max(interval, _SHORTEST_INTERVAL_S), _LONGEST_INTERVAL_S) if interval else 0.0
-    link.set_interval(msgid, interval, r.vehicle.now + interval)
+    link.streams.set_interval(msgid, interval, r.vehicle.now + interval)
     return ACCEPTED
 
 
@@ -193,7 +193,7 @@ def _get_message_interval(r: Request) -> int:
     if not math.isfinite(r.params[0]) or not 0 <= r.params[0] < 65535.5:
         return DENIED
     msgid = math.floor(r.params[0] + 0.5)
-    us = int(r.link.intervals.get(msgid, 0.0) * 1e6)
+    us = int(r.link.streams.interval(msgid) * 1e6)
     r.link.send(mavlink.MAVLink_message_interval_message(msgid, us))
     return ACCEPTED
 

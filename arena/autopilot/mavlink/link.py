@@ -2,37 +2,30 @@
 
 from __future__ import annotations
 
-import heapq
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.kernels.stream_schedule import StreamSchedule
 from arena.wire.mavlink_codec import Codec
 
 _QUEUE_LIMIT = 256  # entries
-_CATCH_UP_S = 0.1  # a late stream skips messages that are older than this
-_ROUNDING_S = 1e-6
+Sequences = NDArray[np.int64]
 
 
-@dataclass(slots=True)
-class MavlinkLink:
-    """MAVLink link of a vehicle: the frames to send, and the schedule of its streams.
+class LinkStreams:
+    """Streams of one link.
 
-    name: `router` (to the MAVLink router), `vision` (to the pose forwarder) or `panic` (reserved for land-all, kill-all and
-        the copilot)
-    queue: frames to send; an entry may contain several
-    intervals: period of each scheduled message [s], by message id
-    schedule: heap of (time [s], message id), one entry per scheduled message
-    gcs_heartbeat_at: time of the last ground station heartbeat on this link [s]
+    schedule: of all links of all vehicles
+    row: row of this link in the schedule
+    columns: message id -> column in the schedule
     """
 
-    name: str
-    codec: Codec
-    queue: list[bytes] = field(default_factory=list)
-    intervals: dict[int, float] = field(default_factory=dict)
-    schedule: list[tuple[float, int]] = field(default_factory=list)
-    gcs_heartbeat_at: float = -1e9
+    def __init__(self, schedule: StreamSchedule, row: int, columns: Mapping[int, int]) -> None:
+        self._schedule, self._row, self._columns = schedule, row, columns
 
     def set_interval(self, msgid: int, interval_s: float, first_s: float) -> None:
         """Set the interval at which a message is sent.
@@ -40,26 +33,36 @@ class MavlinkLink:
         interval_s: period [s], 0 stops the stream
         first_s: time of the first message [s]
         """
-        self.intervals[msgid] = interval_s
-        self.schedule = [entry for entry in self.schedule if entry[1] != msgid]
-        if interval_s > 0:
-            self.schedule.append((first_s, msgid))
-        heapq.heapify(self.schedule)
+        self._schedule.set_interval(self._row, self._columns[msgid], interval_s, first_s)
 
-    def next_due(self) -> float:
-        """Return the time of the next scheduled message [s], infinite if there is none."""
-        return self.schedule[0][0] if self.schedule else math.inf
+    def interval(self, msgid: int) -> float:
+        """Return the period of a message [s], 0 if it is not streamed."""
+        column = self._columns.get(msgid)
+        return 0.0 if column is None else self._schedule.interval_s[self._row, column]
 
     def take_due(self, now: float) -> list[int]:
         """Return the ids of the messages that are due at `now` [s], and schedule each of these messages again."""
-        schedule, until, oldest = self.schedule, now + _ROUNDING_S, now - _CATCH_UP_S
-        due: list[int] = []
-        while schedule and schedule[0][0] <= until:
-            when, msgid = schedule[0]
-            due.append(msgid)
-            again = when + self.intervals[msgid]
-            heapq.heapreplace(schedule, (again if again > oldest else oldest, msgid))
-        return due
+        ids = self._schedule.ids
+        return [ids[column] for column in self._schedule.take_due(self._row, now)]
+
+
+class MavlinkLink:
+    """MAVLink link of a vehicle: the frames to send, and its streams.
+
+    name: `router` (to the MAVLink router), `vision` (to the pose forwarder) or `panic` (reserved for land-all, kill-all and
+        the copilot)
+    queue: frames to send; an entry may contain several
+    gcs_heartbeat_at: time of the last ground station heartbeat on this link [s]
+    """
+
+    def __init__(
+        self, name: str, system_id: int, streams: LinkStreams, sequences: Sequences, row: int
+    ) -> None:
+        """Use the sequence number `sequences[row]`, which the kernel of the streams counts, too."""
+        self.name, self.streams = name, streams
+        self.codec = Codec(system_id, 1, _Sender(system_id, sequences, row))
+        self.queue: list[bytes] = []
+        self.gcs_heartbeat_at = -1e9
 
     def send(self, message: Any) -> None:
         """Queue a message, or drop it if the queue is full. If `message` is None, do nothing."""
@@ -79,3 +82,19 @@ class MavlinkLink:
         """Remove all queued frames and return them as one datagram."""
         datagram, self.queue = b"".join(self.queue), []
         return datagram
+
+
+class _Sender(mavlink.MAVLink):  # type: ignore[misc]
+    """Sender of one link. Its sequence number is an element of an array."""
+
+    def __init__(self, system_id: int, sequences: Sequences, row: int) -> None:
+        self._sequences, self._row = sequences, row
+        super().__init__(None, srcSystem=system_id, srcComponent=1)
+
+    @property
+    def seq(self) -> int:
+        return int(self._sequences[self._row])
+
+    @seq.setter
+    def seq(self, value: int) -> None:
+        self._sequences[self._row] = value

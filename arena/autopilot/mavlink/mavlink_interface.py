@@ -31,28 +31,25 @@ from arena.autopilot.mavlink.external_vision import from_odometry, from_vision_e
 from arena.autopilot.mavlink.file_server import FileServer
 from arena.autopilot.mavlink.link import MavlinkLink
 from arena.autopilot.mavlink.log_server import LogServer
-from arena.autopilot.mavlink.telemetry_packer import AVAILABLE, FREQUENT, READERS, TelemetryPacker
+from arena.autopilot.mavlink.telemetry import Telemetry
+from arena.autopilot.mavlink.telemetry_packer import FREQUENT
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.mavlink.vehicle_files import VehicleFiles
 from arena.autopilot.stored_logs import LogLibrary
 from arena.autopilot.vehicle import Vehicle
 from arena.wire import mavlink_records, px4_messages
-from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Frame
 from arena.wire.px4_mode import split_mode
 from arena.wire.sticks import sticks_from_channels, sticks_from_manual_control
 
 _TEXT_BYTES = 50  # of one STATUSTEXT
 _GCS_TEXT_TIMEOUT_S = 10.0  # STATUSTEXT goes to links with a ground station only, as on PX4
-_ROUNDING_S = 1e-6
-_PHASE_S, _PHASES = 0.004, 5  # phase shift between the streams of neighbouring vehicles
 
 
 class MavlinkInterface:
     """Receives and sends the MAVLink messages of one vehicle on its links `router`, `vision` and `panic` (see `MavlinkLink`).
 
-    telemetry: function that returns the state of all vehicles at the last step, and the packer of its frequent messages;
-        None before the first step
+    telemetry: streams of all vehicles, and the state that their messages contain
     gate: decides who may command the vehicle; None obeys every sender, as PX4 does
     on_text: called with severity (MAV_SEVERITY) and text of each message for the user
     library: the stored logs of all vehicles, None if none are written
@@ -62,7 +59,7 @@ class MavlinkInterface:
     def __init__(
         self,
         vehicle: Vehicle,
-        telemetry: Callable[[], tuple[TelemetryState, TelemetryPacker] | None],
+        telemetry: Telemetry,
         gate: CommandGate | None = None,
         on_text: Callable[[int, str], None] = lambda severity, text: None,
         library: LogLibrary | None = None,
@@ -76,19 +73,9 @@ class MavlinkInterface:
         files = VehicleFiles(vehicle.commander.name, library)
         self.file_server, self.log_server = FileServer(files), LogServer(files, boot_unix_s)
         self._servers = (self.param_server, self.file_server, self.log_server)
-        self._idle_until = 0.0  # [s]
         self._text_id = 0
         self._pings = 0
-        self.links = {name: self._open(name) for name in streams.LINK_RATES}
-
-    def _open(self, name: str) -> MavlinkLink:
-        link = MavlinkLink(name, Codec(self.vehicle.system_id, 1))
-        # All streams of one vehicle are in phase, so that they share datagrams; those of different vehicles
-        # are not.
-        first_s = _PHASE_S * (self.vehicle.row % _PHASES)
-        for msgid, hz in streams.LINK_RATES[name].items():
-            link.set_interval(msgid, 1.0 / hz, first_s)
-        return link
+        self.links = telemetry.links(vehicle)
 
     # -- receiving -------------------------------------------------------------------------------------------
 
@@ -121,7 +108,7 @@ class MavlinkInterface:
         refusal = self.gate.refusal(role, data, frame, self.vehicle.now)
         if refusal is None:
             return False
-        self._idle_until = 0.0
+        self._wake()
         if reply := refusal.reply(link.codec):
             link.queue.append(reply)
         return True
@@ -144,7 +131,7 @@ class MavlinkInterface:
             self._set_setpoint(offboard_setpoints.from_position_target(target, vehicle.q_nb()))
 
     def _receive_message(self, link: MavlinkLink, m: Any) -> None:
-        self._idle_until = 0.0
+        self._wake()
         handler = _HANDLERS.get(m.get_msgId())
         if m.get_msgId() in mission_protocol.MESSAGE_IDS:
             self._on_mission(link, m)
@@ -168,6 +155,7 @@ class MavlinkInterface:
     def _set_setpoint(self, found: OffboardSetpoint | str) -> None:
         if isinstance(found, str):
             self.vehicle.refuse_offboard_setpoint(found)
+            self._wake()
         else:
             self.vehicle.set_offboard_setpoint(found, self.vehicle.now)
 
@@ -275,24 +263,24 @@ class MavlinkInterface:
 
     def _send_now(self, link: MavlinkLink, msgid: int) -> bool:
         """Send one requested message. Return False if the message is not supported or has no valid content."""
-        last = self._telemetry()
-        return last is not None and self.send_telemetry(link, [msgid], *last)
+        state = self._telemetry.begin()
+        return state is not None and self._send_telemetry(link, [msgid], state)
 
     # -- sending ---------------------------------------------------------------------------------------------
 
-    def has_output(self, now: float) -> bool:
-        """Return whether a message is due at `now` [s] or waiting in a queue."""
-        return (
-            now >= self._idle_until
-            or now >= self.mission_protocol.due
-            or self.mission_protocol.has_progress
-            or bool(self.vehicle.commander.texts)
-        )
+    def _wake(self) -> None:
+        """Request a call of `transmit` in this step."""
+        self._telemetry.wake_s[self.vehicle.row] = 0.0
 
-    def prepare(self, now: float) -> list[tuple[MavlinkLink, list[int]]]:
-        """Queue replies and status texts; return the telemetry due at `now` [s] as (link, message ids).
+    def wake_if_changed(self) -> None:
+        """Request a call of `transmit` if the vehicle has a new text for the user, or new progress of its mission."""
+        if self.vehicle.commander.texts or self.mission_protocol.has_progress:
+            self._wake()
 
-        The caller passes the result to `send_telemetry`.
+    def transmit(self, now: float, state: TelemetryState) -> list[tuple[str, bytes]]:
+        """Return what is to be sent at `now` [s] as (link name, datagram), at most one datagram per link.
+
+        state: state of all vehicles
         """
         if now >= self.mission_protocol.due or self.mission_protocol.has_progress:
             self.mission_protocol.update(now)
@@ -303,27 +291,27 @@ class MavlinkInterface:
             for link in self.links.values() if server.busy else ():
                 for message in server.next_messages(link.name):
                     link.send(message)
-        until = now + _ROUNDING_S
-        return [(link, link.take_due(now)) for link in self.links.values() if link.next_due() <= until]
+        for link in self.links.values():
+            if due := link.streams.take_due(now):
+                self._send_telemetry(link, due, state)
+        busy = any(server.busy for server in self._servers)
+        self._telemetry.wake_s[self.vehicle.row] = 0.0 if busy else self.mission_protocol.due
+        return [(link.name, link.take_datagram()) for link in self.links.values() if link.queue]
 
-    def send_telemetry(
-        self, link: MavlinkLink, message_ids: list[int], state: TelemetryState, packer: TelemetryPacker
-    ) -> bool:
+    def _send_telemetry(self, link: MavlinkLink, message_ids: list[int], state: TelemetryState) -> bool:
         """Queue telemetry messages. Return False if no message is supported and has valid content.
 
         state: state of all vehicles
-        packer: packs the frequent messages of this state
         """
-        v, packed, sent = self.vehicle, [], False
+        v, telemetry, packed, sent = self.vehicle, self._telemetry, [], False
+        telemetry.update(v)
         for msgid in message_ids:
             if msgid not in FREQUENT:
                 sent = self._send_rare(link, msgid, state) or sent
-            elif msgid not in AVAILABLE or AVAILABLE[msgid](v, state):
-                if msgid in READERS:
-                    READERS[msgid](packer, v, state)
+            elif telemetry.has_content(v, msgid):
                 packed.append(msgid)
         if packed:
-            link.send_frames(len(packed), lambda seq: packer.pack(v, packed, seq))
+            link.send_frames(len(packed), lambda seq: telemetry.packer.pack(v, packed, seq))
         return sent or bool(packed)
 
     def _send_rare(self, link: MavlinkLink, msgid: int, state: TelemetryState) -> bool:
@@ -354,15 +342,6 @@ class MavlinkInterface:
         text_id = self._text_id if len(chunks) > 1 else 0
         for k, chunk in enumerate(chunks):
             link.send(mavlink.MAVLink_statustext_message(severity, chunk, text_id, k))
-
-    def take_datagrams(self) -> list[tuple[str, bytes]]:
-        """Remove and return the queued data as (link name, datagram), at most one datagram per link."""
-        links = self.links.values()
-        datagrams = [(link.name, link.take_datagram()) for link in links if link.queue]
-        due = min([link.next_due() for link in links])
-        busy = any(server.busy for server in self._servers)
-        self._idle_until = 0.0 if busy else due - _ROUNDING_S
-        return datagrams
 
     def received_counts(self) -> Counter[str]:
         """Return the number of received and refused messages, by kind, over all links."""

@@ -6,6 +6,7 @@ Each function builds the message of one vehicle. It returns None if the vehicle 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -44,6 +45,11 @@ def rc_channels(v: Vehicle, s: TelemetryState) -> Any:
     return mavlink.MAVLink_rc_channels_message(s.ms, _RC_SHOWN, *channels, _RSSI_UNKNOWN)
 
 
+def has_radio(v: Vehicle) -> bool:
+    """Return whether the radio was ever received."""
+    return v.manual_control.radio > -math.inf
+
+
 def vibration(v: Vehicle, s: TelemetryState) -> Any:
     """Return VIBRATION with zeros: the simulated rotors do not vibrate, and the simulated accelerometers do not clip."""
     return mavlink.MAVLink_vibration_message(s.us, 0.0, 0.0, 0.0, 0, 0, 0)
@@ -64,12 +70,15 @@ def esc_status(v: Vehicle, s: TelemetryState) -> Any:
     return px4_messages.esc_status(s.us, rpm, float(s.battery_v[i]), current)
 
 
+def has_target(v: Vehicle) -> bool:
+    """Return whether the autopilot flies to a position in one of its own modes."""
+    return v.commander.armed and v.origin is not None and v.commander.mode in _HAS_TARGET
+
+
 def position_target_global_int(v: Vehicle, s: TelemetryState) -> Any:
     """Return the position to which the autopilot flies in its own modes. None in other modes, and without origin or target."""
     target = s.setpoint_n[v.row].tolist()
-    if not v.commander.armed or v.origin is None or v.commander.mode not in _HAS_TARGET:
-        return None
-    if not all(math.isfinite(x) for x in target):
+    if not has_target(v) or v.origin is None or not all(math.isfinite(x) for x in target):
         return None
     lat0, lon0, alt0, heading = v.origin
     lat, lon = global_position(target[0], target[1], heading, lat0, lon0, EARTH_M)
@@ -89,6 +98,11 @@ def position_target_global_int(v: Vehicle, s: TelemetryState) -> Any:
         yaw + heading if math.isfinite(yaw) else 0.0,
         0.0,
     )
+
+
+def has_leg(v: Vehicle) -> bool:
+    """Return whether a mission, return or reposition flies to a point."""
+    return v.leg_target_n is not None and v.origin is not None
 
 
 def nav_controller_output(v: Vehicle, s: TelemetryState) -> Any:
@@ -127,6 +141,11 @@ def scaled_imu(v: Vehicle, s: TelemetryState) -> Any:
     rates = [_int16(x * 1e3) for x in s.gyro_b[i].tolist()]
     field = [_int16(x * 1e3) for x in s.mag_b[i].tolist()]
     return mavlink.MAVLink_scaled_imu_message(s.ms, *accel, *rates, *field, 2500)
+
+
+def has_orbit(v: Vehicle) -> bool:
+    """Return whether the vehicle flies a circle."""
+    return v.orbit is not None and v.origin is not None
 
 
 def orbit_execution_status(v: Vehicle, s: TelemetryState) -> Any:
@@ -197,3 +216,10 @@ BUILDERS = {
     px4_messages.AVAILABLE_MODES_MONITOR: available_modes_monitor,
     px4_messages.CURRENT_EVENT_SEQUENCE: current_event_sequence,
 }
+HAS_CONTENT: dict[int, Callable[[Vehicle], bool]] = {
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: has_radio,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: has_target,
+    mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: has_leg,
+    mavlink.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: has_orbit,
+}
+"""Message id -> function that returns False while a vehicle cannot have content for the message. Then the stream costs no time."""

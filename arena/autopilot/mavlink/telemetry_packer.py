@@ -20,7 +20,7 @@ from arena.autopilot.flight_modes import MANUAL_MODES, Mode
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.vehicle import Vehicle
 from arena.geometry import EARTH_M
-from arena.kernels.arrays import array, integers, view
+from arena.kernels.arrays import array, flags, integers, view
 from arena.kernels.telemetry_packing import (
     COLUMNS,
     KINDS,
@@ -148,12 +148,14 @@ class TelemetryPacker:
     """Packs the messages of `FREQUENT` for V vehicles with at most R rotors each. Use `begin` once per step, before `pack`.
 
     est, sp, cascade: estimator, setpoints and controllers of the vehicles
+    law: the compiled packing
     """
 
     def __init__(self, est: Estimator, sp: Setpoints, cascade: Cascade, rotors: int) -> None:
-        self._packing = packing = TelemetryPacking(len(sp.level), rotors, *_tables(), EARTH_M)
-        inputs = array(packing.inputs)
-        self._status, self._place = inputs[:, : len(STATUS)], inputs[:, len(STATUS) :]
+        self.law = packing = TelemetryPacking(len(sp.level), rotors, *_tables(), EARTH_M)
+        inputs, place = array(packing.inputs), len(STATUS) + len(PLACE)
+        self._status, self._place, self._lost = np.split(inputs, [len(STATUS), place], axis=1)
+        self._xy_valid = est.xy_valid
         self._pressure_hpa, self._baro_alt = array(packing.pressure_hpa), array(packing.baro_alt)
         self._copied = [
             (array(packing.accel_b), "accel_b"),
@@ -174,6 +176,7 @@ class TelemetryPacker:
             view(est.omega_b),
             view(est.cov),
             integers(est.reset_counter),
+            flags(est.xy_valid(0.0)),
         )
         position = cascade.position
         used = (sp.p_n, sp.yaw, sp.yaw_rate, position.v_sp_n, position.a_sp_n, cascade.q_sp, cascade.omega_sp)
@@ -184,15 +187,16 @@ class TelemetryPacker:
         for to, name in self._copied:
             to[...] = getattr(state, name)
         self._pressure_hpa[...] = pressure_hpa(self._baro_alt)
-        self._packing.set_time(state.ms, state.us, int(state.now_s * 1e9))
+        self._xy_valid(state.now_s)
+        self.law.set_time(state.ms, state.us, int(state.now_s * 1e9))
 
     def pack(self, v: Vehicle, message_ids: list[int], seq: int) -> bytes:
         """Return the frames of these messages of a vehicle. seq: sequence number of the first frame."""
-        return self._packing.pack(v.row, message_ids, seq, v.system_id, 1)
+        return self.law.pack(v.row, message_ids, seq, v.system_id, 1)
 
-    def set_status(self, v: Vehicle, s: TelemetryState) -> None:
+    def set_status(self, v: Vehicle) -> None:
         """Copy mode, arming state and health of a vehicle to the inputs of the kernel."""
-        present = _present(v, s)
+        present, lost = _present(v, xy_valid=True), _present(v, xy_valid=False)
         self._status[v.row] = (
             v.mav_type,
             v.commander.mode.custom_mode,
@@ -200,10 +204,11 @@ class TelemetryPacker:
             _status(v),
             v.landed_state,
             present,
-            _health(v, s, present),
+            _health(v, present),
         )
+        self._lost[v.row] = lost, _health(v, lost & ~mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION)
 
-    def set_place(self, v: Vehicle, s: TelemetryState) -> None:
+    def set_place(self, v: Vehicle) -> None:
         """Copy arming state, origin and home of a vehicle to the inputs of the kernel."""
         lat, lon, alt, _ = v.origin or (_NAN, _NAN, _NAN, 0.0)
         home_d = v.home_n[2] if v.home_n else _NAN
@@ -295,50 +300,36 @@ _SENSORS = (
 )
 
 
-def _present(v: Vehicle, s: TelemetryState) -> int:
+def _present(v: Vehicle, *, xy_valid: bool) -> int:
+    """Return the sensors that a vehicle has, as bits. xy_valid: its horizontal position is valid"""
     # SDKs interpret the GPS bit as "the global position is valid", whatever its source.
-    present = _SENSORS | (mavlink.MAV_SYS_STATUS_SENSOR_GPS if _has_global(v, s) else 0)
+    present = _SENSORS | (mavlink.MAV_SYS_STATUS_SENSOR_GPS if _has_origin(v) and xy_valid else 0)
     return int(present | (mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER if v.inputs.manual_control else 0))
 
 
-def _health(v: Vehicle, s: TelemetryState, present: int) -> int:
-    health = present if s.xy_valid[v.row] else present & ~mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
-    return int(health | mavlink.MAV_SYS_STATUS_PREARM_CHECK) if v.ready_to_arm else health
+def _health(v: Vehicle, working: int) -> int:
+    """Return the bits of the sensors that work, with the bit of the arming checks."""
+    return int(working | mavlink.MAV_SYS_STATUS_PREARM_CHECK) if v.ready_to_arm else working
 
 
-def _has_horizontal(v: Vehicle, s: TelemetryState) -> bool:
-    return s.xy_valid[v.row]
-
-
-def _is_aligned(v: Vehicle, _: TelemetryState) -> bool:
+def _is_aligned(v: Vehicle) -> bool:
     """Return whether the estimator is initialised. From then on the position is sent, also an invalid one, as PX4 does."""
     return v.aligned
 
 
-def _has_global(v: Vehicle, s: TelemetryState) -> bool:
-    return v.origin is not None and s.xy_valid[v.row]
+def _has_origin(v: Vehicle) -> bool:
+    return v.origin is not None
 
 
-AVAILABLE: dict[int, Callable[[Vehicle, TelemetryState], bool]] = {
+HAS_CONTENT: dict[int, Callable[[Vehicle], bool]] = {
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _is_aligned,
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _has_global,
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: _has_global,
-    mavlink.MAVLINK_MSG_ID_ODOMETRY: _has_horizontal,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _has_origin,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: _has_origin,
 }
-"""Message id -> function that returns whether a vehicle has valid content for the message. All other messages can always be sent."""
-
-
-def _readers() -> dict[int, Callable[[TelemetryPacker, Vehicle, TelemetryState], None]]:
-    """Return message id -> method that copies the inputs which this message needs. Messages without such inputs are left out."""
-    place = {"servos", "lat", "alt", "heights"}
-    found: dict[int, Callable[[TelemetryPacker, Vehicle, TelemetryState], None]] = {}
-    for msgid, contents in FREQUENT.items():
-        used = {each for each in contents.values() if isinstance(each, str)}
-        if used & set(STATUS):
-            found[msgid] = TelemetryPacker.set_status
-        elif used & (place | set(PLACE)):
-            found[msgid] = TelemetryPacker.set_place
-    return found
-
-
-READERS = _readers()
+"""Message id -> function that returns whether a vehicle has content for the message. All other messages always have content."""
+NEEDS_POSITION = {
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT,
+    mavlink.MAVLINK_MSG_ID_ODOMETRY,
+}
+"""Ids of messages that are sent only while the horizontal position is valid."""

@@ -1,0 +1,110 @@
+"""Telemetry of all built-in autopilots: the streams of their links, and the state that the messages contain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from arena.autopilot.mavlink import streams
+from arena.autopilot.mavlink.link import LinkStreams, MavlinkLink
+from arena.autopilot.mavlink.status_messages import HAS_CONTENT as RARE_HAS_CONTENT
+from arena.autopilot.mavlink.telemetry_packer import FREQUENT, HAS_CONTENT, NEEDS_POSITION, TelemetryPacker
+from arena.autopilot.mavlink.telemetry_state import TelemetryState
+from arena.autopilot.vehicle import Vehicle
+from arena.kernels.arrays import array, integers
+from arena.kernels.stream_schedule import StreamSchedule
+from arena.kernels.stream_sender import StreamSender
+
+_PHASE_S, _PHASES = 0.004, 5  # phase shift between the streams of neighbouring vehicles
+_IDS = sorted(streams.SUPPORTED)
+_COLUMNS = {msgid: column for column, msgid in enumerate(_IDS)}
+_LINKS = list(streams.LINK_RATES)
+_HAS_CONTENT = {_COLUMNS[msgid]: test for msgid, test in {**HAS_CONTENT, **RARE_HAS_CONTENT}.items()}
+
+
+class Telemetry:
+    """Telemetry of V vehicles.
+
+    packer: packs the frequent messages
+    read_state: function that returns the state of all vehicles at the last step; None before the first step
+    state: state of all vehicles since the last call of `begin`
+    wake_s: time from which the MAVLink interface of a vehicle must send, because it has more to send than streams [s] (V,)
+    """
+
+    def __init__(
+        self,
+        vehicles: Sequence[Vehicle],
+        packer: TelemetryPacker,
+        read_state: Callable[[], TelemetryState | None],
+    ) -> None:
+        self.packer, self._read_state = packer, read_state
+        self.state: TelemetryState | None = None
+        self._sequence = np.zeros(len(vehicles) * len(_LINKS), np.int64)
+        self._schedule = StreamSchedule(len(self._sequence), integers(np.array(_IDS, np.int64)))
+        self._silent = np.zeros((len(vehicles), len(_IDS)), bool)
+        self._sender = StreamSender(
+            self._schedule,
+            packer.law,
+            _LINKS,
+            integers(np.array([v.system_id for v in vehicles], np.int64)),
+            integers(self._sequence),
+            np.array([msgid in FREQUENT for msgid in _IDS]),
+            np.array([msgid in NEEDS_POSITION for msgid in _IDS]),
+            self._silent,
+        )
+        self.wake_s = array(self._sender.wake_s)
+        self._copied: list[object] = [None] * len(vehicles)
+
+    def links(self, v: Vehicle) -> dict[str, MavlinkLink]:
+        """Return the links of a vehicle, with the default rates of their streams."""
+        # All streams of one vehicle are in phase, so that they share datagrams; those of different vehicles are not.
+        first_s = _PHASE_S * (v.row % _PHASES)
+        links = {}
+        for k, name in enumerate(_LINKS):
+            row = v.row * len(_LINKS) + k
+            link = MavlinkLink(
+                name, v.system_id, LinkStreams(self._schedule, row, _COLUMNS), self._sequence, row
+            )
+            for msgid, hz in streams.LINK_RATES[name].items():
+                link.streams.set_interval(msgid, 1.0 / hz, first_s)
+            links[name] = link
+        return links
+
+    def begin(self) -> TelemetryState | None:
+        """Read the state of the last step for the messages that are sent next. Return None before the first step."""
+        self.state = self._read_state()
+        if self.state is not None:
+            self.packer.begin(self.state)
+        return self.state
+
+    def update(self, v: Vehicle) -> None:
+        """Copy the values of a vehicle that change rarely, such as its mode and its origin, if one has changed."""
+        c = v.commander
+        values = (
+            (c.mode, c.armed, c.failsafe, v.landed_state, v.ready_to_arm, v.inputs.manual_control),
+            (v.aligned, v.origin, v.home_n, v.orbit, v.leg_target_n, v.manual_control.radio > -math.inf),
+        )
+        if values != self._copied[v.row]:
+            self._copied[v.row] = values
+            self.packer.set_status(v)
+            self.packer.set_place(v)
+            for column, has_content in _HAS_CONTENT.items():
+                self._silent[v.row, column] = not has_content(v)
+
+    def has_content(self, v: Vehicle, msgid: int) -> bool:
+        """Return whether a vehicle has valid content for a frequent message."""
+        return self._sender.has_content(v.row, _COLUMNS[msgid])
+
+    def has_output(self, now: float) -> bool:
+        """Return whether a vehicle has something to send at `now` [s]."""
+        return self._sender.has_output(now)
+
+    def send_streams(self, now: float) -> list[tuple[int, str, bytes]]:
+        """Return (row of the vehicle, link, datagram) for the streams that are due at `now` [s].
+
+        (row, "", b"") means that the MAVLink interface of this vehicle must send, because it has more to send than
+        frequent messages.
+        """
+        return self._sender.step(now)

@@ -1,0 +1,18 @@
+# C types of stream_schedule.py: they make the compiled class fast and change no result.
+cimport cython
+
+cdef double _NEVER, _CATCH_UP_S, _ROUNDING_S
+
+cdef class StreamSchedule:
+    cdef readonly long[::1] ids
+    cdef readonly double[:, ::1] interval_s, due_s
+    cdef readonly double[::1] next_s
+    cpdef void set_interval(self, Py_ssize_t link, Py_ssize_t column, double interval_s, double first_s) except *
+    cpdef bint is_due(self, Py_ssize_t link, double now) except -1
+    @cython.locals(first=double)
+    cpdef bint is_any_due(self, double now) except -1
+    cpdef bint is_stream_due(self, Py_ssize_t link, Py_ssize_t column, double now) except -1
+    @cython.locals(earliest=Py_ssize_t, column=Py_ssize_t)
+    cpdef Py_ssize_t first(self, Py_ssize_t link) except -1
+    @cython.locals(due=list, column=Py_ssize_t, again=double)
+    cpdef list take_due(self, Py_ssize_t link, double now)

@@ -1,0 +1,69 @@
+"""Schedule of MAVLink streams: which messages are due, and when each is sent again. Pure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from arena.kernels.arrays import floats
+
+if TYPE_CHECKING:
+    from arena.kernels.arrays import Integers
+
+_NEVER = float("inf")
+_CATCH_UP_S = 0.1  # a late stream skips messages that are older than this
+_ROUNDING_S = 1e-6
+
+
+class StreamSchedule:
+    """Schedule of L links. A stream is one message that one link sends periodically.
+
+    ids: message ids in ascending order; one column of the arrays for each (S,)
+    interval_s: period of each stream [s], 0 for a message that is not streamed (L, S)
+    due_s: time of the next message [s], infinite for a message that is not streamed (L, S)
+    next_s: the earliest of these times of each link [s] (L,)
+    """
+
+    def __init__(self, links: int, ids: Integers) -> None:
+        self.ids = ids
+        self.interval_s = floats(links, len(ids))
+        self.due_s, self.next_s = floats(links, len(ids), fill=_NEVER), floats(links, fill=_NEVER)
+
+    def set_interval(self, link: int, column: int, interval_s: float, first_s: float) -> None:
+        """Set the period of a stream [s]; 0 stops it. first_s: time of the first message [s]"""
+        self.interval_s[link, column] = interval_s
+        self.due_s[link, column] = first_s if interval_s > 0.0 else _NEVER
+        self.next_s[link] = self.due_s[link, self.first(link)]
+
+    def is_due(self, link: int, now: float) -> bool:
+        """Return whether a message of a link is due at `now` [s]."""
+        return self.next_s[link] <= now + _ROUNDING_S
+
+    def is_any_due(self, now: float) -> bool:
+        """Return whether a message of any link is due at `now` [s]."""
+        first = _NEVER
+        for link in range(len(self.next_s)):
+            first = min(first, self.next_s[link])
+        return first <= now + _ROUNDING_S
+
+    def is_stream_due(self, link: int, column: int, now: float) -> bool:
+        """Return whether one message of a link is due at `now` [s]."""
+        return self.due_s[link, column] <= now + _ROUNDING_S
+
+    def first(self, link: int) -> int:
+        """Return the column of the message that is due first; of two with equal times that with the smaller id."""
+        earliest = 0
+        for column in range(1, len(self.ids)):
+            if self.due_s[link, column] < self.due_s[link, earliest]:
+                earliest = column
+        return earliest
+
+    def take_due(self, link: int, now: float) -> list[int]:
+        """Return the columns of the messages that are due at `now` [s], the earliest first, and schedule each again."""
+        due = []
+        while self.next_s[link] <= now + _ROUNDING_S:
+            column = self.first(link)
+            due.append(column)
+            again = self.due_s[link, column] + self.interval_s[link, column]
+            self.due_s[link, column] = max(again, now - _CATCH_UP_S)
+            self.next_s[link] = self.due_s[link, self.first(link)]
+        return due

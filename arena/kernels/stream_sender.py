@@ -1,0 +1,105 @@
+"""Streams of the built-in autopilots: packs the messages of all vehicles that are due in a step. Pure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from arena.kernels.arrays import flags, floats
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from arena.kernels.arrays import Integers
+    from arena.kernels.stream_schedule import StreamSchedule
+    from arena.kernels.telemetry_packing import TelemetryPacking
+
+    Mask = NDArray[np.bool_]
+
+
+class StreamSender:
+    """Streams of V vehicles with K links each, and S messages that can be streamed.
+
+    schedule: of all links; link k of vehicle i has the row i * K + k
+    packing: packs the frequent messages
+    links: names of the links of each vehicle (K,)
+    system_ids: MAVLink system ids of the vehicles (V,)
+    sequence: sequence number of the next frame of each link (V * K,)
+    packed: True for the messages that `packing` packs. All others are built in Python (S,)
+    needs_position: True for the messages that are sent only while the horizontal position is valid (S,)
+    silent: input: True while a vehicle has no content for a message (V, S)
+    wake_s: input: time from which Python must send for a vehicle, because it has more to send than streams [s] (V,)
+    """
+
+    def __init__(
+        self,
+        schedule: StreamSchedule,
+        packing: TelemetryPacking,
+        links: list[str],
+        system_ids: Integers,
+        sequence: Integers,
+        packed: Mask,
+        needs_position: Mask,
+        silent: Mask,
+    ) -> None:
+        self.schedule, self.packing, self.links = schedule, packing, links
+        self.system_ids, self.sequence = system_ids, sequence
+        self.packed, self.needs_position, self.silent = flags(packed), flags(needs_position), flags(silent)
+        self.wake_s = floats(len(system_ids))
+
+    def has_output(self, now: float) -> bool:
+        """Return whether a vehicle has something to send at `now` [s]."""
+        first = float("inf")
+        for i in range(len(self.wake_s)):
+            first = min(first, self.wake_s[i])
+        return first <= now or self.schedule.is_any_due(now)
+
+    def step(self, now: float) -> list[tuple[int, str, bytes]]:
+        """Return (vehicle, link, datagram) for the streams that are due at `now` [s].
+
+        A vehicle for which Python must send is (vehicle, "", b""), and its streams stay due.
+        """
+        found = []
+        count = len(self.links)
+        for i in range(len(self.wake_s)):
+            if now >= self.wake_s[i] or self._has_rare(i, now):
+                found.append((i, "", b""))
+                continue
+            for k in range(count):
+                if self.schedule.is_due(i * count + k, now):
+                    datagram = self._datagram(i, i * count + k, now)
+                    if datagram:
+                        found.append((i, self.links[k], datagram))
+        return found
+
+    def has_content(self, i: int, column: int) -> bool:
+        """Return whether vehicle i has valid content for a message. Messages built in Python may still have none."""
+        if self.silent[i, column]:
+            return False
+        return not self.needs_position[column] or bool(self.packing.xy_valid[i])
+
+    def _has_rare(self, i: int, now: float) -> bool:
+        """Return whether a message that Python builds is due on a link of vehicle i."""
+        count, schedule = len(self.links), self.schedule
+        for row in range(i * count, (i + 1) * count):
+            if schedule.is_due(row, now):
+                for column in range(len(self.packed)):
+                    rare = not self.packed[column] and not self.silent[i, column]
+                    if rare and schedule.is_stream_due(row, column, now):
+                        return True
+        return False
+
+    def _datagram(self, i: int, row: int, now: float) -> bytes:
+        """Return the frames of the messages of vehicle i that are due on a link; b"" if none has content.
+
+        row: of the link in the schedule
+        """
+        due = []
+        for column in self.schedule.take_due(row, now):
+            if self.packed[column] and self.has_content(i, column):
+                due.append(self.schedule.ids[column])
+        if not due:
+            return b""
+        first = self.sequence[row]
+        self.sequence[row] = (first + len(due)) % 256
+        return self.packing.pack(i, due, first, self.system_ids[i], 1)
