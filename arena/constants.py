@@ -8,6 +8,9 @@ GRAVITY_M_S2 = 9.80665
 MONITOR_PORT = 8480
 """TCP port of the page of `arena monitor`. If it is taken, the next free one is used."""
 
+PROCESS_ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFERED", "1"))
+"""Environment variables of arena's processes. Without them, numpy's threads take the CPU cores that other processes need."""
+
 MAX_ROTORS = 8
 """Largest number of rotors of a vehicle."""
 

@@ -12,13 +12,15 @@ import gc
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, ArenaError
 
 if TYPE_CHECKING:
     import typer
+
+    from arena.supervisor.fork_client import ForkClient
 
 # Subcommand -> its line in `arena --help`. A line repeats the docstring of the subcommand, so that `--help` imports no module.
 VERBS = {
@@ -73,7 +75,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if arguments[:1] and arguments[0] in EMERGENCY and not set(_HELP) & set(arguments):
             return _emergency(arguments)
-        return _run(build(arguments), arguments)
+        with _fork_server(arguments) as forks:
+            return _run(build(arguments), arguments, forks)
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # for example `arena plan | head`: the reader has ended, which is not a failure
@@ -162,9 +165,28 @@ def _emergency(arguments: list[str]) -> int:
         return _code(done)
 
 
-def _run(app: typer.Typer, arguments: list[str]) -> int:
+@contextlib.contextmanager
+def _fork_server(arguments: Sequence[str]) -> Iterator[ForkClient | None]:
+    """Start the fork server for `arena up`, because it imports packages while this process reads the YAML. End it at the end.
+
+    A detached run has no fork server, because its supervisor is another process.
+    """
+    if arguments[:1] != ["up"] or {*_HELP, "--detach"} & set(arguments):
+        yield None
+        return
+    from arena.supervisor.fork_client import ForkClient
+
+    forks = ForkClient()
     try:
-        app(args=arguments, prog_name="arena")
+        yield forks
+    finally:
+        forks.close()
+
+
+def _run(app: typer.Typer, arguments: list[str], forks: ForkClient | None) -> int:
+    """Run a subcommand and return its exit code. forks: client of the fork server, for `arena up`."""
+    try:
+        app(args=arguments, prog_name="arena", obj=forks)
     except SystemExit as done:
         return _code(done)
     return EXIT_OK

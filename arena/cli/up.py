@@ -39,6 +39,7 @@ from arena.supervisor import (
     plan_of,
     sweep_all,
 )
+from arena.supervisor.fork_client import ForkClient
 
 File = Annotated[Path, typer.Argument(help="YAML file of the arena, or a folder with arena.yaml")]
 Set = Annotated[
@@ -54,6 +55,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def up(  # noqa: PLR0913, PLR0917 - an option each
+        context: typer.Context,
         file: File = Path("arena.yaml"),
         set_: Set = None,
         detach: Annotated[
@@ -164,7 +166,7 @@ def register(app: typer.Typer) -> None:
         options = Options(until_done=until_done, time_limit_s=time_limit, adopt=True, permit_by=permit_by)
         if detach:
             raise SystemExit(run_detached(plan, folder, options))
-        raise SystemExit(run_plan(plan, folder, show, options))
+        raise SystemExit(run_plan(plan, folder, show, options, context.obj))
 
 
 def output_of(*, quiet: bool, verbose: bool, as_json: bool, headless: bool) -> Output:
@@ -250,12 +252,20 @@ def _sockets(plan: Plan) -> set[tuple[str, str, int]]:
     return {(x.protocol, x.address, x.port) for spec in plan.processes for x in spec.listens}
 
 
-def run_plan(plan: Plan, folder: RunFolder, show: Lines, options: Options) -> int:
-    """Run the plan in this process (main thread), print the result and return the exit code."""
+def run_plan(
+    plan: Plan, folder: RunFolder, show: Lines, options: Options, forks: ForkClient | None = None
+) -> int:
+    """Run the plan in this process (main thread), print the result and return the exit code.
+
+    forks: client of the fork server, which starts the processes of a simulated arena; None: none. It is closed.
+    """
+    if forks is not None and not all(v.simulated for v in plan.vehicles):
+        forks.close()
+        forks = None
     _set_title(plan)
     show.say(Message(text=f"{plan.name}: starting {len(plan.processes)} processes, run folder {folder.path}"))
     try:
-        code = Supervisor(plan, folder, show, options).run()
+        code = Supervisor(plan, folder, show, options, forks).run()
     finally:
         show.close()
     _print_result(folder.path, code, show)

@@ -7,12 +7,13 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
+from arena.constants import PROCESS_ENV
 from arena.plan.checks import check_arena
 from arena.plan.firmware import all_firmware
 from arena.plan.fused import fuse, fused_slices, is_fused
 from arena.plan.job import Job, link_of
 from arena.plan.model import Plan, ProcessSpec, VehiclePlan
-from arena.plan.process_table import ENV, TABLE, jobs, listens, process_spec
+from arena.plan.process_table import TABLE, jobs, listens, process_spec
 from arena.plan.resolved_yaml import arena_yaml
 from arena.plan.tools import named_tools, tool_slices, tools
 from arena.plan.view_slice import NAME, view
@@ -104,4 +105,4 @@ def _vehicle(arena: Arena, v: Vehicle) -> VehiclePlan:
 
 
 def _task(name: str, argv: tuple[str, ...], **more: Any) -> ProcessSpec:
-    return ProcessSpec(name=name, kind="task", argv=argv, env=ENV, ready="started", **more)
+    return ProcessSpec(name=name, kind="task", argv=argv, env=PROCESS_ENV, ready="started", **more)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from arena.constants import PROCESS_ENV
 from arena.mocap.vendors import vendor_settings
 from arena.plan import slices
 from arena.plan.copilot_slice import copilot
@@ -20,9 +21,6 @@ from arena.plan.sensors_slice import sensors
 from arena.schema import Arena, Vehicle
 from arena.schema.placeholders import variables
 from arena.schema.ports import PORTS
-
-# without this, numpy's threads take the CPU cores that other processes of the arena need
-ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFERED", "1"))
 
 NICE_PROGRAM, NICE_RECORDER = 2, 1
 NICE_WORLD_REALTIME, NICE_COPILOT_FIRST = -10, -5
@@ -155,7 +153,7 @@ def _program_command(job: Job, name: str) -> tuple[str, ...]:
 def _program_fields(job: Job) -> dict[str, Any]:
     return {
         "cwd": job.arena.folder,
-        "env": (*ENV, *variables(job.arena, job.v)),
+        "env": (*PROCESS_ENV, *variables(job.arena, job.v)),
         "restart": Restart(mode=job.v.program.restart if job.v.program else "never"),
     }
 
@@ -338,7 +336,7 @@ def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
         needs=row.needs(job),
         listens=tuple(_group_listens(job) if job.group else listens(job.arena, row.kind, vehicle)),
         **{
-            "env": ENV,
+            "env": PROCESS_ENV,
             "cpu_budget": row.cpu_budget,
             "memory_budget_mb": row.memory_budget_mb,
             **fields,

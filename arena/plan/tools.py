@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from arena.constants import PROCESS_ENV
 from arena.plan import slices
 from arena.plan.job import Json
 from arena.plan.model import ProcessSpec, Restart
-from arena.plan.process_table import ENV, required_copilot
+from arena.plan.process_table import required_copilot
 from arena.schema import Arena, Vehicle
 from arena.schema.placeholders import filled, variables
 from arena.schema.tools import MODULES, ROS2_SLICE, Ready, Ros2, Tool
@@ -40,7 +41,7 @@ def tools(arena: Arena, python: str) -> Iterator[ProcessSpec]:
             argv=(python, "-m", *argv) if own else argv,
             nice=VIEWER_NICE if own and tool.ros2 is None else 0,
             cwd=str(Path(arena.folder) / (tool.cwd or "")),
-            env=(*ENV, *variables(arena, vehicle), *_domain(tool), *env),
+            env=(*PROCESS_ENV, *variables(arena, vehicle), *_domain(tool), *env),
             needs=("router", *required_copilot(arena)) if tool.needs is None else tool.needs,
             restart=Restart(mode=tool.restart),
             stopped_for_s=None,

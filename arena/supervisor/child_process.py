@@ -25,6 +25,7 @@ from arena.background_writer import within
 from arena.plan.model import ProcessSpec
 from arena.process_context import SOCKET_VARIABLE
 from arena.supervisor import proc_fs
+from arena.supervisor.fork_client import ForkClient
 from arena.supervisor.process_state import Exit
 
 LOG_LIMIT_BYTES = 64 << 20
@@ -50,6 +51,7 @@ class Child:
     log_start: size of the log file when the process was started [byte].
     cut: how often the log file was shortened.
     cpu_s: CPU time of the process and its children [s]; 0 until `reap` returns an Exit.
+    forked: the fork server started it, so its packages are already imported.
     stopped: name of the signal that paused it, found by the last `reap`; "" if not paused. A pause by a debugger does
         not count.
     """
@@ -63,6 +65,7 @@ class Child:
     log_start: int = 0
     cut: int = 0
     cpu_s: float = 0.0
+    forked: bool = False
     stopped: str = ""
     _popen: subprocess.Popen[bytes] | None = field(default=None, repr=False)
 
@@ -153,46 +156,76 @@ class Child:
         return False
 
 
-def start(spec: ProcessSpec, log: Path, run: str) -> Child:
-    """Fork and exec a process. Raises OSError if it cannot be started.
+def start(spec: ProcessSpec, log: Path, run: str, forks: ForkClient | None = None) -> Child:
+    """Start a process: by the fork server if it serves the command, else in a new interpreter. Raises OSError if that fails.
 
     spec: the process, with all placeholders filled; its `env` is added to the supervisor's environment.
     log: file to which the output of the process is appended. If it cannot be opened, the output is dropped, because a process
         that vehicles need must start also with a disk that is full or does not respond.
     run: path of the run folder, for the environment variable ARENA_RUN.
+    forks: client of the fork server; None without a fork server.
     """
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     output = _open_log(log)
     opened = os.fstat(output)
     is_file = stat.S_ISREG(opened.st_mode)
-    variables = {SOCKET_VARIABLE: str(theirs.fileno()), RUN: run, PROCESS: spec.name}
+    env = {**os.environ, **dict(spec.env), RUN: run, PROCESS: spec.name}
     try:
         ours.setblocking(False)
-        popen = subprocess.Popen(
-            spec.argv,
-            cwd=spec.cwd if Path(spec.cwd).is_dir() or not spec.outlives else "/",
-            env={**os.environ, **dict(spec.env), **variables},
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            pass_fds=(theirs.fileno(),),
-            preexec_fn=_before_exec(spec),  # noqa: PLW1509  there is one thread
-        )
+        forked = None if forks is None else _fork(forks, spec, env, output, theirs)
+        popen = None if forked is not None else _execute(spec, env, output, theirs)
     except (OSError, subprocess.SubprocessError, ValueError):
         ours.close()
         raise
     finally:
         theirs.close()
         os.close(output)
+    pid = forked if popen is None else popen.pid
+    assert pid is not None
     return Child(
         spec=spec,
-        pid=popen.pid,
-        start_s=proc_fs.start_time(popen.pid) or 0.0,
+        pid=pid,
+        start_s=proc_fs.start_time(pid) or 0.0,
         log=log if is_file else Path(os.devnull),
         channel=ours,
         log_start=opened.st_size,
+        forked=popen is None,
         _popen=popen,
+    )
+
+
+def _fork(
+    forks: ForkClient, spec: ProcessSpec, env: dict[str, str], output: int, channel: socket.socket
+) -> int | None:
+    """Start a process by the fork server and return its pid; None if the fork server does not start it."""
+    if not forks.serves(spec.argv, is_program=spec.is_program, cwd=spec.cwd):
+        return None
+    return forks.fork(
+        spec.argv,
+        cwd=spec.cwd,
+        env=env,
+        socket_variable=SOCKET_VARIABLE,
+        nice=spec.nice,
+        outlives=spec.outlives,
+        output=output,
+        channel=channel.fileno(),
+    )
+
+
+def _execute(
+    spec: ProcessSpec, env: dict[str, str], output: int, channel: socket.socket
+) -> subprocess.Popen[bytes]:
+    """Start a process: fork and exec."""
+    return subprocess.Popen(
+        spec.argv,
+        cwd=spec.cwd if Path(spec.cwd).is_dir() or not spec.outlives else "/",
+        env={**env, SOCKET_VARIABLE: str(channel.fileno())},
+        stdin=subprocess.DEVNULL,
+        stdout=output,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+        pass_fds=(channel.fileno(),),
+        preexec_fn=_before_exec(spec),  # noqa: PLW1509  there is one thread
     )
 
 

@@ -30,6 +30,7 @@ from arena.supervisor.arm_permit import Confirmation
 from arena.supervisor.axes_check import body_requests
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
+from arena.supervisor.fork_client import ForkClient
 from arena.supervisor.load_log import FILE_NAME as LOADS_FILE
 from arena.supervisor.load_log import LoadLog
 from arena.supervisor.messages import Level, Message, no_such_process
@@ -66,7 +67,9 @@ class Phase(StrEnum):
 class Supervisor:
     """Main loop of a run: supervises all processes of one plan. `run()` returns the exit code."""
 
-    def __init__(self, plan: Plan, folder: RunFolder, show: Show, options: Options) -> None:
+    def __init__(
+        self, plan: Plan, folder: RunFolder, show: Show, options: Options, forks: ForkClient | None = None
+    ) -> None:
         self.plan, self.folder, self.options, self._show = plan, folder, options, show
         self.phase = Phase.RUN
         self._selector = selectors.DefaultSelector()
@@ -81,7 +84,7 @@ class Supervisor:
         )
         self._loads = LoadLog(folder.path / LOADS_FILE, self._files, self._real_time.time_s)
         self._control: ControlServer | None = None
-        self._processes = ProcessSet(plan, folder, self._log, self._selector)
+        self._processes = ProcessSet(plan, folder, self._log, self._selector, forks)
         self._orders = Orders()
         self._shutdown = Shutdown(plan, folder, self._processes, self._orders, self._log)
         self._release = ReleaseTask(plan, self._processes)
@@ -113,6 +116,7 @@ class Supervisor:
                 self._round(signals)
             self._control.close()
             self._control = None
+            self._processes.end_fork_server()
             self._selector.close()
             self._log.close()
             self._loads.close()
@@ -269,6 +273,7 @@ class Supervisor:
         if not begun or waiting or self._all_started:
             return
         self._all_started = True
+        self._processes.end_fork_server()
         failed = [f"{name}: {s.reason}" for name, s in statuses.items() if s.state is State.FATAL]
         ready = f"{len(statuses) - len(failed)} of {len(statuses)}" if failed else str(len(statuses))
         noun = "process" if ready == "1" else "processes"

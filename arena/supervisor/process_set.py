@@ -5,18 +5,19 @@ This module does not decide when a run ends. Only the main loop (`loop.py`) call
 
 from __future__ import annotations
 
-import os
 import selectors
 import signal
 import time
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from arena.plan.model import Plan, ProcessSpec
 from arena.supervisor import child_process, messages, run_end
 from arena.supervisor.child_process import Child, last_line
 from arena.supervisor.event_log import EventLog
+from arena.supervisor.fork_client import ForkClient
 from arena.supervisor.member_rows import member_rows
 from arena.supervisor.messages import VehicleChanges
 from arena.supervisor.meters import Meter
@@ -25,6 +26,7 @@ from arena.supervisor.process_state import ALIVE, ENDED, Action, Exit, Observati
 from arena.supervisor.readiness import proof_of
 from arena.supervisor.release import restore_requests
 from arena.supervisor.run_folder import Member, RunFolder
+from arena.supervisor.start_limit import StartLimit
 
 VEHICLE_FACTS = (
     ".armed",
@@ -40,11 +42,6 @@ VEHICLE_FACTS = (
 )
 """Ends of the names of facts about a vehicle. User programs and tools may not send these facts."""
 
-# Loading Python and its packages keeps a core busy for about 0.2 s. Thirty processes that load at the same time would
-# starve the world. Therefore at most as many processes load as there are cores. A process that sends no reports counts
-# as loading for _SILENT_LOADING_S.
-MAX_LOADING = max(2, os.cpu_count() or 2)
-_LOADING_S, _SILENT_LOADING_S = 1.0, 0.3
 _LONGEST_ROUND_S = 0.5
 
 
@@ -79,7 +76,12 @@ class ProcessSet:
     """
 
     def __init__(
-        self, plan: Plan, folder: RunFolder, log: EventLog, selector: selectors.BaseSelector
+        self,
+        plan: Plan,
+        folder: RunFolder,
+        log: EventLog,
+        selector: selectors.BaseSelector,
+        forks: ForkClient | None = None,
     ) -> None:
         self.plan, self.folder, self.log = plan, folder, log
         self.specs = {spec.name: spec for spec in plan.processes}
@@ -92,19 +94,25 @@ class ProcessSet:
         self.confirmed: dict[str, int] = {}
         self.stats |= {member.name: {} for spec in self.specs.values() for member in spec.members}
         self.changed = True
-        self._selector = selector
-        self._vehicle_changes = VehicleChanges()
+        self._selector, self._forks, self._vehicle_changes = selector, forks, VehicleChanges()
         self._fact_source: dict[str, str] = {}
         self._names: dict[str, set[str]] = {}  # process -> names of its facts
         self._ready: set[str] = set()
         self._members = {m.name for s in self.specs.values() if not s.is_program for m in s.members}
         self._silent_s: dict[str, float] = {}
         self._reconciled_at: float | None = None
-        self._loading: dict[str, float] = {}
+        self._start_limit = StartLimit(forks)
         self._exits: dict[str, Exit] = {}
         self._restarts: set[str] = set()
         self._ending = False
         self._standing: list[tuple[frozenset[str], dict[str, Any]]] = []
+        if forks is not None:
+            forks.watch(selector, partial(setattr, self, "changed", True))
+
+    def end_fork_server(self) -> None:
+        """End the fork server, because only the first start of processes uses it."""
+        if self._forks is not None:
+            self._forks.close()
 
     @property
     def alive(self) -> list[str]:
@@ -132,12 +140,11 @@ class ProcessSet:
         now: monotonic [s].
         """
         self._ending = not orders.starts_on
+        self._start_limit.update(now)
         self._count_silence(now)
         for _ in range(2 + len(self.specs)):
             self.changed = False
-            self._loading = {
-                name: until for name, until in self._loading.items() if until > now and name in self.children
-            }
+            self._start_limit.drop_loaded(self.children, now)
             self._reap(now)
             for name, spec in self.specs.items():
                 self._step(spec, self._observe(name, spec, orders, now), now)
@@ -192,10 +199,8 @@ class ProcessSet:
         needs = [(self.specs[name], self.statuses[name]) for name in names]
         restart = name in self._restarts
         self._restarts.discard(name)
-        # Only first starts wait for a free core. A restart never waits, because it may happen in flight.
-        may_load = status.started > 0 or len(self._loading) < MAX_LOADING
         return Observation(
-            needs_ready=may_load
+            needs_ready=(status.started > 0 or self._start_limit.allows_start)
             and all(run_end.is_usable(*need) for need in needs)
             and all(n in self._ready for n in spec.needs if n in self._members),
             needs_dead=next((need.name for need, its in needs if run_end.is_dead(need, its)), ""),
@@ -269,10 +274,10 @@ class ProcessSet:
         self._silent_s[spec.name] = 0.0
         if self.statuses[spec.name].restarts:
             self.folder.restore(self.plan)
+        forks = None if self.statuses[spec.name].restarts else self._forks
+        log, path = self.folder.log(spec.name), str(self.folder.path)
         try:
-            child = child_process.start(
-                self.folder.spec(spec), self.folder.log(spec.name), str(self.folder.path)
-            )
+            child = child_process.start(self.folder.spec(spec), log, path, forks)
         except (OSError, ValueError) as error:
             what = getattr(error, "strerror", None) or str(error)
             where = getattr(error, "filename", None) or spec.argv[0]
@@ -282,7 +287,7 @@ class ProcessSet:
         kept = [packet for names, packet in self._standing if spec.name in names]
         for packet in [*kept, *restore_requests(self.plan, spec, self.last_facts)]:
             child.send(packet)
-        self._loading[spec.name] = now + (_LOADING_S if spec.ready == "reported" else _SILENT_LOADING_S)
+        self._start_limit.add(spec, now, forked=child.forked)
         self.meters[spec.name].started(now)
         if child.channel is not None:
             self._selector.register(child.channel, selectors.EVENT_READ, lambda: self._receive(child))
@@ -303,7 +308,7 @@ class ProcessSet:
     def _take(self, name: str, packet: Mapping[str, Any]) -> None:
         self._silent_s[name] = 0.0
         if packet.get("entered") is True or packet.get("ready") is True:
-            self.changed = self._loading.pop(name, None) is not None or self.changed
+            self.changed = self._start_limit.on_loaded(name) or self.changed
         part, kind = reporter(self.specs[name], packet)
         if packet.get("ready") is True and part not in self._ready:
             self._ready.add(part)

@@ -1,4 +1,4 @@
-"""Run a plan file with the real supervisor: `supervised.py PLAN RUNS [until_done] [limit=S]`."""
+"""Run a plan file with the real supervisor: `supervised.py PLAN RUNS [until_done] [limit=S] [forks]`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from arena.plan.model import Plan
 from arena.supervisor import Level, Lines, LiveTable, Options, Supervisor, create
+from arena.supervisor.fork_client import ForkClient
 
 
 def main() -> int:
@@ -18,7 +19,8 @@ def main() -> int:
         adopt="no_adopt" not in sys.argv,
     )
     show = LiveTable(Level.DETAIL) if "live" in sys.argv else Lines(Level.DETAIL)
-    code = Supervisor(plan, create(plan, Path(sys.argv[2])), show, options).run()
+    forks = ForkClient() if "forks" in sys.argv else None
+    code = Supervisor(plan, create(plan, Path(sys.argv[2])), show, options, forks).run()
     show.close()
     return code
 

@@ -1,0 +1,112 @@
+"""The process `arena:fork-server`: `python -m arena.fork_server FD`, started by the supervisor (`arena.supervisor.fork_client`).
+
+FD is a local packet socket. Packets, each one JSON object:
+    server -> supervisor   {"ready": true}   the packages are imported
+    supervisor -> server   a request to fork a process (`forked_process.Request`), with three file descriptors:
+                           output of the process, its socket to the supervisor, and the socket `go`
+    server -> supervisor   {"pid": 123}      the process exists and is a child of the supervisor
+The process starts its work when it receives a byte on `go`. If `go` is closed before, the process ends. So a supervisor that has
+given up waiting, and has started the process in another way, never gets a second one.
+
+The supervisor must be a subreaper (PR_SET_CHILD_SUBREAPER): each process is forked by an intermediate process that ends at once, and
+so becomes a child of the supervisor, which can wait for it as for every other process. End of file on FD ends the server.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import importlib
+import json
+import os
+import socket
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from arena.fork_server.forked_process import DESCRIPTORS, Request, start_work
+
+PRELOADED = (
+    "arena.fused.__main__",  # imports world, autopilots, motion capture, forwarder, router, sensors and recorder
+    "arena.sim.__main__",
+    "arena.mocap.emulator.__main__",
+    "arena.mocap.client.natnet",
+    "arena.pose_forwarder.__main__",
+    "arena.mavlink_router.__main__",
+    "arena.recorder.__main__",
+    "arena.uav.arguments",
+    "arena.uav.group.__main__",
+)
+"""Modules that are imported once. A process imports all other modules itself."""
+_MAX_REQUEST_BYTES = 1 << 18
+_FEW_COLLECTIONS = 50_000
+
+
+def main(argv: list[str]) -> int:
+    """Serve requests until the supervisor closes the socket. Return an exit code: that of the server, or in a forked process that
+    of its work.
+    """
+    _set_title()
+    channel = socket.socket(fileno=int(argv[1]))
+    preload()
+    work = _serve(channel)
+    return 0 if work is None else work()
+
+
+def preload() -> None:
+    """Import the packages of arena's processes. A module that cannot be imported is left out: its process reports the error."""
+    thresholds = gc.get_threshold()
+    gc.set_threshold(_FEW_COLLECTIONS)  # imports make no garbage
+    for name in PRELOADED:
+        with contextlib.suppress(Exception):
+            importlib.import_module(name)
+        sys.modules.pop(name) if name.endswith(".__main__") else None
+    gc.freeze()  # a collection in a forked process does not touch, and so does not copy, these objects
+    gc.set_threshold(*thresholds)
+
+
+def _serve(channel: socket.socket) -> Callable[[], int] | None:
+    """Fork processes as the supervisor requests. Return None at the end, and in a forked process the function that does its work."""
+    if sum(1 for _ in Path("/proc/self/task").iterdir()) > 1:
+        return None  # a thread does not survive a fork, and may hold a lock
+    channel.send(json.dumps({"ready": True}).encode())
+    while True:
+        data, descriptors, _, _ = socket.recv_fds(channel, _MAX_REQUEST_BYTES, DESCRIPTORS)
+        if not data:
+            return None
+        request = Request(**json.loads(data))
+        pid = _fork_twice()
+        if pid == 0:
+            channel.close()
+            return start_work(request, *descriptors)
+        for descriptor in descriptors:
+            os.close(descriptor)
+        channel.send(json.dumps({"pid": pid}).encode())
+
+
+def _fork_twice() -> int:
+    """Fork a process whose parent ends. Return the pid of the process; 0 in the process itself."""
+    reading, writing = os.pipe2(os.O_CLOEXEC)
+    if (between := os.fork()) == 0:
+        if (pid := os.fork()) == 0:
+            os.close(reading)
+            os.close(writing)
+            return 0
+        os.write(writing, str(pid).encode())
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading) as pipe:
+        pid = int(pipe.read())
+    os.waitpid(between, 0)  # its child has now another parent, the supervisor
+    return pid
+
+
+def _set_title() -> None:
+    with contextlib.suppress(ImportError):
+        import setproctitle
+
+        setproctitle.setproctitle("arena:fork-server")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

@@ -1,0 +1,181 @@
+"""Work of a forked process: it takes the place of a new Python interpreter with the same command line.
+
+The process has the session, priority, output, environment, `sys.argv`, `sys.path[0]` and `__main__` that an interpreter would have.
+If the packages that the fork server has imported could change what the program does, the process executes the interpreter instead.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import importlib.util
+import os
+import signal
+import socket
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from importlib.machinery import SourceFileLoader, all_suffixes
+from pathlib import Path
+from types import CodeType, ModuleType
+
+from arena.fork_server.process_image import show
+
+DESCRIPTORS = 3
+_AUTOGROUP = Path("/proc/self/autogroup")
+_PR_SET_PDEATHSIG = 1
+_OWN_PREFIX = "ARENA_"
+_HASH_SEED = "PYTHONHASHSEED"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Request of the supervisor to fork a process.
+
+    argv: command line: the interpreter, then `-m MODULE` or the file of a program, then arguments.
+    cwd: working folder.
+    env: complete environment.
+    socket_variable: environment variable for the number of the socket to the supervisor.
+    nice: added to the nice value of the supervisor.
+    outlives: whether the process continues when the supervisor dies; false: it is killed.
+    supervisor: pid of the supervisor.
+    """
+
+    argv: list[str]
+    cwd: str
+    env: dict[str, str]
+    socket_variable: str
+    nice: int
+    outlives: bool
+    supervisor: int
+
+
+def start_work(request: Request, output: int, channel: int, go: int) -> Callable[[], int]:
+    """Set up the process, wait for `go`, and return the function that does the work and returns an exit code.
+
+    output, channel, go: file descriptors, as in the package's `__main__`. Ends the process if `go` is closed.
+    """
+    os.setsid()
+    nowhere = os.open(os.devnull, os.O_RDONLY)
+    for descriptor, number in ((nowhere, 0), (output, 1), (output, 2)):
+        os.dup2(descriptor, number)
+    for descriptor in (nowhere, output):
+        os.close(descriptor)
+    with socket.socket(fileno=go) as waiting:
+        if waiting.recv(1) != b"1":
+            os._exit(1)
+    if not request.outlives:
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        if os.getppid() != request.supervisor:  # it died before the call above
+            os._exit(1)
+    _set_priority(request.nice)
+    os.chdir(request.cwd)
+    os.set_inheritable(channel, True)
+    env = {**request.env, request.socket_variable: str(channel)}
+    program = None if needs_interpreter(request.argv, env, os.environ) else _program(request.argv)
+    os.environ.clear()
+    os.environ.update(env)
+    if program is None:
+        os.execve(request.argv[0], request.argv, env)
+    show(request.argv, env)
+    _reseed()
+    return partial(_run, program, request.argv)
+
+
+def _set_priority(nice: int) -> None:
+    """Add to the nice value, and give the session of the process the same value.
+
+    With autogroups the kernel gives every session an equal share of the CPU: nice values have no effect between sessions.
+    """
+    with contextlib.suppress(OSError):
+        os.nice(nice)
+    if found := os.getpriority(os.PRIO_PROCESS, 0):
+        with contextlib.suppress(OSError):
+            _AUTOGROUP.write_text(str(found))
+
+
+def needs_interpreter(argv: list[str], env: Mapping[str, str], own: Mapping[str, str]) -> bool:
+    """Return whether a program must run in an interpreter of its own.
+
+    This is so if its environment differs from that of the fork server in more than arena's variables, because packages read the
+    environment when they are imported; or if a file beside the program would be imported instead of a module that is already imported.
+    own: environment of the fork server.
+    """
+    if env.get(_HASH_SEED, "random") not in ("random", own.get(_HASH_SEED)):
+        return True
+    if _foreign(env) != _foreign(own):
+        return True
+    return argv[1] != "-m" and bool(_importable(Path(argv[1]).parent) & _imported())
+
+
+def _foreign(env: Mapping[str, str]) -> dict[str, str]:
+    return {key: value for key, value in env.items() if not key.startswith(_OWN_PREFIX) and key != _HASH_SEED}
+
+
+def _importable(folder: Path) -> set[str]:
+    """Return the names of the modules and packages in a folder."""
+    found = set()
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            if path.is_dir() and (path / "__init__.py").exists():
+                found.add(path.name)
+            elif (suffix := next(filter(path.name.endswith, all_suffixes()), "")) != "":
+                found.add(path.name.removesuffix(suffix).partition(".")[0])
+    return found
+
+
+def _imported() -> set[str]:
+    return {name.partition(".")[0] for name in sys.modules} - {"__main__", *sys.builtin_module_names}
+
+
+def _program(argv: list[str]) -> tuple[CodeType, ModuleType] | None:
+    """Return the code of a program and its module `__main__`; None if the interpreter must report why there is none."""
+    main = ModuleType("__main__")
+    main.__dict__.update(__builtins__=__builtins__, __annotations__={})
+    try:
+        if argv[1] == "-m":
+            name = argv[2] if argv[2].endswith(".__main__") else f"{argv[2]}.__main__"
+            spec = importlib.util.find_spec(name)
+            if spec is None or not isinstance(spec.loader, SourceFileLoader):
+                return None
+            code = spec.loader.get_code(name)
+            main.__file__, main.__spec__, main.__package__ = spec.origin, spec, spec.parent
+            main.__loader__ = spec.loader
+        else:
+            code = compile(Path(argv[1]).read_bytes(), argv[1], "exec", dont_inherit=True)
+            main.__dict__.update(__file__=argv[1], __cached__=None)
+            main.__loader__ = SourceFileLoader("__main__", argv[1])
+    except (ImportError, OSError, SyntaxError, ValueError):
+        return None
+    return None if code is None else (code, main)
+
+
+def _run(program: tuple[CodeType, ModuleType], argv: list[str]) -> int:
+    """Run a program as the interpreter does. Return its exit code, or raise SystemExit or KeyboardInterrupt as the program did."""
+    code, main = program
+    file = str(main.__file__)
+    sys.modules["__main__"] = main
+    sys.orig_argv[:] = argv
+    if argv[1] == "-m":
+        sys.argv[:], sys.path[0] = [file, *argv[3:]], str(Path.cwd())
+    else:
+        sys.argv[:], sys.path[0] = argv[1:], str(Path(file).resolve().parent)
+    try:
+        exec(code, main.__dict__)
+    except SystemExit:
+        raise
+    except BaseException as error:
+        trace = error.__traceback__.tb_next if error.__traceback__ is not None else None
+        sys.excepthook(type(error), error.with_traceback(trace), trace)
+        if isinstance(error, KeyboardInterrupt):
+            sys.excepthook = lambda *_: None  # it is printed; the interpreter ends the process by SIGINT
+            raise
+        return 1
+    return 0
+
+
+def _reseed() -> None:
+    """Give numpy's global random generator a seed of its own, as in a new interpreter. Python's `random` does so at each fork."""
+    if "numpy.random" in sys.modules:
+        sys.modules["numpy.random"].seed()

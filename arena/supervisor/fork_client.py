@@ -1,0 +1,162 @@
+"""The supervisor's end of the fork server (`arena.fork_server`), which shortens the start of an arena.
+
+The fork server runs only while a simulated arena starts for the first time. Whatever it cannot do, or does not do in time, is done
+by a new interpreter. Restarts never use it. This module imports the standard library only, so that `arena up` can start the fork
+server before it loads anything else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import selectors
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from arena.constants import PROCESS_ENV
+
+LOAD_TIMEOUT_S = 5.0
+"""Longest time for which the start of processes waits until the fork server has imported the packages [s]."""
+REPLY_TIMEOUT_S = 1.0
+_MODULE = "arena.fork_server"
+_MAX_PACKET_BYTES = 4096
+# The kernel shows command line and environment of a process in the memory that its interpreter got for them at its start. Forked
+# processes need more of it than the fork server, because they have longer command lines and more variables.
+_SPARE_ARGUMENT, _SPARE_VARIABLE = "-" * 1024, ("ARENA_SPARE_ENVIRONMENT", "-" * 4096)
+
+
+class ForkClient:
+    """Starts the fork server, and requests processes from it.
+
+    ready: the fork server has imported the packages.
+    """
+
+    def __init__(self) -> None:
+        self.ready = False
+        self._owner = os.getpid()
+        self._selector: selectors.BaseSelector | None = None
+        self._deadline = time.monotonic() + LOAD_TIMEOUT_S
+        self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._server: subprocess.Popen[bytes] | None = subprocess.Popen(
+                [sys.executable, "-m", _MODULE, str(theirs.fileno()), _SPARE_ARGUMENT],
+                cwd="/",  # the first entry of sys.path: a folder in which no user has modules
+                env={**os.environ, **dict(PROCESS_ENV), "PYTHONHASHSEED": "0", **dict([_SPARE_VARIABLE])},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+                pass_fds=(theirs.fileno(),),
+            )
+
+    def watch(self, selector: selectors.BaseSelector, on_change: Callable[[], None]) -> None:
+        """Register with a selector. Its data is `on_change` until the fork server is ready or has ended, and `loading` was called."""
+        self._selector = selector
+        selector.register(self._channel, selectors.EVENT_READ, on_change)
+
+    @property
+    def pid(self) -> int | None:
+        """Pid of the fork server; None after `close`."""
+        return None if self._server is None else self._server.pid
+
+    def loading(self, now: float) -> bool:
+        """Return whether the start of processes must still wait for the fork server. now: monotonic [s].
+
+        If the fork server has ended or needs too long, it is not used.
+        """
+        if self._server is None or self.ready:
+            return False
+        packet = self._receive(0.0)
+        if packet is not None:
+            self._unwatch()
+        self.ready = packet is not None and packet.get("ready") is True
+        if (packet is not None and not self.ready) or now > self._deadline:
+            self._end_server()
+        return self._server is not None and not self.ready
+
+    def serves(self, argv: Sequence[str], *, is_program: bool, cwd: str) -> bool:
+        """Return whether the fork server can start this command: a module of arena, or a user program in Python."""
+        if not self.ready or self._server is None or len(argv) < 2 or argv[0] != sys.executable:
+            return False
+        ours = argv[1] == "-m" and argv[2].startswith("arena.")
+        return (ours or (is_program and argv[1].endswith(".py"))) and Path(cwd).is_dir()
+
+    def fork(
+        self,
+        argv: Sequence[str],
+        *,
+        cwd: str,
+        env: Mapping[str, str],
+        socket_variable: str,
+        nice: int,
+        outlives: bool,
+        output: int,
+        channel: int,
+    ) -> int | None:
+        """Request a process and return its pid; None if the fork server does not start it. Then it is not used any more.
+
+        argv, cwd, env: command line, working folder and complete environment.
+        socket_variable: environment variable for the number that `channel` has in the process.
+        nice: added to the nice value.  outlives: false: the process is killed when this process dies.
+        output, channel: file descriptors of its stdout and stderr, and of its socket to the supervisor.
+        """
+        request = {
+            "argv": list(argv),
+            "cwd": cwd,
+            "env": dict(env),
+            "socket_variable": socket_variable,
+            "nice": nice,
+            "outlives": outlives,
+            "supervisor": os.getpid(),
+        }
+        go, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
+        with go:
+            try:
+                with theirs:
+                    data = json.dumps(request).encode()
+                    socket.send_fds(self._channel, [data], [output, channel, theirs.fileno()])
+                packet = self._receive(REPLY_TIMEOUT_S)
+                pid = packet.get("pid") if packet is not None else None
+                if isinstance(pid, int):
+                    os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)  # raises if it is no child
+                    go.send(b"1")
+                    return pid
+            except OSError:
+                pass
+        self._end_server()
+        return None
+
+    def close(self) -> None:
+        """End the fork server. The processes that it has forked continue."""
+        self._end_server()
+        self._channel.close()
+
+    def _unwatch(self) -> None:
+        if self._selector is not None:
+            self._selector.unregister(self._channel)
+            self._selector = None
+
+    def _end_server(self) -> None:
+        self._unwatch()
+        server, self._server = self._server, None
+        self.ready = False
+        if server is not None and self._owner == os.getpid():  # not in a copy of this process
+            server.kill()
+            with contextlib.suppress(OSError):
+                server.wait()
+
+    def _receive(self, timeout_s: float) -> dict[str, object] | None:
+        """Return the next packet of the fork server; {} if it has ended, None if nothing has arrived after `timeout_s`."""
+        try:
+            if not select.select([self._channel], [], [], timeout_s)[0]:
+                return None
+            packet = json.loads(self._channel.recv(_MAX_PACKET_BYTES) or b"{}")
+        except (OSError, ValueError):
+            return {}
+        return packet if isinstance(packet, dict) else {}

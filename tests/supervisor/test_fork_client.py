@@ -1,0 +1,128 @@
+"""Processes of the fork server are the same as those of a new interpreter, and the fork server is not needed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from arena.constants import PROCESS_ENV
+from arena.plan.model import ProcessSpec
+from arena.supervisor import proc_fs
+
+from .conftest import eventually, plan_of, program, spec
+
+HEAD = """
+import json, os, sys
+import helper
+def facts():
+    return {"forked": "arena.fork_server.forked_process" in sys.modules, "sid": os.getsid(0), "pid": os.getpid(),
+        "seen": open("/proc/self/cmdline").read().rstrip("\\0").split("\\0"), "argv": sys.argv, "orig": sys.orig_argv,
+        "path": sys.path[0], "cwd": os.getcwd(), "nice": os.getpriority(os.PRIO_PROCESS, 0), "name": __name__, "file": __file__,
+        "main": sys.modules["__main__"].__dict__ is globals(), "env": {k: v for k, v in os.environ.items() if k != "ARENA_FD"},
+        "marks": sorted(x for x in open("/proc/self/environ").read().split("\\0") if x.startswith(("ARENA_RUN=", "ARENA_PROCESS="))),
+        "package": __package__, "stdin": os.readlink("/proc/self/fd/0"), "comm": open("/proc/self/comm").read(),
+        "threshold": __import__("gc").get_threshold()}
+json.dump(facts(), open(sys.argv[1], "w"))
+print("printed", flush=True)
+"""
+ENDS = {
+    "returns": "",
+    "exit code": "sys.exit(7)",
+    "exit text": "sys.exit('no vehicle')",
+    "error": "def fails():\n    raise ValueError('wrong')\nfails()",
+    "own hook": "sys.excepthook = lambda *a: print('hook', a[0].__name__, a[2].tb_lineno, a[2].tb_next)\nraise OSError",
+    "interrupt": "raise KeyboardInterrupt",
+    "signal": "import signal; os.kill(os.getpid(), signal.SIGTERM)",
+    "syntax error": "def",
+    "at exit": "import atexit; atexit.register(print, 'ended')",
+    "thread": "import threading, time\nthreading.Timer(0.1, lambda: print('thread', __name__, json)).start()",
+}
+
+
+def program_of(folder: Path, code: str, *arguments: str, **changes: Any) -> ProcessSpec:
+    (folder / "helper.py").touch()
+    file = folder / "flies.py"
+    file.write_text(code)
+    argv = (sys.executable, str(file), *arguments)
+    given = {"argv": argv, "env": PROCESS_ENV, "nice": 2, "cwd": str(folder), **changes}
+    return program("p", "", **given)
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_forked_program_behaves_as_in_an_interpreter(start, tmp_path, end):
+    results = []
+    for option in ("no_forks", "forks"):
+        out = tmp_path / f"{option}.json"
+        made = program_of(tmp_path, HEAD + ENDS[end] + "\n", str(out))
+        run = start(plan_of(made), "until_done", option, folder=tmp_path / option)
+        run.wait()
+        row = run.outcome["processes"]["p"]
+        log = run.log("p")
+        found = json.loads(out.read_text()) if end != "syntax error" else {}
+        text = json.dumps(found).replace(str(run.folder), "RUN").replace(f"{option}.json", "OUT")
+        results.append((row["exit_code"], row["exit"], log, json.loads(text)))
+    alone, forked = results
+    assert forked[:3] == alone[:3]
+    if end == "syntax error":
+        return
+    assert (alone[3].pop("forked"), forked[3].pop("forked")) == (False, True)
+    for facts in (alone[3], forked[3]):
+        assert facts.pop("sid") == facts.pop("pid")
+    assert forked[3] == alone[3]
+
+
+def test_programs_have_different_random_numbers(start, tmp_path):
+    code = "import numpy, random, sys\nopen(sys.argv[1], 'a').write(f'{numpy.random.rand()} {random.random()}\\n')"
+    out = tmp_path / "numbers"
+    first = program_of(tmp_path, code, str(out))
+    second = replace(first, name="q")
+    assert start(plan_of(first, second), "until_done", "forks").wait() == 0
+    numbers = out.read_text().split()
+    assert len(numbers) == len(set(numbers)) == 4
+
+
+def test_program_whose_folder_hides_a_module_gets_an_interpreter(start, tmp_path):
+    (tmp_path / "pymavlink.py").write_text("MINE = True")
+    code = "import sys, pymavlink\nsys.exit(0 if pymavlink.MINE and 'numpy' not in sys.modules else 1)"
+    assert start(plan_of(program_of(tmp_path, code)), "until_done", "forks").wait() == 0
+
+
+def test_fork_server_ends_when_all_processes_have_started(start, tmp_path):
+    run = start(plan_of(spec("a", "good")), "forks")
+    run.until("a", "READY")
+    run.until_said("1 process ready")
+    eventually(lambda: proc_fs.children(run.process.pid) == [run.state.processes["a"].pid])
+    run.signal(signal.SIGINT)
+    run.wait()
+
+
+def test_killed_fork_server_is_replaced_by_an_interpreter(start, tmp_path):
+    """The first program kills the fork server; the second program starts all the same."""
+    kill = (
+        "import os, signal\n"
+        "for pid in map(int, open(f'/proc/{os.getppid()}/task/{os.getppid()}/children').read().split()):\n"
+        "    if pid != os.getpid(): os.kill(pid, signal.SIGKILL)\n"
+    )
+    first = program_of(tmp_path, kill)
+    (other := tmp_path / "other").mkdir()
+    code = "import sys; sys.exit(5 if 'arena.fork_server' in sys.modules else 0)"
+    second = replace(program_of(other, code), name="q")
+    run = start(plan_of(first, second), "until_done", "forks")
+    run.wait()
+    processes = run.outcome["processes"]
+    assert processes["p"]["exit_code"] == 0 and processes["q"]["starts"] == 1
+
+
+def test_forked_program_dies_with_the_supervisor(start, tmp_path):
+    code = "import os, sys, time\nopen(sys.argv[1], 'w').write(str(os.getpid()))\ntime.sleep(600)"
+    run = start(plan_of(program_of(tmp_path, code, str(tmp_path / "pid"))), "forks")
+    pid = int(eventually(lambda: (tmp_path / "pid").exists() and (tmp_path / "pid").read_text()))
+    os.kill(run.process.pid, signal.SIGKILL)
+    eventually(lambda: proc_fs.start_time(pid) is None or proc_fs.is_zombie(pid))
