@@ -39,13 +39,20 @@ MEASURES = (
     Measure(
         name="setpoint_error_m",
         unit="m",
-        meaning="distance to a constant position reference at its end, largest",
+        meaning="distance to a held position setpoint at its end, when the vehicle has settled, largest",
     ),
     Measure(
-        name="landing_error_m", unit="m", meaning="horizontal distance of the landing point from its target"
+        name="landing_error_m",
+        unit="m",
+        meaning="horizontal distance of the landing point from the last position setpoint, if this was held for 1.5 s",
     ),
-    Measure(name="estimate_rms_m", unit="m", meaning="error of the estimated position while armed, rms"),
-    Measure(name="estimate_max_m", unit="m", meaning="error of the estimated position while armed, largest"),
+    Measure(
+        name="landing_drift_m",
+        unit="m",
+        meaning="horizontal distance between the places where the landing mode began and of the touchdown",
+    ),
+    Measure(name="estimate_rms_m", unit="m", meaning="error of the estimated position in the air, rms"),
+    Measure(name="estimate_max_m", unit="m", meaning="error of the estimated position in the air, largest"),
     Measure(name="tilt_max_deg", unit="deg", meaning="largest tilt"),
     Measure(name="touchdown_m_s", unit="m/s", meaning="speed of the last touchdown"),
     Measure(name="airborne_s", unit="s", meaning="simulated time in the air"),
@@ -66,6 +73,7 @@ def of_vehicle(flight: Flight | None, recorded: Mapping[str, Any]) -> dict[str, 
             "tracking_max_m": made["tracking"]["max_m"],
             "setpoint_error_m": made["setpoints"]["worst_m"],
             "landing_error_m": made["landing"]["error_m"],
+            "landing_drift_m": made["landing"]["drift_m"],
             "estimate_rms_m": made["estimator"]["pos_rms_m"],
             "estimate_max_m": made["estimator"]["pos_max_m"],
         }

@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 from arena.flight_log.columns import RPY
 from arena.flight_log.flight import Flight
 from arena.geometry import Array
-from arena.report.happenings import tracked
-
-_SAME_M = 0.002
-_CONSTANT_S = 1.5
-# POSITION_TARGET_LOCAL_NED comes 10 times per second: rows show the old reference until the next message.
-_BEFORE_CHANGE_S = 0.15
+from arena.report.happenings import estimated, tracked
+from arena.report.held_setpoints import constant_spans, setpoints
+from arena.report.landings import landing_drift, last_touchdown
 
 
 def analyse(flight: Flight, *, disarmed: bool | None = None) -> dict[str, Any]:
@@ -50,62 +47,29 @@ def tracking(flight: Flight) -> dict[str, float | None]:
     return {"rms_m": _round(_rms(distance)), "max_m": _round(_max(distance))}
 
 
-def constant_spans(flight: Flight) -> list[tuple[int, int]]:
-    """Find the time spans in OFFBOARD in which the position reference was constant for at least 1.5 s. Return
-    (first row, last row) of each span.
-    """
-    ref = flight.group("pos_ref")
-    held = flight.offboard & np.isfinite(ref).all(axis=1)
-    moved = np.concatenate([[True], np.abs(np.diff(ref, axis=0)).max(axis=1) > _SAME_M])
-    spans, first = [], None
-    for i in range(flight.t.size):
-        if first is not None and (not held[i] or moved[i]):
-            spans.append((first, i - 1))
-            first = None
-        if held[i] and first is None:
-            first = i
-    if first is not None:
-        spans.append((first, flight.t.size - 1))
-    return [(a, b) for a, b in spans if flight.t[b] - flight.t[a] >= _CONSTANT_S]
-
-
-def setpoints(flight: Flight) -> dict[str, Any]:
-    """Measure the position error [m] at the end of each time span with a constant position reference.
-    Return the number of spans, the largest error, and a list of all spans. `at_s`: time of the measured row [s].
-    """
-    pos, ref = flight.pos, flight.group("pos_ref")
-    each = []
-    for first, last in constant_spans(flight):
-        row = max(first, int(np.searchsorted(flight.t, flight.t[last] - _BEFORE_CHANGE_S)))
-        error = float(np.linalg.norm(pos[row] - ref[row]))
-        each.append(
-            {
-                "ned": [_round(x, 3) for x in ref[row]],
-                "at_s": _round(flight.t[row], 3),
-                "until_s": _round(flight.t[last], 2),
-                "error_m": _round(error),
-            }
-        )
-    known = [e["error_m"] for e in each if e["error_m"] is not None]
-    return {"count": len(each), "worst_m": max(known, default=None), "each": each}
-
-
 def landing(flight: Flight, disarmed: bool) -> dict[str, Any]:
-    """Return whether the vehicle has landed and was disarmed, and the horizontal distance of the landing point from its target [m].
+    """Return whether the vehicle has landed and was disarmed, and two distances [m], each with the time of the touchdown.
 
-    The error is known from the landing on, also if the log ends before the disarming.
-    The target is the last position reference in OFFBOARD, or, if unknown, the position at the end of OFFBOARD.
+    drift_m: horizontal distance from the place where the landing mode began to the place of the touchdown; None if the
+        vehicle did not land in a landing mode.
+    error_m: horizontal distance of the landing place from the last position setpoint in OFFBOARD. It is known only if this
+        setpoint was held for at least 1.5 s, because a vehicle cannot reach a setpoint that jumps directly before the landing.
     """
-    flown = np.flatnonzero(flight.offboard)
     down = bool(flight.landed[-1] and disarmed)
-    if not flown.size:
-        return {"landed": down, "error_m": None}
+    drift, touchdown = landing_drift(flight), last_touchdown(flight)
+    found: dict[str, Any] = {
+        "landed": down,
+        "drift_m": None if drift is None else _round(drift.distance_m),
+        "begun_s": None if drift is None else _round(drift.begun_s, 3),
+        "touchdown_s": None if touchdown is None else _round(flight.t[touchdown], 3),
+        "error_m": None,
+    }
+    flown, spans = np.flatnonzero(flight.offboard), constant_spans(flight)
+    if not flown.size or not spans or spans[-1][1] != flown[-1]:
+        return found
     target = flight.group("pos_ref")[flown[-1], :2]
-    target = (
-        target if np.isfinite(target).all() else flight.pos[flown[-1], :2]
-    )  # the position may be NaN in this row
     error = float(np.linalg.norm(_last_place(flight) - target)) if flight.landed[-1] else math.nan
-    return {"landed": down, "error_m": _round(error), "target_ne": [_round(x, 3) for x in target]}
+    return {**found, "error_m": _round(error), "target_ne": [_round(x, 3) for x in target]}
 
 
 def _last_place(flight: Flight) -> Array:
@@ -118,7 +82,7 @@ def _last_place(flight: Flight) -> Array:
 
 
 def estimator(flight: Flight) -> dict[str, float | None]:
-    """Return rms and maximum of the error of the state estimate while armed: position [m] and yaw [deg].
+    """Return rms and maximum of the error of the state estimate in the air: position [m] and yaw [deg].
 
     The error is the estimate minus the ground truth, or, for a real vehicle, minus motion capture.
     """
@@ -129,8 +93,9 @@ def estimator(flight: Flight) -> dict[str, float | None]:
         error = flight.group("ekf.pos") - flight.pos
         turned = flight.group("ekf.att_euler", RPY)[:, 2] - flight.euler[:, 2]
         turned = (turned + np.pi) % (2 * np.pi) - np.pi
-    distance = np.linalg.norm(error, axis=1)[flight.armed]
-    yaw = np.degrees(np.abs(turned))[flight.armed]
+    flying = estimated(flight)
+    distance = np.linalg.norm(error, axis=1)[flying]
+    yaw = np.degrees(np.abs(turned))[flying]
     return {
         "pos_rms_m": _round(_rms(distance)),
         "pos_max_m": _round(_max(distance)),

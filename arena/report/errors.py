@@ -11,7 +11,7 @@ from arena.flight_log.columns import RPY
 from arena.flight_log.flight import Flight
 from arena.geometry import Array
 from arena.report.figures import Curve, Drawn, Figure, Panel, over_time
-from arena.report.happenings import tracked
+from arena.report.happenings import estimated, tracked
 
 _DEG = 180.0 / np.pi
 
@@ -46,13 +46,13 @@ def tracking_error(flight: Flight) -> Array:
 
 
 def estimate_error(flight: Flight) -> Array:
-    """Return the estimated position minus the actual position [m] [NED] (n, 3), while armed.
+    """Return the estimated position minus the actual position [m] [NED] (n, 3), in the air.
 
     NaN if neither the truth nor motion capture is in the log.
     """
     if flight.position_source == "estimate":
         return np.full((flight.t.size, 3), np.nan)
-    return np.where(flight.armed[:, None], flight.group("ekf.pos") - flight.pos, np.nan)
+    return np.where(estimated(flight)[:, None], flight.group("ekf.pos") - flight.pos, np.nan)
 
 
 def yaw_tracking_error(flight: Flight) -> Array:
@@ -64,11 +64,11 @@ def yaw_tracking_error(flight: Flight) -> Array:
 
 
 def yaw_estimate_error(flight: Flight) -> Array:
-    """Return the estimated yaw minus the actual yaw [deg] (n,), -180..180, while armed; NaN if the actual yaw is unknown."""
+    """Return the estimated yaw minus the actual yaw [deg] (n,), -180..180, in the air; NaN if the actual yaw is unknown."""
     if flight.position_source == "estimate":
         return np.full(flight.t.size, np.nan)
     return np.where(
-        flight.armed, _wrapped(flight.group("ekf.att_euler", RPY)[:, 2] - flight.euler[:, 2]), np.nan
+        estimated(flight), _wrapped(flight.group("ekf.att_euler", RPY)[:, 2] - flight.euler[:, 2]), np.nan
     )
 
 

@@ -16,7 +16,7 @@ from arena.flight_log.columns import NED, RPY
 from arena.flight_log.flight import Flight
 from arena.geometry import Array
 from arena.report.errors import Measures, measures
-from arena.report.happenings import flown_times
+from arena.report.landings import flown_times
 
 Moment = Literal["step", "offboard", "takeoff"]
 MOMENTS: tuple[Moment, ...] = get_args(Moment)

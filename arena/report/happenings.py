@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from arena.flight_log.flight import Flight
 from arena.report.happening import Happening, Kind, Level
-from arena.report.landings import Disarming, disarming, touchdown_row
+from arena.report.landings import Disarming, disarming, flown_times, touchdown_row
 from arena.report.link_record import SEVERITIES, StatusText
 from arena.report.mode_changes import mode_text, with_causes
 from arena.report.run_data import Event, RunData
@@ -30,8 +30,6 @@ _KILLED_S = (
 _ENDING, _BACKOFF = "the run ends", "; again in "
 KILLED = " was killed by the scenario"
 """Last words of the entry of a process that a step of the scenario has killed."""
-TAKEN_OFF_M = 0.1
-"""Height above the start from which a vehicle counts as in the air [m]."""
 
 
 def happenings(run: RunData) -> list[Happening]:
@@ -55,33 +53,11 @@ def disarming_of(name: str, run: RunData) -> Disarming | None:
     return disarming(flight, flight.t + flight.t0 - run.origin_s, link.texts if link else (), reported)
 
 
-def flown_times(flight: Flight) -> list[tuple[int, int]]:
-    """Return (first row in the air, row of the landing) of each flight. A flight without a landing ends in the last row.
-
-    A flight begins `TAKEN_OFF_M` above the ground, because autopilots report the take-off when the motors start. It ends when
-    the land detector reports the landing.
-    """
-    air = flight.armed & np.logical_not(flight.landed)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], air, [False]]).astype(int)))
-    spans = [(int(a), min(int(b), air.size - 1)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    up = -flight.pos[:, 2]
-    if not np.isfinite(up).any():
-        return spans
-    found = []
-    for first, last in spans:
-        # A log that begins in the air has no row before the flight: then the lowest place of the flight is the ground.
-        ground = up[first] if first > 0 and np.isfinite(up[first]) else np.nanmin(up)
-        climbed = np.flatnonzero(up[first : last + 1] - ground > TAKEN_OFF_M)
-        if climbed.size:
-            found.append((first + int(climbed[0]), last))
-    return found
-
-
 def in_air(flight: Flight) -> NDArray[np.bool_]:
-    """Return in which rows of its log a vehicle is in the air (n,): from the take-off to the landing that the land detector reports."""
+    """Return in which rows of its log a vehicle is in the air (n,): from the take-off to the touchdown."""
     found = np.zeros(flight.t.size, bool)
     for first, last in flown_times(flight):
-        found[first : last + 1] = True
+        found[first : touchdown_row(flight, first, last) + 1] = True
     return found
 
 
@@ -93,6 +69,15 @@ def tracked(flight: Flight) -> NDArray[np.bool_]:
     air = in_air(flight)
     rows: NDArray[np.bool_] = flight.offboard & air if air.any() else flight.offboard
     return rows
+
+
+def estimated(flight: Flight) -> NDArray[np.bool_]:
+    """Return in which rows of its log the error of the estimate counts (n,): in the air, in any flight mode.
+
+    All rows in which the vehicle is armed count if the log has no take-off.
+    """
+    air = in_air(flight)
+    return air if air.any() else np.asarray(flight.armed, bool)
 
 
 def together(found: Iterable[Happening], within_s: float) -> list[list[Happening]]:

@@ -10,6 +10,9 @@ import numpy as np
 from arena.flight_log.flight import Flight
 from arena.report.link_record import StatusText
 
+TAKEN_OFF_M = 0.1
+"""Height above the start from which a vehicle counts as in the air [m]."""
+LANDING_MODES = frozenset({"AUTO.LAND", "AUTO.PRECLAND", "DESCEND"})
 _ON_FLOOR_M = 0.03
 _ARMING = ("Armed", "Disarmed")
 """First words of the STATUSTEXTs with which PX4 and the built-in autopilot report arming and disarming."""
@@ -27,6 +30,28 @@ class Disarming:
     in_log: bool
 
 
+def flown_times(flight: Flight) -> list[tuple[int, int]]:
+    """Return (first row in the air, row of the landing) of each flight. A flight without a landing ends in the last row.
+
+    A flight begins `TAKEN_OFF_M` above the ground, because autopilots report the take-off when the motors start. It ends when
+    the land detector reports the landing.
+    """
+    air = flight.armed & np.logical_not(flight.landed)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], air, [False]]).astype(int)))
+    spans = [(int(a), min(int(b), air.size - 1)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    up = -flight.pos[:, 2]
+    if not np.isfinite(up).any():
+        return spans
+    found = []
+    for first, last in spans:
+        # A log that begins in the air has no row before the flight: then the lowest place of the flight is the ground.
+        ground = up[first] if first > 0 and np.isfinite(up[first]) else np.nanmin(up)
+        climbed = np.flatnonzero(up[first : last + 1] - ground > TAKEN_OFF_M)
+        if climbed.size:
+            found.append((first + int(climbed[0]), last))
+    return found
+
+
 def touchdown_row(flight: Flight, first: int, last: int) -> int:
     """Return the row of the touchdown: from this row on the height is that of the landing, within 3 cm.
 
@@ -37,6 +62,45 @@ def touchdown_row(flight: Flight, first: int, last: int) -> int:
         return last
     above = np.flatnonzero(up - up[-1] > _ON_FLOOR_M)
     return min(last, first + int(above[-1]) + 1) if above.size else last
+
+
+def last_touchdown(flight: Flight) -> int | None:
+    """Return the row of the last touchdown; None if the vehicle did not fly or did not land."""
+    spans = flown_times(flight)
+    return touchdown_row(flight, *spans[-1]) if spans and flight.landed[spans[-1][1]] else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LandingDrift:
+    """Horizontal motion of a vehicle during its last landing.
+
+    distance_m: horizontal distance between the two places [m].  begun_s: time at which the landing mode began [s].
+    touchdown_s: time of the touchdown [s].
+    """
+
+    distance_m: float
+    begun_s: float
+    touchdown_s: float
+
+
+def landing_drift(flight: Flight) -> LandingDrift | None:
+    """Return the drift from the place where the landing mode began to the place of the last touchdown.
+
+    None if the vehicle did not land in a landing mode, or if a position is unknown. Times are those of the log [s].
+    """
+    down = last_touchdown(flight)
+    if down is None or flight.mode[down] not in LANDING_MODES:
+        return None
+    other = [k for k in range(down) if flight.mode[k] not in LANDING_MODES]
+    begin = max(other[-1] + 1 if other else 0, flown_times(flight)[-1][0])
+    moved = flight.pos[down, :2] - flight.pos[begin, :2]
+    if begin >= down or not np.isfinite(moved).all():
+        return None
+    return LandingDrift(
+        distance_m=float(np.linalg.norm(moved)),
+        begun_s=float(flight.t[begin]),
+        touchdown_s=float(flight.t[down]),
+    )
 
 
 def disarming(

@@ -7,7 +7,7 @@ import numpy as np
 from arena.report import errors
 from arena.report.analysis import analyse
 from arena.report.flight_pair import Pair, Side
-from arena.report.happenings import flown_times
+from arena.report.landings import flown_times
 
 
 def pair_figures(pair: Pair) -> list[tuple[str, str, int, float | None, float | None]]:
@@ -23,12 +23,13 @@ _LABELS = (
     ("tracking error, rms", "m", 3),
     ("tracking error, p95", "m", 3),
     ("tracking error, max.", "m", 3),
-    ("largest error at a held setpoint", "m", 3),
+    ("largest error at a settled held setpoint", "m", 3),
     ("yaw tracking error, rms", "deg", 2),
     ("estimate error, rms", "m", 4),
     ("estimate error, max.", "m", 4),
     ("largest tilt", "deg", 1),
-    ("landing error", "m", 3),
+    ("drift while landing", "m", 3),
+    ("landing error (last setpoint held)", "m", 3),
     ("battery used", "%", 1),
 )
 
@@ -53,11 +54,12 @@ def _values(side: Side) -> dict[str, float | None]:
         "tracking error, rms": tracking.rms if tracking else None,
         "tracking error, p95": tracking.p95 if tracking else None,
         "tracking error, max.": tracking.max if tracking else None,
-        "largest error at a held setpoint": found["setpoints"]["worst_m"],
+        "largest error at a settled held setpoint": found["setpoints"]["worst_m"],
         "yaw tracking error, rms": yaw.rms if yaw else None,
         "estimate error, rms": estimate.rms if estimate else None,
         "estimate error, max.": estimate.max if estimate else None,
         "largest tilt": float(np.nanmax(tilt)) if np.isfinite(tilt).any() else None,
-        "landing error": found["landing"]["error_m"],
+        "drift while landing": found["landing"]["drift_m"],
+        "landing error (last setpoint held)": found["landing"]["error_m"],
         "battery used": float(battery[0] - battery[-1]) if battery.size else None,
     }

@@ -22,14 +22,13 @@ from arena.report.figures import Drawn, Figure
 from arena.report.happening import Happening
 from arena.report.happenings import (
     disarming_of,
-    flown_times,
     happenings,
     scenario_marks,
     together,
     without_names,
 )
 from arena.report.html_page import render
-from arena.report.landings import touchdown_row
+from arena.report.landings import flown_times, touchdown_row
 from arena.report.link_record import longest_gap, mean_rate
 from arena.report.run_data import RunData
 from arena.report.scenario_rows import scenario_rows

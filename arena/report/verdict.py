@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from arena.report.happening import Happening, Level
-from arena.report.happenings import KILLED, disarming_of, flown_times, together
-from arena.report.landings import touchdown_row
+from arena.report.happenings import KILLED, disarming_of, together
+from arena.report.landings import flown_times, touchdown_row
 from arena.report.link_record import SEVERITIES
 from arena.report.mode_changes import COMMANDED, new_mode
 from arena.report.run_data import RunData

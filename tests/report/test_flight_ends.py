@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from recorded_flights import make_run
 
-from arena.report.analysis import tracking
-from arena.report.errors import tracking_error
-from arena.report.happenings import disarming_of, happenings
+from arena.report.analysis import estimator, landing, tracking
+from arena.report.errors import estimate_error, norm, tracking_error
+from arena.report.happenings import disarming_of, happenings, in_air
+from arena.report.held_setpoints import setpoints
 from arena.report.landings import touchdown_row
 from arena.report.link_record import LinkRecord, StatusText
 from arena.report.run_data import Event, RunData, read_run
@@ -267,3 +268,69 @@ def test_speed_and_lateness_of_the_simulation(run, asked_speed):
         "time of the computer": "11.4 s, of which 3.0 s until all processes were ready",
         "speed from the take-off on": "2.00 times real time",
     }
+
+
+def landing_flight(run, *, jump_s: float | None = None, mode: str = "AUTO.LAND"):
+    """Return the flight with a landing from row 140 on, which drifts 0.3 m north until the touchdown in row 180.
+
+    jump_s: time before the landing at which the setpoint jumps by 1 m [s].
+    """
+    flight = run.flights["uav1"]
+    rows = np.arange(flight.t.size)
+    share = np.clip((rows - 140) / 40.0, 0.0, 1.0)
+    down, north = flight.pos[:, 2].copy(), np.where(rows < 90, 0.0, 1.0)
+    down[140:180] = -1.0 + 0.9 * share[140:180]
+    ref_n = flight.group("pos_ref")[:, 0].copy()
+    if jump_s is not None:
+        ref_n[(flight.t > flight.t[140] - jump_s) & (rows < 140)] += 1.0
+    numbers = {**flight.numbers, "truth.pos.down": down, "truth.pos.north": north + 0.3 * share}
+    numbers["pos_ref.north"] = ref_n
+    modes = tuple("OFFBOARD" if k < 140 else mode for k in rows)
+    return replace(flight, numbers=numbers, mode=modes)
+
+
+def test_drift_while_landing_is_that_from_the_landing_mode_to_the_touchdown(run):
+    found = landing(landing_flight(run), True)
+    assert found["drift_m"] == pytest.approx(0.3, abs=0.01)
+    assert found["touchdown_s"] - found["begun_s"] == pytest.approx(40 / 30, abs=0.05)
+    assert found["error_m"] == pytest.approx(0.3, abs=0.01), "the last setpoint was held for 1.6 s"
+
+
+def test_landing_has_no_distance_to_a_setpoint_that_jumped_before(run):
+    found = landing(landing_flight(run, jump_s=0.16), True)
+    assert found["error_m"] is None and found["drift_m"] == pytest.approx(0.3, abs=0.01)
+
+
+@pytest.mark.parametrize("mode", ["OFFBOARD", "AUTO.RTL"])
+def test_flight_down_in_another_mode_has_no_drift_while_landing(run, mode):
+    assert landing(landing_flight(run, mode=mode), True)["drift_m"] is None
+
+
+def test_estimate_error_counts_in_the_air_only(run):
+    flight = run.flights["uav1"]
+    north = flight.numbers["ekf.pos.north"].copy()
+    north[185:] += 5.0  # on the floor, while the motors still run
+    assert flight.armed[200] and not in_air(flight)[200]
+    wrong = replace(flight, numbers={**flight.numbers, "ekf.pos.north": north})
+    assert estimator(wrong)["pos_max_m"] == estimator(flight)["pos_max_m"] < 0.1
+    assert np.nanmax(norm(estimate_error(wrong))) < 0.1
+
+
+def climbing(run, speed_m_s: float):
+    """Return the flight with a climb that has not ended when the first held setpoint ends in row 89."""
+    flight = run.flights["uav1"]
+    down = flight.pos[:, 2].copy()
+    below = (89 - np.arange(90)) / 30.0 * speed_m_s + 0.5
+    down[:90] = np.minimum(-0.05, -1.0 + below)
+    return replace(flight, numbers={**flight.numbers, "truth.pos.down": down})
+
+
+def test_unfinished_climb_is_no_error_at_a_held_setpoint(run):
+    found = setpoints(climbing(run, 0.5))
+    assert [e["settled"] for e in found["each"]] == [False, True]
+    assert found["each"][0]["error_m"] > 0.4 and found["worst_m"] == pytest.approx(0.05, abs=1e-3)
+
+
+def test_vehicle_that_rests_beside_its_setpoint_has_an_error(run):
+    found = setpoints(climbing(run, 0.1))
+    assert found["each"][0]["settled"] and found["worst_m"] > 0.4
