@@ -291,26 +291,18 @@ class Autopilots:
             v.aligned = aligned[i]
             if self._radio_on[i]:
                 v.manual_control.receive("radio", now)
-            v.inputs = inputs = CommanderInputs(
-                now=now,
-                xy_valid=xy[i],
-                z_valid=z[i],
-                yaw_valid=yaw[i],
-                landed=landed[i],
-                flying=flying[i],
-                tilt_rad=tilt[i],
-                battery=0.0 if v.failures.battery else battery[i],
-                offboard_age=now - v.offboard_setpoint_at,
-                gcs_age=now - v.gcs_heartbeat_at,
-                aligned=aligned[i],
-                offboard_needs_position=v.offboard_needs_position,
-                poses_rejected=rejected[i],
-                manual=v.manual_control.update(
-                    now, params.com_rc_in_mode, params.com_rc_loss_t, params.gesture_s
-                ),
+            s = v.inputs
+            s.now, s.tilt_rad, s.aligned = now, tilt[i], aligned[i]
+            s.xy_valid, s.z_valid, s.yaw_valid = xy[i], z[i], yaw[i]
+            s.landed, s.flying, s.poses_rejected = landed[i], flying[i], rejected[i]
+            s.battery = 0.0 if v.failures.battery else battery[i]
+            s.offboard_age, s.gcs_age = now - v.offboard_setpoint_at, now - v.gcs_heartbeat_at
+            s.offboard_needs_position = v.offboard_needs_position
+            s.manual = v.manual_control.update(
+                now, params.com_rc_in_mode, params.com_rc_loss_t, params.gesture_s
             )
             v.booted = True
-            self.flight.auto.check(v, inputs)
+            self.flight.auto.check(v, s)
         self._tested = [v for v in self.vehicles if v.actuator_tests and not v.commander.armed]
         self._dead_motors = [(v.row, k) for v in self.vehicles for k in v.failures.motors]
 

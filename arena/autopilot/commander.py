@@ -181,16 +181,8 @@ class Commander:
         if s.flying and not (s.landed or self.took_off):
             self.took_off = True
             self.report(INFO, "Takeoff detected")
-        for check in (
-            self._check_attitude,
-            self._check_position,
-            self._check_fence,
-            self._check_battery,
-            self._check_offboard,
-            self._check_data_link,
-            self._check_manual_control,
-        ):
-            check(s, params)
+        for check in _CHECKS:
+            check(self, s, params)
             if not self.armed:
                 return
         self._run_pending(s)
@@ -260,8 +252,10 @@ class Commander:
                 self._act(Mode.DESCEND, f"{why}: blind land")
 
     def _check_battery(self, s: CommanderInputs, params: CommanderParams) -> None:
-        below = [s.battery <= t for t in (params.bat_low_thr, params.bat_crit_thr, params.bat_emergen_thr)]
-        level = sum(below)
+        left = s.battery
+        level = (
+            (left <= params.bat_low_thr) + (left <= params.bat_crit_thr) + (left <= params.bat_emergen_thr)
+        )
         if level <= self._battery_level:
             return
         self._battery_level = level
@@ -301,21 +295,20 @@ class Commander:
             self._act(action, "offboard control lost")
 
     def _check_data_link(self, s: CommanderInputs, params: CommanderParams) -> None:
+        if not params.nav_dll_act:
+            return
         coming_down = self.mode in (*_NOT_ARMABLE, Mode.LAND)
         excepted = _EXCEPTION_BIT.get(self.mode, 0) & params.com_dll_except
-        if params.nav_dll_act and not (excepted or coming_down or self.failsafe) and gcs_lost(s, params):
+        if not (excepted or coming_down or self.failsafe) and gcs_lost(s, params):
             self._act_on_link_loss(params.nav_dll_act, s, params, "data link lost")
 
     def _check_manual_control(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Run the action of NAV_RCL_ACT once when manual control is lost. Do nothing if there was no manual control before."""
         self._had_manual_control = self._had_manual_control or s.manual_control
+        if not self._had_manual_control:
+            return
         excepted = _EXCEPTION_BIT.get(self.intended, 0) & params.com_rcl_except
-        lost = (
-            self._had_manual_control
-            and not s.manual_control
-            and params.com_rc_in_mode != NO_MANUAL_CONTROL
-            and not excepted
-        )
+        lost = not s.manual_control and params.com_rc_in_mode != NO_MANUAL_CONTROL and not excepted
         crossed, self._manual_control_lost = lost and not self._manual_control_lost, lost
         if crossed:
             self._act_on_link_loss(params.nav_rcl_act, s, params, "manual control lost")
@@ -379,6 +372,18 @@ class Commander:
 
     def _enter(self, mode: Mode, failsafe: str) -> None:
         self.mode, self.failsafe = mode, failsafe
+
+
+_CHECKS = (
+    Commander._check_attitude,
+    Commander._check_position,
+    Commander._check_fence,
+    Commander._check_battery,
+    Commander._check_offboard,
+    Commander._check_data_link,
+    Commander._check_manual_control,
+)
+"""Failsafe checks, in the order in which they run."""
 
 
 def _home_or_land(s: CommanderInputs) -> Mode:

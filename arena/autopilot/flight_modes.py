@@ -24,6 +24,8 @@ class Mode(Enum):
     DESCEND = (4, 106, "DESCEND")  # internal: HEARTBEAT reports AUTO.LAND
     TERMINATE = (10, 0, "TERMINATION")  # cannot be requested
 
+    __hash__ = object.__hash__  # by identity: an enum hashes its name, which is slow
+
     @property
     def custom_mode(self) -> int:
         """Value of the field custom_mode in HEARTBEAT."""

@@ -35,6 +35,9 @@ class ManualInput:
     gesture: Gesture = ""
 
 
+NOTHING_RECEIVED = ManualInput()
+
+
 class ManualControl:
     """Stick positions that a vehicle has received by radio and from a joystick.
 
@@ -78,12 +81,14 @@ class ManualControl:
 
         gesture_s: value of COM_RC_ARM_HYST: time for which the sticks must stay in the position of a gesture [s]
         """
+        if self._first is None:
+            return NOTHING_RECEIVED
         available = self._available(now, in_mode, loss_s)
         if self._in_use not in available:
             self._in_use = available[0] if available else None
         if self._in_use is None:
             self._last, self._speeds, self._gesture_since = None, [0.0] * 4, ("", math.inf)
-            return ManualInput()
+            return NOTHING_RECEIVED
         sticks = self._sticks[self._in_use]
         self._measure_speed(sticks, now)
         speed = max(map(abs, self._speeds))

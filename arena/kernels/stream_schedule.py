@@ -60,10 +60,11 @@ class StreamSchedule:
     def take_due(self, link: int, now: float) -> list[int]:
         """Return the columns of the messages that are due at `now` [s], the earliest first, and schedule each again."""
         due = []
-        while self.next_s[link] <= now + _ROUNDING_S:
-            column = self.first(link)
+        column = self.first(link)
+        while self.due_s[link, column] <= now + _ROUNDING_S:
             due.append(column)
             again = self.due_s[link, column] + self.interval_s[link, column]
             self.due_s[link, column] = max(again, now - _CATCH_UP_S)
-            self.next_s[link] = self.due_s[link, self.first(link)]
+            column = self.first(link)
+        self.next_s[link] = self.due_s[link, column]
         return due

@@ -6,8 +6,8 @@ NaN means that a value is not given.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,7 @@ class Level(IntEnum):
     POSITION = 3  # position, velocity and acceleration; axes with NaN are not controlled
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OffboardSetpoint:
+class OffboardSetpoint(NamedTuple):
     """Setpoint for one vehicle, received by MAVLink from a program that uses OFFBOARD mode.
 
     level: controller that receives the setpoint. POSITION uses p_n, v_n, a_n, yaw, yaw_rate; ATTITUDE uses q_nb, yaw_rate,
@@ -53,7 +52,10 @@ class OffboardSetpoint:
     @property
     def needs_position(self) -> bool:
         """True if the setpoint contains a position or velocity, so that flying requires a valid position estimate."""
-        return self.level is Level.POSITION and any(math.isfinite(x) for x in (*self.p_n, *self.v_n))
+        if self.level is not Level.POSITION:
+            return False
+        (x, y, z), (vx, vy, vz), known = self.p_n, self.v_n, math.isfinite
+        return known(x) or known(y) or known(z) or known(vx) or known(vy) or known(vz)
 
 
 class Setpoints:

@@ -29,7 +29,7 @@ from arena.autopilot.param_table import Params
 from arena.builtin_parameters import SPECS
 from arena.constants import GRAVITY_M_S2
 from arena.geometry import matrix_from_quat, quat_from_euler, quat_normalize, yaw_from_quat
-from arena.kernels.arrays import array, view
+from arena.kernels.arrays import array, floats, view
 from arena.kernels.error_covariance import ErrorCovariance
 from arena.kernels.estimate_validity import EstimateValidity
 from arena.kernels.strapdown import Strapdown
@@ -134,7 +134,7 @@ class Estimator:
         )  # last fusion of each, and last call [s]
         self.last_baro[:] = _NEVER
         self._timeout_s = array(validity.timeout_s)
-        self._pose = np.zeros((1, 11))
+        self._pose = floats(1, 11)
         self._height = np.zeros((1, 15))  # derivatives of the position D by the error state
         self._height[0, 2] = 1.0
         self._read_params()
@@ -223,8 +223,9 @@ class Estimator:
         if self.aligned[i] and self.at_rest[i] and math.isfinite(q_nb[0]):
             self._realign_after_rejections(i, now)
         if self.aligned[i]:
-            self._pose[0] = (*p_n, *q_nb, *var_p, var_yaw)
-            self._vision.fuse(i, view(self._pose), 0, now)
+            for k, x in enumerate((*p_n, *q_nb, *var_p, var_yaw)):
+                self._pose[0, k] = x
+            self._vision.fuse(i, self._pose, 0, now)
         else:
             self._align(np.array([i]), np.array([p_n]), np.array([q_nb]), now)
 

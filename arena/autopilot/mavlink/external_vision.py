@@ -49,5 +49,10 @@ def _sample(
     w, x, y, z = q
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     q = (w / norm, x / norm, y / norm, z / norm) if 0.9 < norm < 1.1 else _NO_ATTITUDE
-    n, e, d, _, _, yaw = (x if 0.0 < x < math.inf else 0.0 for x in variances)
-    return VisionSample(p, q, (n, e, d), yaw)
+    n, e, d, _, _, yaw = variances
+    return VisionSample(p, q, (_variance(n), _variance(e), _variance(d)), _variance(yaw))
+
+
+def _variance(given: float) -> float:
+    """Return a variance, 0 for a value that is not given."""
+    return given if 0.0 < given < math.inf else 0.0

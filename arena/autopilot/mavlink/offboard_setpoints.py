@@ -85,8 +85,9 @@ def _position_setpoint(
     mask = m.type_mask
     yaw = _NAN if mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE else m.yaw - heading
     yaw_rate = _NAN if mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE else m.yaw_rate
-    if any(abs(x) > _MAX_ABS for x in (*p, *v, *a, yaw, yaw_rate)):  # PX4 refuses infinite values only
-        return "infinite value in setpoint"
+    for x in (*p, *v, *a, yaw, yaw_rate):
+        if abs(x) > _MAX_ABS:  # PX4 refuses infinite values only
+            return "infinite value in setpoint"
     if mask & mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET and _any_finite(a):
         return "force setpoints are not supported"
     if not _any_finite((*p, *v, *a)):
@@ -99,8 +100,9 @@ def _position_setpoint(
 
 
 def _complete(p: Triple, v: Triple, a: Triple) -> bool:
-    every_axis = all(_any_finite(axis) for axis in zip(p, v, a, strict=True))
-    return every_axis and all(math.isfinite(x[0]) == math.isfinite(x[1]) for x in (p, v, a))
+    has_p, has_v, has_a = _finite(p), _finite(v), _finite(a)
+    every_axis = all(map(any, zip(has_p, has_v, has_a, strict=True)))
+    return every_axis and has_p[0] == has_p[1] and has_v[0] == has_v[1] and has_a[0] == has_a[1]
 
 
 def from_attitude_target(m: Any) -> OffboardSetpoint | str:
@@ -135,15 +137,21 @@ def _any_ignored(mask: int, shift: int) -> bool:
 
 
 def _any_finite(values: tuple[float, ...]) -> bool:
-    return any(math.isfinite(x) for x in values)
+    return any(map(math.isfinite, values))
+
+
+def _finite(values: Triple) -> list[bool]:
+    return list(map(math.isfinite, values))
 
 
 def _given(values: Triple, mask: int, shift: int) -> Triple:
     ignored = mask >> shift & 0b111
     if not ignored:
         return values
-    x, y, z = (_NAN if ignored >> i & 1 else value for i, value in enumerate(values))
-    return x, y, z
+    if ignored == 0b111:
+        return _NOT_GIVEN
+    x, y, z = values
+    return _NAN if ignored & 1 else x, _NAN if ignored & 2 else y, _NAN if ignored & 4 else z
 
 
 def _rotate_by_yaw(q: list[float], v: Triple) -> Triple:

@@ -60,8 +60,8 @@ class AutoModes:
             self._check_lists(v, s, checked, home if home is None else (home[0], home[1], home[2]))
             checked.key = key
         s.mission_ok = v.missions.valid
-        if checked.fence.home_n is not None or checked.fence.areas:
-            s.fence = checked.fence.breach(self.est.p_n[v.row].tolist()) if s.xy_valid else ""
+        has_fence = checked.fence.home_n is not None or checked.fence.areas
+        s.fence = checked.fence.breach(self.est.p_n[v.row].tolist()) if has_fence and s.xy_valid else ""
 
     def is_flying(self, v: Vehicle) -> bool:
         """Return whether `AutoModes` flies the vehicle in its present mode: MISSION, RTL, or HOLD with a reposition
