@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable
 
@@ -19,6 +20,7 @@ def _make(process: ProcessContext) -> Callable[[], None]:
         shell = RecorderShell(process)
     except OSError as error:  # the file cannot be created
         raise RunError(str(error)) from error
+    gc.freeze()  # modules and classes stay until the end: the garbage collector need not visit them again
     process.ready()
     return run_and_close(shell)
 

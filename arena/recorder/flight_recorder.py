@@ -29,7 +29,7 @@ from arena.wire.flight_record import (
     RecordedVehicle,
     pack_metadata,
 )
-from arena.wire.truth_page import Truth
+from arena.wire.truth_rows import TrueStates
 
 if TYPE_CHECKING:
     from foxglove import Context
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from arena.recorder.foxglove_server import FoxgloveServer
 
 FLUSH_PERIOD_S = 0.5
-"""Time between two writes to the disk [s]: a loss of power loses at most the data of this time."""
+"""Time between two writes to the disk [s]: a loss of power loses at most the data of this time and of one wake-up."""
 REPORT_PERIOD_S = 1.0
 # Both clocks are read this often, and so many readings are kept: an event is read from the disk up to 1.5 s after its time.
 _CLOCK_PERIOD_S = 0.02
@@ -117,13 +117,13 @@ class FlightRecorder:
             except Exception as error:
                 self._remove(channels, error)
 
-    def on_truth(self, truth: Truth, time_s: float) -> None:
+    def on_truth(self, truth: TrueStates, time_s: float) -> None:
         """Record the true state of all simulated vehicles. time_s: its time by the run's clock [s]."""
         for v in self._vehicles:
             if v.index is None:
                 continue
             watch = self._watches[v.name]
-            if watch.airborne_unix_s is None and watch.is_above_floor(-float(truth.p_n[v.index, 2])):
+            if watch.airborne_unix_s is None and watch.is_above_floor(-truth.p_n[v.index][2]):
                 self._report_airborne(v.name)
         for channels in self._channels:
             try:

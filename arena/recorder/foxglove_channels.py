@@ -18,7 +18,7 @@ from arena.recorder.viewer_meters import GapMeter
 from arena.recorder.viewer_output import Output, Throttle
 from arena.recorder.viewer_scene import Box, VehicleShape, room_scene
 from arena.recorder.viewer_vehicle import VehicleChannels
-from arena.wire.truth_page import Truth
+from arena.wire.truth_rows import TrueStates
 from arena.wire.viewer_messages import pack_fault
 from arena.wire.viewer_topics import ARENA_TOPICS, SCENE_PERIOD_S, SLOW_HZ, VIEW_HZ, Content
 
@@ -95,7 +95,7 @@ class FoxgloveChannels:
                 if due:
                     vehicle.on_pose(p_n, q_nb, time_s)
 
-    def on_truth(self, truth: Truth, time_s: float) -> None:
+    def on_truth(self, truth: TrueStates, time_s: float) -> None:
         self._pass_time(time_s)
         if not self._truth_due(time_s):
             return

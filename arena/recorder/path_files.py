@@ -15,7 +15,7 @@ from arena.background_writer import BackgroundWriter
 from arena.mocap.client import CapturedFrame
 from arena.recorder.channels import Recorded
 from arena.wire.planned_path import PathAssembler, may_contain_path
-from arena.wire.truth_page import Truth
+from arena.wire.truth_rows import TrueStates
 
 
 class PathFiles:
@@ -39,7 +39,7 @@ class PathFiles:
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
         return
 
-    def on_truth(self, truth: Truth, time_s: float) -> None:
+    def on_truth(self, truth: TrueStates, time_s: float) -> None:
         return
 
     def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:

@@ -8,10 +8,20 @@ from typing import Protocol
 from arena.clock import SimClock
 
 # Each wake-up costs CPU time, also without data. Sockets and truth page hold the data of more than 0.2 s.
-_PERIOD_S = 0.04
+_LONGEST_PERIOD_S = 0.1
+# A live viewer shows the data of a period at once. A full socket buffer of a process without privileges holds about 330 datagrams.
+_SHORTEST_PERIOD_S = 0.04
+_PERIOD_PER_VEHICLE_S = 0.2  # by the number of vehicles: 35 datagrams at the usual rates
 # Arrival times are interpolated between two wake-ups. In lockstep the speed of the simulation is not constant.
 _LOCKSTEP_PERIOD_S = 0.02
 _MAX_WAIT_S = 0.25  # wall time: events, disk and supervisor are served also while the simulation stands still
+
+
+def wake_period_s(vehicles: int, *, live: bool) -> float:
+    """Return the time between two wake-ups of the recorder [s]. live: a viewer may receive the messages during the flight."""
+    if live:
+        return _SHORTEST_PERIOD_S
+    return min(_LONGEST_PERIOD_S, max(_SHORTEST_PERIOD_S, _PERIOD_PER_VEHICLE_S / vehicles))
 
 
 class RunTime(Protocol):
@@ -31,13 +41,13 @@ class SimulationTime:
     """Simulation time as the run's clock. In lockstep, the world does not advance beyond the end of the period before `wait` is
     called again.
 
-    path, name: path of the simulation clock, and name of this client.
+    path, name: path of the simulation clock, and name of this client.  period_s: time between two wake-ups [s], except in lockstep.
     """
 
-    def __init__(self, path: str, name: str) -> None:
+    def __init__(self, path: str, name: str, period_s: float) -> None:
         self._clock = SimClock(path, name)
         self.now = self._clock.now
-        self._period_s = _LOCKSTEP_PERIOD_S if self._clock.lockstep else _PERIOD_S
+        self._period_s = _LOCKSTEP_PERIOD_S if self._clock.lockstep else period_s
         self._next_s, self._requested = self.now() + self._period_s, False
 
     def wait(self) -> None:
@@ -50,15 +60,16 @@ class SimulationTime:
 
 
 class UnixTime:
-    """Unix time as the run's clock. A later change of the system's clock does not change it."""
+    """Unix time as the run's clock. A later change of the system's clock does not change it. period_s: time between two wake-ups [s]."""
 
-    def __init__(self) -> None:
+    def __init__(self, period_s: float) -> None:
         self._offset_s = time.time() - time.monotonic()
-        self._next_s = time.monotonic() + _PERIOD_S
+        self._period_s = period_s
+        self._next_s = time.monotonic() + period_s
 
     def now(self) -> float:
         return time.monotonic() + self._offset_s
 
     def wait(self) -> None:
         time.sleep(max(0.0, self._next_s - time.monotonic()))
-        self._next_s = max(self._next_s + _PERIOD_S, time.monotonic())
+        self._next_s = max(self._next_s + self._period_s, time.monotonic())

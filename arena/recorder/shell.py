@@ -16,13 +16,13 @@ from arena.process_context import ProcessContext, ShutdownPolicy
 from arena.recorder.flight_recorder import FlightRecorder
 from arena.recorder.router_copies import RouterCopies
 from arena.recorder.run_clock import RunClock
-from arena.recorder.run_time import RunTime, SimulationTime, UnixTime
+from arena.recorder.run_time import RunTime, SimulationTime, UnixTime, wake_period_s
 from arena.recorder.truth_sampler import TruthSampler
-from arena.wire.truth_page import TruthReader
+from arena.wire.truth_rows import StateReader
 
 _CHECK_PERIOD_S, _CLOSE_LIMIT_S = 1.0, 3.0
 _AFTER_STOP_S = 0.15  # wall time; more than two periods of the true states at 30 Hz
-_MAX_LAG_S = 0.2  # the channels for viewers get no datagrams that have waited longer
+_MAX_LAG_S = 0.3  # more than two wake-ups; the channels for viewers get no datagrams that have waited longer
 
 
 class RecorderShell:
@@ -32,8 +32,11 @@ class RecorderShell:
         settings = process.settings
         self._process = process
         self._captures = [_Capture(process, raw) for raw in settings["captures"]]
+        period_s = wake_period_s(len(settings["vehicles"]), live=settings.get("foxglove") is not None)
         self._time: RunTime = (
-            SimulationTime(settings["clock"], process.name) if settings["clock"] else UnixTime()
+            SimulationTime(settings["clock"], process.name, period_s)
+            if settings["clock"]
+            else UnixTime(period_s)
         )
         now_s = self._time.now()
         self._run_clock = RunClock(now_s, time.monotonic())
@@ -163,5 +166,5 @@ def _truth_sampler(settings: Mapping[str, Any]) -> TruthSampler | None:
     if not settings["truth"]:
         return None
     return TruthSampler(
-        TruthReader(settings["truth"]), float(settings["rate_hz"]), simulation_clock=bool(settings["clock"])
+        StateReader(settings["truth"]), float(settings["rate_hz"]), simulation_clock=bool(settings["clock"])
     )

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Protocol
 
-from arena.wire.truth_page import Truth, TruthReader
+from arena.wire.truth_rows import TrueStates
 
 _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in binary
 _DRIFT = 0.1  # by which the world may be slower than real time, in an arena with real vehicles
 _MAX_SAMPLES = 250  # per call: after a stall the older samples are no longer in the page
+
+
+class _Reader(Protocol):
+    def at(self, time_s: float, /) -> TrueStates | None: ...
+
+    def newest(self) -> TrueStates | None: ...
 
 
 class TruthSampler:
@@ -19,12 +26,12 @@ class TruthSampler:
     simulation_clock: the run's clock is simulation time. Else it is Unix time, to which simulation time is converted.
     """
 
-    def __init__(self, reader: TruthReader, rate_hz: float, *, simulation_clock: bool) -> None:
+    def __init__(self, reader: _Reader, rate_hz: float, *, simulation_clock: bool) -> None:
         self._reader, self._rate_hz, self._simulation_clock = reader, rate_hz, simulation_clock
         self._next: int | None = None
         self._offset_s, self._at_s = math.inf, 0.0
 
-    def due(self, now_s: float) -> Iterator[tuple[float, Truth]]:
+    def due(self, now_s: float) -> Iterator[tuple[float, TrueStates]]:
         """Yield (time, true state) for each multiple of the period since the last call. now_s: run's clock [s]."""
         offset_s = 0.0 if self._simulation_clock else self._offset(now_s)
         if offset_s is None:

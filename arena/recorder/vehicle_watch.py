@@ -6,18 +6,21 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.telemetry import Telemetry
+from arena.wire.mavlink_frame import AUTOPILOT, parse_frames
+from arena.wire.mavlink_layout import decoder
 
 AIRBORNE_HEIGHT_M = 0.05
 _MAGIC, _SIGNED, _HEAD_AND_CRC, _SIGNATURE = 0xFD, 0x01, 12, 13
 _HEARTBEAT, _LANDED = mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
 _STATUS = (_HEARTBEAT, _LANDED)
+_decode_heartbeat, _decode_landed = decoder(_HEARTBEAT), decoder(_LANDED)
 
 
 class VehicleWatch:
     """Rates and state of one vehicle.
 
     system_id: MAVLink system id of the vehicle.
+    armed: armed flag of the last heartbeat; false before the first one.
     down, up, poses: number of datagrams from the vehicle, of datagrams to it, and of captured poses.
     airborne_unix_s: Unix time of the first take-off [s]; None before.
     """
@@ -25,15 +28,11 @@ class VehicleWatch:
     def __init__(self, system_id: int) -> None:
         self.down = self.up = self.poses = 0
         self.airborne_unix_s: float | None = None
-        self._status = Telemetry(system_id, set(_STATUS))
+        self.armed = False
+        self._on_ground: bool | None = None
+        self._sender = (system_id, AUTOPILOT)
         self._first_s: float | None = None
         self._floor_m: float | None = None
-
-    @property
-    def armed(self) -> bool:
-        """Armed flag of the last heartbeat; false before the first one."""
-        heartbeat = self._status.heartbeat
-        return heartbeat is not None and heartbeat.armed
 
     def on_datagram(self, up: bool, data: bytes, time_s: float) -> bool:
         """Count a datagram. Return whether it shows the first take-off, by the autopilot's land detector.
@@ -46,10 +45,25 @@ class VehicleWatch:
         self.down += 1
         if self._first_s is None:
             self._first_s = time_s
-        if not has_status(data) or not self._status.on_datagram(data, time_s):
+        if not has_status(data) or not self._take_status(data):
             return False
-        ground = self._status.ground
-        return self.airborne_unix_s is None and self.armed and ground is not None and not ground.landed
+        return self.airborne_unix_s is None and self.armed and self._on_ground is False
+
+    def _take_status(self, data: bytes) -> bool:
+        """Take over the status messages of the autopilot in a datagram. Return whether there are any."""
+        found = False
+        for frame in parse_frames(data).frames:
+            if frame.msgid not in _STATUS or (frame.sysid, frame.compid) != self._sender:
+                continue
+            found = True
+            if frame.msgid == _HEARTBEAT:
+                self.armed = bool(
+                    _decode_heartbeat(data, frame).base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+                )
+            else:
+                landed_state = _decode_landed(data, frame).landed_state
+                self._on_ground = landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
+        return found
 
     def is_above_floor(self, height_m: float) -> bool:
         """Return whether the vehicle is above the height of the first call [m], by its true height `height_m` [m]."""

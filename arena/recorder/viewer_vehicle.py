@@ -22,9 +22,9 @@ from arena.recorder.viewer_poses import nanoseconds, pose_and_transform, pose_in
 from arena.recorder.viewer_scene import VehicleShape, path_piece, planned_path, vehicle_model
 from arena.wire.mavlink_frame import AUTOPILOT, Frame, parse_frames
 from arena.wire.mavlink_layout import decoder, layout
+from arena.wire.mavlink_pressure import pressure_pa
 from arena.wire.planned_path import PathAssembler, may_contain_path
 from arena.wire.px4_mode import mode_words
-from arena.wire.telemetry import pressures_pa
 from arena.wire.viewer_messages import pack_state
 from arena.wire.viewer_topics import VEHICLE_TOPICS, Content
 
@@ -207,7 +207,7 @@ class VehicleChannels:
         self._out[Content.IMU].send_numbers(
             time_s,
             *(m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro, m.xmag, m.ymag, m.zmag),
-            *(_HPA_PER_PA * float(pressures_pa(m.abs_pressure)), m.pressure_alt, m.temperature),
+            *(_HPA_PER_PA * pressure_pa(m.abs_pressure), m.pressure_alt, m.temperature),
         )
 
     def _sys_status(self, m: Any, time_s: float) -> None:

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_frame import parse_frames
 from arena.wire.mavlink_layout import decoder
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 PATH_MESSAGE = mavlink.MAVLINK_MSG_ID_TRAJECTORY_REPRESENTATION_WAYPOINTS
 MAX_POINTS = 200
@@ -31,6 +33,8 @@ _UNUSED = [math.nan] * _PER_MESSAGE
 def path_messages(points_n: Array, time_us: int) -> list[mavlink.MAVLink_message]:
     """Return the messages of a path. points_n: [m] [NED] (k, 3).  time_us: identifies the path, normally the time [us]."""
     if len(points_n) > MAX_POINTS:
+        import numpy as np  # only programs need it, and the recorder starts faster without it
+
         points_n = points_n[np.linspace(0, len(points_n) - 1, MAX_POINTS).round().astype(int)]
     return [
         _message(points_n[k : k + _PER_MESSAGE], time_us)
@@ -82,8 +86,11 @@ def _five(m: Any, field: str) -> Sequence[float]:
 
 
 def _message(points_n: Array, time_us: int) -> mavlink.MAVLink_message:
-    padded = np.full((_PER_MESSAGE, 3), math.nan)
-    padded[: len(points_n)] = points_n
+    rows = [*points_n.tolist(), *[[math.nan] * 3] * (_PER_MESSAGE - len(points_n))]
     return mavlink.MAVLink_trajectory_representation_waypoints_message(
-        time_us, len(points_n), *padded.T.tolist(), *[_UNUSED] * 8, [_NO_COMMAND] * _PER_MESSAGE
+        time_us,
+        len(points_n),
+        *map(list, zip(*rows, strict=True)),
+        *[_UNUSED] * 8,
+        [_NO_COMMAND] * _PER_MESSAGE,
     )

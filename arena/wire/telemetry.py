@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_frame import AUTOPILOT, Frame, parse_frames, uint_at
 from arena.wire.mavlink_layout import decoder
+from arena.wire.mavlink_pressure import HIGHEST_HPA, HPA_PA, pressure_pa
 from arena.wire.px4_mode import mode_words
 from arena.wire.telemetry_values import (
     Ack,
@@ -39,8 +40,6 @@ from arena.wire.telemetry_values import (
 )
 
 GAUSS_T = 1e-4
-_HPA_PA = 100.0
-_HIGHEST_HPA = 2000.0
 HIGHRES_MAG, HIGHRES_BARO = 0x01C0, 0x1A00
 """Bits of `fields_updated` in HIGHRES_IMU."""
 
@@ -66,9 +65,9 @@ one. Not every HIGHRES_IMU has new values of magnetometer and barometer: the new
 
 
 def pressures_pa(abs_pressure: ArrayLike) -> Array:
-    """Return the field `abs_pressure` of HIGHRES_IMU in pascal. MAVLink defines hPa, but PX4 (checked: v1.16) sends Pa."""
+    """Return values of the field `abs_pressure` of HIGHRES_IMU in pascal, as `pressure_pa` does for one value."""
     given = np.asarray(abs_pressure, float)
-    return np.where(given > _HIGHEST_HPA, given, given * _HPA_PA)
+    return np.where(given > HIGHEST_HPA, given, given * HPA_PA)
 
 
 class _Newest(Generic[T]):
@@ -237,7 +236,7 @@ class Telemetry:
         if m.fields_updated & HIGHRES_BARO or self.baro is None:
             self.baro = Baro(
                 received_at=now,
-                pressure=float(pressures_pa(m.abs_pressure)),
+                pressure=pressure_pa(m.abs_pressure),
                 temperature=m.temperature,
                 alt=m.pressure_alt,
             )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Sequence
 
@@ -47,6 +46,8 @@ def _nearest(name: str, bodies: BodyStatus) -> str:
     """Return the body name on the server that is most similar to a missing name, ignoring case; "" if none is
     similar.
     """
+    import difflib  # rarely needed, and it would delay the start of each process that receives poses
+
     by_lower = {name.lower(): name for name in sorted(bodies.names)}
     found = difflib.get_close_matches(name.lower(), by_lower, n=1)
     return repr(by_lower[found[0]]) if found else ""
