@@ -13,7 +13,7 @@ import yaml
 from arena.errors import InputError
 from arena.flight_log.flight import Flight
 from arena.flight_log.open import read_flights
-from arena.report import errors, figures, overview_figures, velocity_battery_figures
+from arena.report import attitude_figure, errors, figures, overview_figures, velocity_battery_figures
 from arena.report.figures import Curve, Drawn, Figure, Panel, over_time
 from arena.report.flight_pair import Difference, Moment, Pair, difference, pairs
 from arena.report.html_page import render
@@ -119,7 +119,7 @@ def _figures(
         "position": figures.position(vehicles),
         "tracking": errors.tracking_figure(vehicles),
         "estimator": errors.estimator_figure(vehicles),
-        "attitude": figures.attitude(vehicles),
+        "attitude": attitude_figure.attitude(vehicles),
         "velocity": velocity_battery_figures.velocity(vehicles),
     }
     return {name: figure for name, figure in made.items() if figure["data"]}

@@ -181,7 +181,7 @@ def _figure(
         )
         for title, values in parts
     ]
-    panels.append(Panel(title="yaw [deg]", curves=[_curve("yaw", yaw)], digits=".2f"))
+    panels.append(Panel(title="yaw [deg]", curves=[_curve("yaw", yaw)], digits=".2f", least=2.0))
     return over_time(vehicles, panels, height=115, legend=False)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.flight_log.columns import NED, RPY
+from arena.flight_log.columns import NED
 from arena.flight_log.flight import COLUMNS_OF, Flight
 from arena.geometry import Array
 from arena.report.happenings import in_air
@@ -138,12 +138,17 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """Panel of a figure: title of its y-axis with the unit, and its curves. digits: format of the values, as in d3."""
+    """Panel of a figure: title of its y-axis with the unit, and its curves.
+
+    digits: format of the values, as in d3.  zero: the axis begins at 0.  least: the axis of a vehicle shows at least this range
+        around its median value, so that noise does not fill the panel.
+    """
 
     title: str
     curves: Sequence[Curve]
     digits: str = ".3f"
     zero: bool = False
+    least: float = 0.0
 
 
 def over_time(
@@ -160,6 +165,12 @@ def over_time(
         for curve in panel.curves
     ]
     data = [trace for trace in data if np.isfinite(trace["y"]).any()]
+    data += [
+        _least_range(trace, panel.least)
+        for number, panel in enumerate(panels, start=1)
+        for trace in data
+        if panel.least and trace["yaxis"] == ("y" if number == 1 else f"y{number}")
+    ]
     styles = {curve.label: curve for panel in panels for curve in panel.curves} if legend else {}
     if len(styles) > 1:
         data += [_legend_entry(curve) for curve in styles.values()]
@@ -183,6 +194,22 @@ def _line(one: Drawn, curve: Curve, panel: Panel, number: int) -> dict[str, Any]
         "line": {"color": one.colour, "dash": curve.dash, "width": curve.width},
         "hovertemplate": f"%{{y:{panel.digits}}}<extra>{plain(one.name)} {plain(curve.label)}</extra>",
         "meta": {"vehicle": one.chip or one.name, "curve": curve.label},
+    }
+
+
+def _least_range(trace: dict[str, Any], least: float) -> dict[str, Any]:
+    """Return an invisible trace at the median of a curve plus and minus half the least range."""
+    middle, x = float(np.nanmedian(trace["y"])), float(trace["x"][0])
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [x, x],
+        "y": [middle - least / 2.0, middle + least / 2.0],
+        "yaxis": trace["yaxis"],
+        "showlegend": False,
+        "hoverinfo": "skip",
+        "marker": {"opacity": 0.0},
+        "meta": {**trace["meta"], "curve": "range"},
     }
 
 
@@ -219,8 +246,8 @@ def time_layout(titles: Sequence[str], height: int, *, zero: Sequence[bool] = ()
         "dragmode": "zoom",
         "legend": {
             "orientation": "h",
-            "x": 1.0,
-            "xanchor": "right",
+            "x": 0.0,
+            "xanchor": "left",
             "y": 1.0,
             "yanchor": "bottom",
             "itemclick": False,
@@ -292,7 +319,8 @@ def desired(quantity: str, part: str, scale: float = 1.0) -> Callable[[Drawn], A
     return values
 
 
-def _three(quantity: str, reference: str, part: str, scale: float) -> tuple[Curve, Curve, Curve]:
+def three(quantity: str, reference: str, part: str, scale: float) -> tuple[Curve, Curve, Curve]:
+    """Return the curves of a quantity: estimate, actual and desired. reference: group of columns of the desired value."""
     return (
         Curve(
             label="estimate",
@@ -329,11 +357,11 @@ _DEG = 180.0 / np.pi
 
 def position(vehicles: Sequence[Drawn]) -> Figure:
     """Return the figure of position and yaw: actual, estimated and desired values."""
-    panels = [Panel(title=f"{part} [m]", curves=_three("pos", "pos_ref", part, 1.0)) for part in NED[:2]]
-    panels.append(Panel(title="height [m]", curves=_three("pos", "pos_ref", "down", -1.0)))
-    yaw = list(_three("att_euler", "att_euler_ref", "yaw", _DEG))
+    panels = [Panel(title=f"{part} [m]", curves=three("pos", "pos_ref", part, 1.0)) for part in NED[:2]]
+    panels.append(Panel(title="height [m]", curves=three("pos", "pos_ref", "down", -1.0)))
+    yaw = list(three("att_euler", "att_euler_ref", "yaw", _DEG))
     yaw[2] = Curve(label="desired", values=_unwrapped(_yaw_reference, "att_euler"), dash="dash", width=1.1)
-    panels.append(Panel(title="yaw [deg]", curves=yaw, digits=".1f"))
+    panels.append(Panel(title="yaw [deg]", curves=yaw, digits=".1f", least=2.0))
     return over_time(vehicles, panels, height=150)
 
 
@@ -345,26 +373,6 @@ def _yaw_reference(one: Drawn) -> Array:
     return np.where(one.flight.offboard, own * _DEG, np.nan)
 
 
-def attitude(vehicles: Sequence[Drawn]) -> Figure:
-    """Return the figure of roll and pitch (actual, estimated, desired) and of the body rates (estimated, desired)."""
-    panels = [
-        Panel(title=f"{part} [deg]", curves=_three("att_euler", "att_euler_ref", part, _DEG), digits=".1f")
-        for part in RPY[:2]
-    ]
-    for part in RPY[:2]:
-        rates = (
-            Curve(label="actual", values=_rate(part)),
-            Curve(label="desired", values=desired("ang_vel_ref", part, _DEG), dash="dash", width=1.1),
-        )
-        panels.append(Panel(title=f"{part} rate [deg/s]", curves=rates, digits=".1f"))
-    return over_time(vehicles, panels, height=130)
-
-
-def _rate(part: str) -> Callable[[Drawn], Array]:
-    """Return the function from a vehicle to its body rate [deg/s] (n,). Motion capture measures no rates: the estimate counts."""
-    return lambda one: column("truth.ang_vel" if one.flight.simulated else "ekf.ang_vel", part, _DEG)(one)
-
-
 def height_curves() -> tuple[Curve, Curve]:
     """Return the curves of the height: actual and desired."""
-    return _three("pos", "pos_ref", "down", -1.0)[1:]
+    return three("pos", "pos_ref", "down", -1.0)[1:]

@@ -17,6 +17,7 @@ from arena.report.landings import Disarming, disarming, flown_times, touchdown_r
 from arena.report.link_record import SEVERITIES, StatusText
 from arena.report.mode_changes import mode_text, with_causes
 from arena.report.run_data import Event, RunData
+from arena.report.scenario_steps import scenario_steps
 
 _COMMANDERS = ("pilot", "land-all", "kill-all", "ground station", "operator")
 _COPILOT_STEPS = ("hold", "land", "terminate")
@@ -28,6 +29,7 @@ _KILLED_S = (
     1.0  # a process that is killed at most so long before or after a step `kill ...` was killed by this step
 )
 _ENDING, _BACKOFF = "the run ends", "; again in "
+_NORMAL_END = re.compile(r"^killed by (SIGTERM|SIGINT) \(the run ends: .*\)$")
 KILLED = " was killed by the scenario"
 """Last words of the entry of a process that a step of the scenario has killed."""
 
@@ -131,8 +133,7 @@ def _of_flight(name: str, flight: Flight, t: np.ndarray, off: Disarming | None) 
             yield Happening(at_s=float(t[k]), kind="mode", level="note", vehicles=(name,), text=text)
         before = state
     if off is not None and not off.in_log:
-        text = "disarmed (reported by the autopilot; the log ends before the next row)"
-        yield Happening(at_s=off.at_s, kind="flight", level="good", vehicles=(name,), text=text)
+        yield Happening(at_s=off.at_s, kind="flight", level="good", vehicles=(name,), text="disarmed")
 
 
 def _of_event(event: Event, run: RunData, starts: Counter[str]) -> Iterator[Happening]:
@@ -168,7 +169,8 @@ def _of_change(event: Event, run: RunData, starts: Counter[str]) -> Iterator[Hap
             event, run, "process", "bad", f"{event.process} ended: {event.reason.partition(_BACKOFF)[0]}"
         )
     elif event.after in _DEAD:
-        yield _happening(event, run, "process", "note", f"{event.process} ended: {event.reason}")
+        said = _NORMAL_END.sub(r"\1 from arena, normal", event.reason)
+        yield _happening(event, run, "process", "note", f"{event.process} ended: {said}")
 
 
 def killed_by_scenario(event: Event, run: RunData) -> bool:
@@ -182,11 +184,11 @@ def _kills(process: str, run: RunData) -> list[float]:
     """Return the times of the steps of the scenario that kill a process [s]. process: its name, such as `program.uav1`."""
     kind, _, vehicle = process.partition(".")
     found = []
-    for at, text, good in scenario_marks(run):
-        words = text.partition("kill ")[2].split()
+    for step in scenario_steps(run):
+        words = step.text.partition("kill ")[2].split()
         named = not vehicle or words[1:2] in (["each"], [vehicle])
-        if good and words and words[0].startswith(kind) and named:
-            found.append(at)
+        if step.good and words and words[0].startswith(kind) and named:
+            found.append(step.at_s)
     return found
 
 
@@ -222,7 +224,7 @@ def _of_words(event: Event, run: RunData) -> Iterator[Happening]:
 
 def _of_arena(event: Event, run: RunData) -> Happening:
     """Return the entry of an event of the supervisor."""
-    last_s = max((at for at, _, _ in scenario_marks(run)), default=0.0)
+    last_s = max((step.at_s for step in scenario_steps(run)), default=0.0)
     if run.scenario and event.text.endswith(_STOPPING) and event.at_s >= last_s:
         said = "the scenario has ended: the run is stopped"
         return _happening(event, run, "arena", "note", said)
@@ -262,30 +264,12 @@ def _of_texts(name: str, texts: Sequence[StatusText], found: Sequence[Happening]
 
 
 def _of_scenario(run: RunData) -> Iterator[Happening]:
-    for number, (at_s, text, good) in enumerate(scenario_marks(run), start=1):
-        word = "" if good else "FAILED: "
+    for step in scenario_steps(run):
+        word = "" if step.good else "FAILED: "
         yield Happening(
-            at_s=at_s,
+            at_s=step.at_s,
             kind="step",
-            level="good" if good else "bad",
+            level="good" if step.good else "bad",
             vehicles=(),
-            text=f"scenario step {number}: {word}{text}",
+            text=f"scenario step {step.number}: {word}{step.words}",
         )
-
-
-def scenario_marks(run: RunData) -> list[tuple[float, str, bool]]:
-    """Return (time [s], text, passed) of each step and each broken rule of a smoke flight, in order of time.
-
-    The time of a failed step is the time at which the step began.
-    """
-    verdict = run.scenario.get("verdict") or {}
-    found = []
-    for step in verdict.get("steps", ()):
-        good = step.get("outcome") == "passed"
-        at = step.get("done_s") if good else step.get("begun_s")
-        if at is not None:
-            found.append((float(at), str(step["place"]["text"]), good))
-    for rule in verdict.get("rules", ()):
-        if rule.get("outcome") == "failed" and rule.get("at_s") is not None:
-            found.append((float(rule["at_s"]), str(rule["place"]["text"]), False))
-    return sorted(found)

@@ -61,8 +61,8 @@ def _environment() -> Environment:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Return a number with a fixed number of decimals; a dash if it is unknown."""
-    return "\u2013" if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
+    """Return a number with a fixed number of decimals; a dash if it is unknown. Zero has no sign."""
+    return "\u2013" if value is None or not np.isfinite(value) else f"{value:z.{digits}f}"
 
 
 class ArrayTable:

@@ -33,6 +33,7 @@ class LinkRecord:
     pose_s: times at which poses of the vehicle's rigid body were received (n,), tracked poses only.
     pose_age_s: time from the exposure to the reception of each of these poses [s] (n,). Between computers with different
         clocks the smallest delay counts as 0.
+    vision_s: times at which the autopilot has received poses, from its own log (n,); empty if it has left none.
     texts: the autopilot's STATUSTEXTs.
     """
 
@@ -40,6 +41,7 @@ class LinkRecord:
     up_s: Array = field(default_factory=_none)
     pose_s: Array = field(default_factory=_none)
     pose_age_s: Array = field(default_factory=_none)
+    vision_s: Array = field(default_factory=_none)
     texts: tuple[StatusText, ...] = ()
 
 

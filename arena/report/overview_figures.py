@@ -24,6 +24,7 @@ from arena.report.figures import (
 )
 from arena.report.happening import Happening, Kind
 from arena.report.room_figure import room_3d
+from arena.report.scenario_steps import ScenarioStep
 
 DISARMED = "disarmed"
 MODE_COLOURS = {
@@ -54,15 +55,14 @@ MARKS: dict[Kind, tuple[str, str, str]] = {
 """Kind of a happening -> label, symbol and colour of its marks. Marks of a later row are drawn above those of an earlier one."""
 _MAP_SIZE = 1.25  # length of the longest axis of the map, in plotly's units
 _LEAST_RATIO, _LEAST_M = 0.15, 0.5
+_CIRCLE = 0.02  # width of a circle as a share of the time axis
 _MOST_LABELS = 60  # bands of the time line; with more bands the modes are only shown at the pointer
 
 
-def timeline(
-    vehicles: Sequence[Drawn], found: Sequence[Happening], steps: Sequence[tuple[float, str, bool]]
-) -> Figure:
+def timeline(vehicles: Sequence[Drawn], found: Sequence[Happening], steps: Sequence[ScenarioStep]) -> Figure:
     """Return the figure with one row per vehicle: its flight mode while armed, as coloured bands, and the events as marks.
 
-    found: what happened.  steps: time [s], text and success of the steps of a scenario; they get a row of their own.
+    found: what happened.  steps: steps of a scenario; they get a row of their own.
     """
     names = [plain(one.name) for one in vehicles]
     marks = _marks(names, [h for h in found if h.level in ("bad", "warn")])
@@ -70,7 +70,7 @@ def timeline(
     rows = [*(["scenario"] if steps else []), *names, *common]
     data = [*_bands(vehicles), *marks]
     if steps:
-        data.append(_steps(steps))
+        data.append(_steps(steps, _range_s(vehicles)))
     layout = time_layout([""], max(120, 30 * len(rows) if len(rows) < 20 else 14 * len(rows)))
     layout |= {"barmode": "overlay", "bargap": 0.25, "hovermode": "closest"}
     layout["uniformtext"] = {"minsize": 10, "mode": "hide"}
@@ -164,24 +164,48 @@ def _marks(names: Sequence[str], found: Sequence[Happening]) -> list[dict[str, A
     return data
 
 
-def _steps(steps: Sequence[tuple[float, str, bool]]) -> dict[str, Any]:
+def _range_s(vehicles: Sequence[Drawn]) -> float:
+    """Return the duration of all logs together [s]."""
+    ends = [float(one.t[k]) for one in vehicles for k in (0, -1)]
+    return max(ends) - min(ends) if ends else 0.0
+
+
+def _steps(steps: Sequence[ScenarioStep], range_s: float) -> dict[str, Any]:
+    """Return the trace of the numbered circles. Steps whose circles would overlap share one. range_s: length of the time axis [s]."""
+    groups: list[list[ScenarioStep]] = []
+    for step in steps:
+        if groups and step.at_s - groups[-1][0].at_s < _CIRCLE * range_s:
+            groups[-1].append(step)
+        else:
+            groups.append([step])
+    labels = [_numbers(group) for group in groups]
     return {
         "type": "scatter",
         "mode": "markers+text",
         "name": "scenario step",
-        "x": [at for at, _, _ in steps],
-        "y": ["scenario"] * len(steps),
-        "customdata": [plain(_short(text)) for _, text, _ in steps],
-        "text": [str(number) for number in range(1, len(steps) + 1)],
+        "x": [group[0].at_s for group in groups],
+        "y": ["scenario"] * len(groups),
+        "customdata": [
+            "<br>".join(f"{one.at_s:.2f} s: step {one.number}: {plain(_short(one.words))}" for one in group)
+            for group in groups
+        ],
+        "text": labels,
         "textfont": {"color": "#ffffff", "size": 10},
         "marker": {
             "symbol": "circle",
-            "size": 17,
-            "color": ["#2b8a3e" if good else "#c0182b" for _, _, good in steps],
+            "opacity": 1.0,
+            "size": [17 + 5 * (len(label) - 1) for label in labels],
+            "color": ["#2b8a3e" if all(one.good for one in group) else "#c0182b" for group in groups],
         },
-        "hovertemplate": "%{x:.2f} s: step %{text}: %{customdata}<extra></extra>",
+        "hovertemplate": "%{customdata}<extra></extra>",
         "cliponaxis": False,
     }
+
+
+def _numbers(group: Sequence[ScenarioStep]) -> str:
+    """Return the numbers of some steps in a row: `4`, `4, 5`, `4-6`."""
+    first, last = group[0].number, group[-1].number
+    return f"{first}" if first == last else f"{first}, {last}" if last == first + 1 else f"{first}-{last}"
 
 
 def _short(text: str, most: int = 110) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -22,6 +22,7 @@ from arena.flight_log.run_folder import CSV_FOLDER, flights_of_run, has_record
 from arena.geometry import Array
 from arena.report.link_reader import read_links
 from arena.report.link_record import LinkRecord
+from arena.report.vision_times import vision_times
 from arena.wire.flight_record import FILE_NAME
 
 Clock = Literal["simulation", "unix"]
@@ -155,7 +156,7 @@ def read_run(folder: Path) -> RunData:
         clock=clock,
         origin_s=origin_s,
         events=events,
-        links={} if recording is None else _links(recording, origin_s, missing),
+        links={} if recording is None else _links(recording, folder, clock, origin_s, missing),
         scenario=scenario,
         missing=missing,
         loads=read_loads(folder / LOADS_FILE),
@@ -215,9 +216,14 @@ def _events_of_replay(
     return sorted(found, key=lambda e: math.inf if math.isnan(e.at_s) else e.at_s)
 
 
-def _links(recording: Recording, origin_s: float, missing: list[str]) -> dict[str, LinkRecord]:
+def _links(
+    recording: Recording, folder: Path, clock: Clock, origin_s: float, missing: list[str]
+) -> dict[str, LinkRecord]:
     try:
-        return read_links(recording, origin_s)
+        links = read_links(recording, origin_s)
+        if clock != "simulation":
+            return links
+        return {name: replace(link, vision_s=vision_times(folder, name)) for name, link in links.items()}
     except (InputError, OSError) as error:
         missing.append(f"{FILE_NAME}: {error}")
         return {}

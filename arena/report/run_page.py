@@ -4,35 +4,36 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from arena.report import (
+    attitude_figure,
     errors,
     figures,
     overview_figures,
+    run_facts,
     run_times,
+    separation,
     system_figures,
+    system_rows,
+    vehicle_rows,
     velocity_battery_figures,
 )
-from arena.report.analysis import analyse
 from arena.report.figures import Drawn, Figure
 from arena.report.happening import Happening
 from arena.report.happenings import (
-    disarming_of,
     happenings,
-    scenario_marks,
     together,
     without_names,
 )
 from arena.report.html_page import render
-from arena.report.landings import flown_times, touchdown_row
-from arena.report.link_record import longest_gap, mean_rate
 from arena.report.run_data import RunData
 from arena.report.scenario_rows import scenario_rows
-from arena.report.verdict import fate_of, verdict
+from arena.report.scenario_steps import ScenarioStep, scenario_steps
+from arena.report.verdict import verdict
 
 _MOST_LINES = 14  # vertical lines at events in the figures over time
 _MOST_SHOWN = 2500  # rows of the table of all events
@@ -46,21 +47,28 @@ def run_page(run: RunData) -> str:
     found = happenings(run)
     vehicles = figures.drawn(run.flights, {name: run.origin_s for name in run.flights})
     judged = verdict(run, found)
-    steps = scenario_marks(run)
-    made = _figures(run, vehicles, found, steps)
+    steps = scenario_steps(run)
+    apart = separation.distances(vehicles)
+    nearest = separation.smallest(apart, vehicles)
+    made = _figures(run, vehicles, found, steps, apart)
     content = {
         "title": _title(run),
+        "about": str(run.scenario.get("about") or ""),
+        "nearest": nearest,
+        "has_fence": bool(run.size_m and run.drawn.get("fence")),
+        "has_obstacles": bool(run.size_m and run.drawn.get("obstacles")),
         "judged": judged,
-        "facts": _facts(run),
-        "vehicles": [_vehicle_row(one, run, found) for one in vehicles],
+        "facts": run_facts.facts(run, nearest),
+        "vehicles": [vehicle_rows.vehicle_row(one, run, found) for one in vehicles],
         "found": found[:_MOST_SHOWN],
         "left_out": max(0, len(found) - _MOST_SHOWN),
         "story": _story(found, run.names),
-        "tracking": _error_rows(vehicles, "tracking"),
-        "estimator": _error_rows(vehicles, "estimator"),
-        "setpoints": _setpoint_rows(vehicles),
-        "links": [_link_row(one, run) for one in vehicles],
-        "processes": _process_rows(run),
+        "words": _words(run, found, steps),
+        "tracking": vehicle_rows.error_rows(vehicles, "tracking"),
+        "estimator": vehicle_rows.error_rows(vehicles, "estimator"),
+        "setpoints": vehicle_rows.setpoint_rows(vehicles),
+        "links": [system_rows.link_row(one, run) for one in vehicles],
+        "processes": system_rows.process_rows(run),
         "world": run_times.world_words(run),
         "steps": steps,
         "scenario": scenario_rows(run),
@@ -81,7 +89,11 @@ def _title(run: RunData) -> str:
 
 
 def _figures(
-    run: RunData, vehicles: Sequence[Drawn], found: Sequence[Happening], steps: Sequence[Any]
+    run: RunData,
+    vehicles: Sequence[Drawn],
+    found: Sequence[Happening],
+    steps: Sequence[ScenarioStep],
+    apart: separation.Distances | None,
 ) -> dict[str, Figure]:
     made: dict[str, Figure] = {}
     if vehicles:
@@ -89,10 +101,11 @@ def _figures(
             "timeline": overview_figures.timeline(vehicles, found, steps),
             "map": overview_figures.map_3d(vehicles, run.size_m, run.drawn),
             "height": overview_figures.height_and_error(vehicles),
+            "separation": separation.separation_figure(apart, vehicles) if apart else {"data": []},
             "position": figures.position(vehicles),
             "tracking": errors.tracking_figure(vehicles),
             "estimator": errors.estimator_figure(vehicles),
-            "attitude": figures.attitude(vehicles),
+            "attitude": attitude_figure.attitude(vehicles),
             "velocity": velocity_battery_figures.velocity(vehicles),
             "battery": velocity_battery_figures.battery(
                 vehicles, {one.name: run.params(one.name) for one in vehicles}, _time_range(vehicles, found)
@@ -162,51 +175,6 @@ def _preferred(vehicles: Sequence[Drawn], found: Sequence[Happening]) -> str:
     return max(worst, key=lambda name: worst[name]) if worst else ""
 
 
-def _facts(run: RunData) -> list[tuple[str, str]]:
-    """Return (label, text) of the line below the verdict."""
-    outcome, found = run.outcome, []
-    if run.replay_of:
-        found.append(("replay of", run.replay_of))
-    if outcome.get("start"):
-        found.append(("start", str(outcome["start"]).replace("T", " ")[:19]))
-    found += run_times.facts(run)
-    pilots = sorted({str(v.get("autopilot", "")) for v in run.plan.get("vehicles", ())} - {""})
-    found.append(
-        (
-            "vehicles",
-            f"{len(run.names)}" + (f" ({', '.join(_AUTOPILOT.get(p, p) for p in pilots)})" if pilots else ""),
-        )
-    )
-    if run.size_m:
-        found.append(("room", " x ".join(f"{float(x):g}" for x in run.size_m) + " m (north x east x height)"))
-    if fence := _fence_words(run):
-        found.append(("geofence", fence))
-    if outcome.get("exit_code") is not None:
-        allowed = " (allowed by the scenario)" if outcome["exit_code"] and run.scenario.get("passed") else ""
-        found.append(("exit code", f"{outcome['exit_code']}{allowed}"))
-    found.append(("run folder", run.folder.resolve().name))
-    return found
-
-
-def _fence_words(run: RunData) -> str:
-    """Return the limits of the geofence as text; "" without a geofence."""
-    given = run.plan.get("slices", {}).get("recorder.json") or {}
-    box = given.get("fence")
-    if not box:
-        return ""
-    (south, north), (west, east) = box["north"], box["east"]
-    return f"north {south:g} to {north:g} m, east {west:g} to {east:g} m, up to {box['up']:g} m"
-
-
-_AUTOPILOT = {
-    "builtin": "built-in autopilot",
-    "px4": "PX4 SITL",
-    "hardware": "real flight controller",
-    "hitl": "flight controller in the loop",
-    "replay": "replayed",
-}
-
-
 def _story(found: Sequence[Happening], order: Sequence[str]) -> list[dict[str, Any]]:
     """Return the rows of the short list of events: what needs attention, take-offs, landings, and steps of a scenario.
 
@@ -234,135 +202,24 @@ def _story(found: Sequence[Happening], order: Sequence[str]) -> list[dict[str, A
     return rows
 
 
+def _words(run: RunData, found: Sequence[Happening], steps: Sequence[ScenarioStep]) -> list[tuple[str, str]]:
+    """Return (word, meaning) of the words that this page uses and that a reader may not know."""
+    words = []
+    if any(re.search(r"\bDESCEND\b", h.text) for h in found):
+        words.append(
+            (
+                "DESCEND (blind land)",
+                "a landing without a valid position: level, without control of the horizontal position."
+                " PX4 reports this mode over MAVLink as AUTO.LAND",
+            )
+        )
+    if any(re.search(r"(?<!AUTO\.)\bLAND\b", step.text) for step in steps):
+        words.append(("LAND", "in a step of the scenario: the mode AUTO.LAND"))
+    if any(re.search(r"\bHOLD\b", step.text) for step in steps):
+        words.append(("HOLD", "in a step of the scenario: the mode AUTO.LOITER"))
+    return words
+
+
 def _for_each(text: str) -> str:
     """Return the text of an event with `*` in place of the name of the vehicle, so that equal events of several vehicles are found."""
     return re.sub(r"(\w+)\.\*", r"\1 of each", text).replace("*", "each")
-
-
-def _vehicle_row(one: Drawn, run: RunData, found: Sequence[Happening]) -> dict[str, Any]:
-    flight, fate = one.flight, fate_of(one.name, run, found)
-    spans = flown_times(flight)
-    tracking = errors.measures(one.t, errors.norm(errors.tracking_error(flight)))
-    estimate = errors.measures(one.t, errors.norm(errors.estimate_error(flight)))
-    up = errors.measures(one.t, np.where(flight.armed, -flight.pos[:, 2], np.nan).clip(min=0.0))
-    off = disarming_of(one.name, run)
-    analysis = analyse(flight, disarmed=off is not None)
-    down = spans[-1] if spans and flight.landed[spans[-1][1]] else None
-    return {
-        "name": one.name,
-        "colour": one.colour,
-        "fate": fate,
-        "took_off_s": float(one.t[spans[0][0]]) if spans else None,
-        "touchdown_s": float(one.t[touchdown_row(flight, *down)]) if down else None,
-        "landed_s": float(one.t[down[1]]) if down else None,
-        "disarmed": off,
-        "height": up,
-        "tracking": tracking,
-        "estimate": estimate,
-        "settled": _worst_setpoint(analysis, float(one.t[0])),
-        "landing_m": analysis["landing"]["error_m"],
-        "battery": analysis["battery_end"],
-        "source": {"truth": "simulator", "capture": "motion capture", "estimate": "autopilot's estimate"}[
-            flight.position_source
-        ],
-    }
-
-
-def _worst_setpoint(analysis: Mapping[str, Any], start_s: float) -> Mapping[str, Any] | None:
-    """Return the held setpoint with the largest error; `at_s`: time of the measured row. start_s: time of the first row [s]."""
-    known = [e for e in analysis["setpoints"]["each"] if e["error_m"] is not None]
-    worst = max(known, key=lambda e: e["error_m"], default=None)
-    return None if worst is None else {**worst, "at_s": worst["at_s"] + start_s}
-
-
-def _error_rows(vehicles: Sequence[Drawn], chart: str) -> list[dict[str, Any]]:
-    """Return one row per vehicle: the measures of each error that the figure `chart` shows; none without values."""
-    rows = []
-    for one in vehicles:
-        cells = [
-            (row, errors.measures(one.t, row.values(one.flight))) for row in errors.ROWS if row.chart == chart
-        ]
-        if any(found is not None for _, found in cells):
-            rows.append({"name": one.name, "colour": one.colour, "cells": cells})
-    return rows
-
-
-def _setpoint_rows(vehicles: Sequence[Drawn]) -> list[dict[str, Any]]:
-    """Return one row per time span in which a position setpoint was constant."""
-    return [
-        {
-            **each,
-            "name": one.name,
-            "colour": one.colour,
-            "until_s": each["until_s"] + float(one.t[0]),
-            "at_s": each["at_s"] + float(one.t[0]),
-        }
-        for one in vehicles
-        for each in analyse(one.flight)["setpoints"]["each"]
-    ]
-
-
-def _link_row(one: Drawn, run: RunData) -> dict[str, Any]:
-    """Return rates, longest gaps and age of the poses of one vehicle."""
-    link, flown = run.links.get(one.name), flown_times(one.flight)
-    start, end = (float(one.t[flown[0][0]]), float(one.t[flown[-1][1]])) if flown else (-math.inf, math.inf)
-    forward = run.stats(f"forward.{one.name}")
-    recorded = run.stats("recorder").get("vehicles", {}).get(one.name) or run.stats(f"logger.{one.name}")
-    row: dict[str, Any] = {
-        "name": one.name,
-        "colour": one.colour,
-        "forward_hz": forward.get("rate_hz"),
-        "log_hz": analyse(one.flight)["log_hz"],
-    }
-    row |= {"dropped": _dropped(forward), "up_hz": None, "down_gap": None, "pose_gap": None, "age": None}
-    if link is None:
-        return {**row, "down_hz": recorded.get("datagrams_hz"), "pose_hz": recorded.get("mocap_hz")}
-    ages = 1e3 * link.pose_age_s
-    return {
-        **row,
-        "down_hz": mean_rate(link.down_s),
-        "up_hz": mean_rate(link.up_s),
-        "pose_hz": mean_rate(link.pose_s),
-        "down_gap": longest_gap(link.down_s, start, end),
-        "pose_gap": longest_gap(link.pose_s, start, end),
-        "age": errors.measures(link.pose_s, ages),
-    }
-
-
-def _dropped(stats: Mapping[str, Any]) -> str:
-    """Return the numbers of frames and messages that a pose forwarder has dropped, by reason."""
-    found = {
-        key.removeprefix("dropped "): value
-        for key, value in stats.items()
-        if key.startswith("dropped ") and value
-    }
-    return ", ".join(f"{value} {_DROPPED.get(key, key)}" for key, value in found.items())
-
-
-_DROPPED = {
-    "untracked": "poses not tracked",
-    "held for the origin": "poses while the autopilot had no origin",
-    "superseded": "poses older than another pose",
-    "repeated frame": "repeated frames",
-    "stale": "poses too old",
-    "no pose": "without a valid pose",
-    "foreign message": "received from other senders than the autopilot",
-}
-
-
-def _process_rows(run: RunData) -> list[dict[str, Any]]:
-    rows = []
-    for name, row in run.outcome.get("processes", {}).items():
-        rows.append(
-            {
-                "name": name,
-                "member_of": row.get("member_of", ""),
-                "cpu": None if row.get("cpu_mean") is None else 100.0 * row["cpu_mean"],
-                "cpu_s": row.get("cpu_s"),
-                "memory": row.get("rss_peak_mb"),
-                "starts": row.get("starts"),
-                "end": row.get("exit") or row.get("reason") or row.get("state") or "",
-                "over": ", ".join(map(str, row.get("over_budget") or ())),
-            }
-        )
-    return rows

@@ -42,11 +42,13 @@ def world_words(run: RunData) -> str:
         and _real_time(run).get("asked") is None
     ):
         flying = _speed_in_flight(run)
-        parts = [f"from the take-off on {number(flying)}"] if flying is not None else []
-        parts += [f"slowest second {number(slowest)}, start included"] if slowest is not None else []
-        details = f" ({'; '.join(parts)})" if parts else ""
+        when = ", start included" if flying is None else " from the take-off on"
+        speed = number(_real_time(run)["factor"] if flying is None else flying)
+        details = (
+            f", in its slowest second {number(slowest)} times (start included)" if slowest is not None else ""
+        )
         return (
-            f"The simulation ran {number(_real_time(run)['factor'])} times as fast as real time, in the mean{details}."
+            f"The simulation ran {speed} times as fast as real time{when}{details}."
             " It does not wait for the clock, so slowness does not change the flight."
         )
     if stats.get("lateness_p99_ms") is None:

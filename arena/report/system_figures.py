@@ -8,11 +8,15 @@ from typing import Any
 import numpy as np
 
 from arena.geometry import Array
-from arena.report.figures import Drawn, Figure, colour, plain, time_layout
+from arena.report.figures import Drawn, Figure, plain, time_layout
 from arena.report.link_record import LinkRecord, rate_over_time
 from arena.report.run_data import Load
 
 _MOST_PROCESSES, _MOST_LINES = 24, 12
+_PROCESS_COLOURS = (
+    "#37474f", "#8d6e63", "#9e9d24", "#7e57c2", "#00838f", "#ad1457", "#546e7a", "#5d4037", "#827717", "#4527a0", "#006064", "#880e4f",
+)  # fmt: skip
+"""Colours of processes, which differ from those of vehicles."""
 
 
 def links_figure(vehicles: Sequence[Drawn], links: Mapping[str, LinkRecord]) -> Figure:
@@ -25,15 +29,22 @@ def links_figure(vehicles: Sequence[Drawn], links: Mapping[str, LinkRecord]) -> 
         for axis, stamps, label in (
             ("y", link.down_s, "from the vehicle"),
             ("y2", link.up_s, "to the vehicle"),
-            ("y3", link.pose_s, "poses"),
+            ("y3", link.pose_s, "poses received"),
+            ("y4", link.vision_s, "poses logged by the autopilot"),
         ):
             x, y = rate_over_time(stamps, float(one.t[-1]), 0.5)
             data += _trace(one, axis, x, y, label, ".1f") if x.size else []
         if link.pose_s.size:
             x, y = _worst_per_bin(link.pose_s, 1e3 * link.pose_age_s)
-            data += _trace(one, "y4", x, y, "longest age", ".1f")
-    titles = ["from<br>vehicle [1/s]", "to<br>vehicle [1/s]", "poses [1/s]", "pose age [ms]"]
-    return {"data": data, "layout": time_layout(titles, 110, zero=[True] * 4)}
+            data += _trace(one, "y5", x, y, "longest age", ".1f")
+    titles = [
+        "from<br>vehicle [1/s]",
+        "to<br>vehicle [1/s]",
+        "poses<br>received [1/s]",
+        "poses at the<br>autopilot [1/s]",
+        "pose age [ms]",
+    ]
+    return {"data": data, "layout": time_layout(titles, 110, zero=[True] * 5)}
 
 
 def _trace(one: Drawn, axis: str, x: Array, y: Array, label: str, digits: str) -> list[dict[str, Any]]:
@@ -74,7 +85,9 @@ def loads_figure(loads: Mapping[str, Load]) -> Figure | None:
     data: list[dict[str, Any]] = []
     for k, name in enumerate(largest):
         load = loads[name]
-        for axis, values, unit in (("y", 100.0 * load.cpu, "%"), ("y2", load.rss_mb, "MB")):
+        alive = load.rss_mb > 0.0  # the last row of a process that has ended has no memory
+        cpu, memory = np.where(alive, 100.0 * load.cpu, np.nan), np.where(alive, load.rss_mb, np.nan)
+        for axis, values, unit in (("y", cpu, "%"), ("y2", memory, "MB")):
             data.append(
                 {
                     "type": "scatter",
@@ -85,7 +98,7 @@ def loads_figure(loads: Mapping[str, Load]) -> Figure | None:
                     "name": plain(name),
                     "legendgroup": plain(name),
                     "showlegend": axis == "y",
-                    "line": {"color": colour(k, len(largest)), "width": 1.4},
+                    "line": {"color": _PROCESS_COLOURS[k % len(_PROCESS_COLOURS)], "width": 1.4},
                     "hovertemplate": f"%{{y:.1f}} {unit}<extra>{plain(name)}</extra>",
                 }
             )

@@ -33,6 +33,8 @@ _ACTION_S = (
 _SEVERITY = re.compile(rf"^({'|'.join(SEVERITIES)}): ")
 _WARNED_S = 1.0  # longest time from a warning of the autopilot to the failsafe that it explains
 _NUMBER_EXIT_OK = 0
+_BATTERY_ACTIONS = {0: "warning only", 2: "land", 3: "return to the start, then land"}
+"""Values of PX4's COM_LOW_BAT_ACT. The action is taken below BAT_CRIT_THR; below BAT_LOW_THR PX4 only warns."""
 _WORDS: Mapping[Level, str] = {"good": "as planned", "warn": "look closer", "bad": "failed"}
 _LAST_LINE = "last line of its log: "
 _MOST_CHARACTERS = 140
@@ -138,12 +140,12 @@ def _fate_clauses(fates: Mapping[str, Fate]) -> Iterator[str]:
         flown = [fates[name].flown_s for name in names if fates[name].flown_s > 0.0]
         who = _who(names, len(fates))
         verb = end.replace("was ", "were ", 1) if len(names) > 1 else end
-        yield f"{who} flew {_span(flown)} and {verb}" if flown else f"{who} {verb}"
-
-
-def _span(seconds: Sequence[float]) -> str:
-    low, high = min(seconds), max(seconds)
-    return f"{high:.0f} s" if high - low < 1.0 else f"{low:.0f} to {high:.0f} s"
+        if not flown:
+            yield f"{who} {verb}"
+        elif max(flown) - min(flown) < 1.0:
+            yield f"{who} flew {max(flown):.0f} s and {verb}"
+        else:
+            yield f"{who} flew and {verb} (time in the air: {min(flown):.0f} s to {max(flown):.0f} s)"
 
 
 def _who(names: Sequence[str], total: int) -> str:
@@ -200,9 +202,24 @@ def _charge(group: Sequence[Happening], run: RunData, found: Sequence[Happening]
     if not charges or len(limits) != 1 or None in limits:
         return ""
     lowest = "lowest battery" if len(names) > 1 else "battery"
-    return (
-        f" (no failsafe; {lowest} {min(charges):.0f} %, BAT_LOW_THR {100.0 * float(limits.pop() or 0.0):g} %)"
+    warning = (
+        f"{lowest} {min(charges):.0f} %, warning at {100.0 * float(limits.pop() or 0.0):g} % (BAT_LOW_THR)"
     )
+    return f": {warning}; {_battery_action(run.params(min(names)))}"
+
+
+def _battery_action(params: Mapping[str, Any]) -> str:
+    """Return the action that an autopilot is configured to take at a low battery, as text. params: its parameters."""
+    action, critical = params.get("COM_LOW_BAT_ACT"), params.get("BAT_CRIT_THR")
+    if action is None:
+        return "no failsafe acted"
+    words = _BATTERY_ACTIONS.get(int(action), "unknown action")
+    at = (
+        ""
+        if int(action) == 0 or critical is None
+        else f" only at {100.0 * float(critical):g} % (BAT_CRIT_THR)"
+    )
+    return f"configured low battery action: {words}{at}, COM_LOW_BAT_ACT {int(action)}"
 
 
 def _charge_at(h: Happening, run: RunData) -> float:
@@ -287,7 +304,14 @@ def _fault_words(first: Happening, names: Sequence[str], who: str) -> str:
         return f"the programs of {who} were{KILLED.removeprefix(' was')} (injected fault)"
     if len(names) > 1 and len(first.vehicles) == 1:
         plain = re.sub(rf"(?<![\w.-]){re.escape(first.vehicles[0])}(?![\w-])", who, plain)
-    return f"{plain} (injected fault)"
+    return f"{_past(plain)} (injected fault)"
+
+
+def _past(text: str) -> str:
+    """Return the text of a fault in the past tense, as the other sentences of the verdict."""
+    for present, past in (("is", "was"), ("are", "were"), ("gives", "gave"), ("lose", "lost")):
+        text = re.sub(rf"\b{present}\b", past, text)
+    return text
 
 
 def _duration(first: Happening, found: Sequence[Happening]) -> str:

@@ -307,6 +307,8 @@ def test_scenario_steps_are_on_the_time_axis(tmp_path):
     (run / "scenario.json").write_text(json.dumps(result))
     page = run_page(read_run(run))
     (marks,) = [t for t in payload(page)["figures"]["timeline"]["data"] if t["name"] == "scenario step"]
-    assert (marks["x"], marks["text"]) == ([8.1, 8.1], ["1", "2"])
+    assert (marks["x"], marks["text"]) == ([8.1], ["1, 2"]), "circles at the same place are one"
+    assert "mocap dropout uav1" in marks["customdata"][0] and "uav1.landed" in marks["customdata"][0]
+    assert "<td>step 1, 8.10 s</td>" in page, "the time of the expectation counts from the fault"
     assert "FAILED: uav1 flew 6 s and landed" in page and "hover.smoke.yaml:5: uav1 flew on" in page
-    assert "inside geofence" in page and re.search(r"1\.2[67] m inside", page)
+    assert "inside geofence" in page and re.search(r"1\.2[67] m inside \(\w+\)", page)

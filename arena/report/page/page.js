@@ -21,7 +21,7 @@ const CONFIG = {
     "sendDataToCloud", "resetCameraLastSave3d", "hoverClosest3d", "tableRotation",
   ],
 };
-const DETAIL_ALL = 3; // up to so many vehicles, the detailed figures show all of them at first
+const DETAIL_ALL = 4; // up to so many vehicles, the detailed figures show all of them at first
 const FAINT = 0.1;
 const CURSOR = "#111827";
 
@@ -108,7 +108,8 @@ class Page {
     await Promise.all(times.map((element) => Plotly.relayout(element, { ...changes })));
     this.linking = false;
     const [first, last] = this.options.time;
-    document.getElementById("whole").disabled = this.range[0] <= first && this.range[1] >= last;
+    document.getElementById("whole").disabled =
+      this.moment === null && this.range[0] <= first && this.range[1] >= last;
   }
 
   onRelayout(element, change) {
@@ -233,6 +234,7 @@ class Page {
     const detailed = [...this.detailed()];
     document.querySelectorAll("[data-vehicle-chip]").forEach((chip) => {
       const own = chip.dataset.vehicleChip;
+      chip.classList.toggle("shown", own !== "" && detailed.includes(own));
       chip.setAttribute("aria-pressed", own === "" ? this.selected.size === 0 : this.selected.has(own));
     });
     const text = detailed.length > 6 ? `${detailed.length} vehicles` : detailed.join(", ");
@@ -250,13 +252,15 @@ class Page {
       const chip = event.target.closest("[data-vehicle-chip]");
       if (jump) {
         event.preventDefault();
-        if (jump.dataset.vehicle && !this.detailed().has(jump.dataset.vehicle)) this.select(jump.dataset.vehicle, false);
+        const names = (jump.dataset.vehicle || "").split(",").filter(Boolean);
+        if (names.some((name) => !this.detailed().has(name))) names.forEach((name, k) => this.selected.has(name) || this.select(name, k > 0));
         this.jump(Number(jump.dataset.t), jump.dataset.chart);
       } else if (chip) {
         this.select(chip.dataset.vehicleChip || null, event.shiftKey || event.ctrlKey || event.metaKey);
       }
     });
     document.getElementById("whole").addEventListener("click", () => this.clear());
+    document.querySelectorAll("[data-show-all]").forEach((button) => button.addEventListener("click", () => showAll(button)));
     document.querySelectorAll("[data-filter]").forEach((box) => box.addEventListener("change", () => filterRows(box)));
     document.querySelectorAll("[data-filter]").forEach(filterRows);
     window.addEventListener("keydown", (event) => event.key === "Escape" && this.clear());
@@ -270,6 +274,12 @@ function filterRows(box) {
   document.querySelectorAll(`#${box.dataset.filter} tr[data-level]`).forEach((row) => {
     row.hidden = ranks[row.dataset.level] < Number(box.value);
   });
+}
+
+// Show the rows of a long table that are hidden at first.
+function showAll(button) {
+  document.querySelectorAll(`#${button.dataset.showAll} tr.more`).forEach((row) => (row.hidden = false));
+  button.remove();
 }
 
 const escapeText = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");

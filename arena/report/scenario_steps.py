@@ -1,0 +1,74 @@
+"""Steps of a smoke flight in order of time, with the step from which the time of each expectation counts. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from arena.report.run_data import RunData
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScenarioStep:
+    """Passed or failed step of a scenario, or a broken rule.
+
+    number: number on the page, in order of time, from 1.  at_s: time at which the step was fulfilled or its rule broken [s]; of a
+    failed step the time at which it began.  text: the entry of the scenario file.  good: passed.
+    since: number of the step from which the time of an expectation (`within`, `for`) counts, 0 if it has none.
+    since_s: time at which this step was done [s]; NaN for `since` 0.
+    """
+
+    number: int
+    at_s: float
+    text: str
+    good: bool
+    since: int = 0
+    since_s: float = math.nan
+
+    @property
+    def words(self) -> str:
+        """The text, and the step from which its time counts."""
+        return f"{self.text} (time counts from step {self.since})" if self.since else self.text
+
+
+def scenario_steps(run: RunData) -> list[ScenarioStep]:
+    """Return the steps and the broken rules of a smoke flight in order of time, those of the same time as in the file."""
+    verdict = run.scenario.get("verdict") or {}
+    given = [(step, _step_time(step)) for step in verdict.get("steps", ())]
+    given += [
+        (rule, rule.get("at_s")) for rule in verdict.get("rules", ()) if rule.get("outcome") == "failed"
+    ]
+    known = sorted(((one, float(at)) for one, at in given if at is not None), key=lambda pair: pair[1])
+    numbers = {id(one): number for number, (one, _) in enumerate(known, start=1)}
+    begun = _begun(verdict.get("steps", ()))
+    made = []
+    for one, at in known:
+        step = ScenarioStep(
+            number=numbers[id(one)],
+            at_s=at,
+            text=str(one["place"]["text"]),
+            good=one.get("outcome") == "passed",
+        )
+        origin = begun.get(id(one))
+        if origin is not None and id(origin) in numbers:
+            step = replace(step, since=numbers[id(origin)], since_s=float(origin["done_s"]))
+        made.append(step)
+    return made
+
+
+def _step_time(step: Mapping[str, Any]) -> float | None:
+    return step.get("done_s") if step.get("outcome") == "passed" else step.get("begun_s")
+
+
+def _begun(steps: Sequence[Mapping[str, Any]]) -> dict[int, Mapping[str, Any]]:
+    """Return identity of an expectation -> the entry with `at` or `do` from which its time counts."""
+    found: dict[int, Mapping[str, Any]] = {}
+    origin: Mapping[str, Any] | None = None
+    for step in steps:
+        if step.get("kind", "expect") != "expect":
+            origin = step if step.get("done_s") is not None else None
+        elif origin is not None and step.get("begun_s") == origin.get("done_s"):
+            found[id(step)] = origin
+    return found

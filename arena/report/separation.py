@@ -1,0 +1,103 @@
+"""Distances between vehicles over time, for the figure and for the smallest distance of a run. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from arena.geometry import Array
+from arena.report.figures import Drawn, Figure, plain, time_layout
+from arena.report.happenings import in_air
+
+_MOST_VALUES = 20_000_000  # rows times pairs of vehicles; more rows are thinned
+
+
+@dataclass(frozen=True, kw_only=True)
+class Separation:
+    """Smallest distance between two vehicles of which at least one was in the air.
+
+    distance_m: distance between the body origins [m].  at_s: its time on the report's axis [s].  names: the two vehicles.
+    """
+
+    distance_m: float
+    at_s: float
+    names: tuple[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distances:
+    """Distance of each vehicle to the nearest other one.
+
+    t: times on the report's axis [s] (m,).  nearest_m: distance [m] (n, m), NaN while both vehicles are on the floor.
+    other: index of the nearest vehicle [-] (n, m).
+    """
+
+    t: Array
+    nearest_m: Array
+    other: np.ndarray
+
+
+def distances(vehicles: Sequence[Drawn]) -> Distances | None:
+    """Return the distances between the vehicles, at the times of the log with the most rows; None for fewer than two vehicles."""
+    if len(vehicles) < 2:
+        return None
+    t = max((one.t for one in vehicles), key=len)
+    t = t[:: max(1, -(-(len(vehicles) ** 2) * t.size // _MOST_VALUES))]
+    p_n = np.stack([_at(one, t) for one in vehicles])
+    flying = np.stack([np.interp(t, one.t, in_air(one.flight), 0.0, 0.0) > 0.0 for one in vehicles])
+    nearest, other = np.full(flying.shape, np.nan), np.zeros(flying.shape, int)
+    for i in range(len(vehicles)):
+        apart = np.linalg.norm(p_n - p_n[i], axis=2)
+        apart[~(flying | flying[i])] = np.nan
+        apart[i] = np.nan
+        apart = np.where(np.isfinite(apart), apart, np.inf)
+        other[i] = apart.argmin(axis=0)
+        nearest[i] = apart.min(axis=0)
+    nearest[np.isinf(nearest)] = np.nan
+    return Distances(t=t, nearest_m=nearest, other=other)
+
+
+def _at(one: Drawn, t: Array) -> Array:
+    """Return the positions of a vehicle at the times t [s] (m,): [m] [NED] (m, 3), NaN outside its log."""
+    pos = one.flight.pos
+    known = np.isfinite(pos).all(axis=1)
+    if not known.any():
+        return np.full((t.size, 3), np.nan)
+    own = one.t[known]
+    columns = [np.interp(t, own, pos[known, k], np.nan, np.nan) for k in range(3)]
+    return np.stack(columns, axis=1)
+
+
+def smallest(found: Distances | None, vehicles: Sequence[Drawn]) -> Separation | None:
+    """Return the smallest distance of the run; None without two vehicles or without known positions."""
+    if found is None or not np.isfinite(found.nearest_m).any():
+        return None
+    i, k = np.unravel_index(int(np.nanargmin(found.nearest_m)), found.nearest_m.shape)
+    first, second = sorted((int(i), int(found.other[i, k])))
+    return Separation(
+        distance_m=float(found.nearest_m[i, k]),
+        at_s=float(found.t[k]),
+        names=(vehicles[first].name, vehicles[second].name),
+    )
+
+
+def separation_figure(found: Distances, vehicles: Sequence[Drawn]) -> Figure:
+    """Return the figure of the distance of each vehicle to the nearest other one."""
+    data = [
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "x": found.t,
+            "y": found.nearest_m[i],
+            "name": plain(one.name),
+            "showlegend": False,
+            "line": {"color": one.colour, "width": 1.4},
+            "hovertemplate": f"%{{y:.2f}} m<extra>{plain(one.name)} to the nearest</extra>",
+            "meta": {"vehicle": one.chip or one.name, "curve": "distance"},
+        }
+        for i, one in enumerate(vehicles)
+        if np.isfinite(found.nearest_m[i]).any()
+    ]
+    return {"data": data, "layout": time_layout(["distance to the<br>nearest vehicle [m]"], 190, zero=[True])}
