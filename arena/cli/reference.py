@@ -76,7 +76,8 @@ def yaml_page() -> str:
     order = [
         "World", "Obstacle", "Origin", "Sim", "Px4Keys", "Mocap", "MocapNoise", "LogKeys", "Foxglove", "VehicleKeys", "Start", "Grid",
         "Neighbours", "NeighbourNoise", "BeaconSensor", "BeaconNoise",
-        "Measured", "Signing", "Program", "Tool", "Ready", "Ros2", "Microxrce", "VehicleDefaults", "Preflight", "Failsafe", "OffboardLoss",
+        "Measured", "Signing", "Program", "Tool", "Ready", "Ros2", "Microxrce", "Mavros", "Bag", "Qgroundcontrol", "VehicleDefaults",
+        "Preflight", "Failsafe", "OffboardLoss",
         "PositionLoss", "LowBattery", "RcLoss", "DataLinkLoss", "FenceLoss", "AttitudeLoss",
         "Geofence", "Copilot", "GeofenceRule", "SeparationRule", "TiltRule", "SpeedRule",
         "PoseAgeRule", "EstimateRule", "BatteryRule", "ProgramRule", "Host",

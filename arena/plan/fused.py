@@ -10,6 +10,7 @@ from typing import Any
 
 from arena.errors import InputError
 from arena.plan.model import Member, ProcessSpec
+from arena.plan.tools import named_tools
 from arena.schema import Arena
 
 _MEMBERS = frozenset({"mocap", "forward", "router", "sensors", "recorder"})
@@ -99,7 +100,8 @@ def fused_slices(
     `world`.
 
     The world keeps the simulation time stopped until all user programs in Python use the simulation clock. With a copilot the
-    world does not wait, because the copilot needs simulation time to become ready. In real time the world never waits.
+    world does not wait, because the copilot needs simulation time to become ready. The same holds for MAVROS if a program waits
+    for it. In real time the world never waits.
     """
     members = ["world", *(p.name for p in processes if p.kind in _MEMBERS)]
     programs = [
@@ -110,10 +112,15 @@ def fused_slices(
     world = {
         **made["world.json"],
         "expected": []
-        if arena.copilot is not None or arena.sim.speed == 1.0
+        if arena.copilot is not None or arena.sim.speed == 1.0 or _program_waits_for_mavros(arena)
         else list(dict.fromkeys(programs)),
     }
     return {**made, "world.json": world, SLICE: {"name": "world", "members": members}}
+
+
+def _program_waits_for_mavros(arena: Arena) -> bool:
+    mavros = {name for name, tool, _ in named_tools(arena) if tool.mavros is not None}
+    return any(mavros.intersection(v.program.needs) for v in arena.vehicles if v.program is not None)
 
 
 def _with_members(arena: Arena, world: ProcessSpec, joined: Sequence[ProcessSpec]) -> ProcessSpec:

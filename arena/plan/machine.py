@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import importlib.util
+import os
 import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -13,13 +14,12 @@ from typing import Protocol
 from arena.errors import InputError, NotInstalledError
 from arena.plan.model import Plan
 from arena.schema import Arena
-from arena.schema.tools import MODULES, XRCE_COMMAND, Tool
+from arena.schema.known_tools import requirement
+from arena.schema.tools import MODULES, Tool
 from arena.transport import open_udp
 
 IN_USE = "in use"
-_HOW_TO_GET = {
-    XRCE_COMMAND: "Build it from github.com/eProsima/Micro-XRCE-DDS-Agent, or install the snap micro-xrce-dds-agent."
-}
+_AMENT_INDEX = "share/ament_index/resource_index/packages"
 _MOST_ADDRESSES = 50
 _MOST_PORTS_SHOWN = 4
 
@@ -30,6 +30,8 @@ class Probe(Protocol):
     def has_module(self, name: str) -> bool: ...
 
     def has_command(self, name: str, folder: str) -> bool: ...
+
+    def has_ros_package(self, name: str) -> bool: ...
 
     def has_device(self, path: str) -> bool: ...
 
@@ -50,6 +52,11 @@ class Machine:
 
     def has_command(self, name: str, folder: str) -> bool:
         return shutil.which(name if "/" not in name else str(Path(folder) / name)) is not None
+
+    def has_ros_package(self, name: str) -> bool:
+        """Return whether a ROS 2 package is in the ament index of a folder in AMENT_PREFIX_PATH (REP 114, ament_index)."""
+        folders = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        return any(Path(each, _AMENT_INDEX, name).exists() for each in folders if each)
 
     def has_device(self, path: str) -> bool:
         return Path(path).exists()
@@ -136,14 +143,28 @@ def _missing(arena: Arena, probe: Probe) -> Iterator[str]:
     if arena.simulated and not probe.has_module("pybullet"):
         names = ", ".join(v.name for v in arena.simulated)
         yield f"pybullet is not installed, but {names} must be simulated. Try: pip install 'flying-arena[sim]'"
+    lacking: dict[str, list[str]] = {}  # what is missing -> keys of the tools that need it
     for words, tool in _tools(arena):
-        folder = str(Path(arena.folder) / (tool.cwd or ""))
-        is_arena = tool.argv[0] in MODULES  # run by the interpreter of the arena's processes
-        if not is_arena and not probe.has_command(tool.argv[0], folder):
-            how = _HOW_TO_GET.get(tool.argv[0], "Install or rename it.")
-            yield f"{arena.file}: {words}.argv: the command {tool.argv[0]!r} was not found on this computer. {how}"
-        if tool.ros2 is not None and not probe.has_module("cyclonedds"):
-            yield f"{arena.file}: {words}: the package cyclonedds is missing: pip install 'flying-arena[ros2]'"
+        if what := _lacks(arena, tool, probe):
+            lacking.setdefault(what, []).append(words)
+    for what, tools in lacking.items():
+        more = f" and {len(tools) - 1} more" if len(tools) > 1 else ""
+        yield f"{arena.file}: {tools[0]}{more}: {what}"
+
+
+def _lacks(arena: Arena, tool: Tool, probe: Probe) -> str:
+    """Return what is missing on this computer for a tool, and how to get it; "" if nothing is missing."""
+    if tool.ros2 is not None and not probe.has_module("cyclonedds"):
+        return "the package cyclonedds is missing: pip install 'flying-arena[ros2]'"
+    if tool.argv[0] in MODULES:  # run by the interpreter of the arena's processes
+        return ""
+    needed = requirement(tool)
+    how = "Install or rename it." if needed is None else needed.how
+    if not probe.has_command(tool.argv[0], str(Path(arena.folder) / (tool.cwd or ""))):
+        return f"the command {tool.argv[0]!r} was not found on this computer. {how}"
+    if needed is not None and needed.ros_package and not probe.has_ros_package(needed.ros_package):
+        return f"the ROS 2 package {needed.ros_package} was not found on this computer. {how}"
+    return ""
 
 
 def _tools(arena: Arena) -> Iterator[tuple[str, Tool]]:

@@ -41,7 +41,7 @@ def tools(arena: Arena, python: str) -> Iterator[ProcessSpec]:
             argv=(python, "-m", *argv) if own else argv,
             nice=VIEWER_NICE if own and tool.ros2 is None else 0,
             cwd=str(Path(arena.folder) / (tool.cwd or "")),
-            env=(*PROCESS_ENV, *variables(arena, vehicle), *_domain(tool), *env),
+            env=(*PROCESS_ENV, *variables(arena, vehicle), *_domain(arena, tool), *env),
             needs=("router", *required_copilot(arena)) if tool.needs is None else tool.needs,
             restart=Restart(mode=tool.restart),
             stopped_for_s=None,
@@ -49,8 +49,14 @@ def tools(arena: Arena, python: str) -> Iterator[ProcessSpec]:
         )
 
 
-def _domain(tool: Tool) -> tuple[tuple[str, str], ...]:
-    return () if tool.microxrce is None else (("ROS_DOMAIN_ID", str(tool.microxrce.domain)),)
+def _domain(arena: Arena, tool: Tool) -> tuple[tuple[str, str], ...]:
+    """Return ROS_DOMAIN_ID of a tool of ROS 2: its own, else that of the bridge or the agent of the arena; () if the shell decides."""
+    settings = tool.microxrce or tool.mavros or tool.bag
+    if settings is None:
+        return ()
+    of_arena = (each.ros2 or each.microxrce for each in arena.tools.values())
+    found = [s.domain for s in (settings, *of_arena) if s is not None and s.domain is not None]
+    return (("ROS_DOMAIN_ID", str(found[0])),) if found else ()
 
 
 def _readiness(arena: Arena, vehicle: Vehicle | None, tool: Tool) -> dict[str, Any]:

@@ -8,7 +8,7 @@ but not available yet are in `NOT_YET`, with what to use instead. They are refus
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
@@ -17,13 +17,14 @@ from arena.schema.base import Address, NotNegative, Port, Positive, PositiveVect
 from arena.schema.copilot import Copilot
 from arena.schema.failsafe import Failsafe, Geofence
 from arena.schema.hardware_uid import HardwareUid
+from arena.schema.known_tools import KNOWN, KNOWN_OF_VEHICLE, known_tools, known_tools_of_vehicle
 from arena.schema.log_keys import LogKeys
 from arena.schema.measured import Measured
 from arena.schema.mocap import Mocap
 from arena.schema.obstacle import Obstacle
 from arena.schema.relative_sensors import BeaconSensor, Neighbours, neighbours_value
 from arena.schema.signing import Signing
-from arena.schema.tools import KNOWN, RestartMode, Tool, Words, known_tools
+from arena.schema.tools import RestartMode, Tool, Words
 
 
 def _speed(value: Any) -> float | Literal["max"]:
@@ -233,8 +234,8 @@ class VehicleDefaults(Strict):
     """Sensor for other vehicles: a list of their names, or a mapping with the keys vehicles, source, rate_hz and noise. Default: none."""
     beacon_sensor: BeaconSensor | None = None
     """Sensor for `beacons`: distances and directions. Default: none; `beacon_sensor: {}` measures all beacons."""
-    tools: dict[str, Tool] | None = None
-    """Commands that run beside this vehicle."""
+    tools: Annotated[dict[str, Tool | None] | None, BeforeValidator(known_tools_of_vehicle)] = None
+    """Commands that run beside this vehicle. `mavros: true` is MAVROS. false removes one of `defaults`."""
 
 
 class VehicleKeys(VehicleDefaults):
@@ -295,7 +296,7 @@ class ArenaFile(Strict):
     """Values of vehicle keys for all vehicles. A key under the vehicle itself replaces them."""
     tools: Annotated[dict[str, Tool], BeforeValidator(known_tools)] = Field(default_factory=dict)
     """Commands that run beside the arena. `monitor: true` is the page of `arena monitor`, `ros2: true` the bridge to ROS 2,
-    `microxrce: true` the agent for PX4's ROS 2 topics."""
+    `microxrce: true` the agent for PX4's ROS 2 topics, `bag: true` a recorder of ROS 2 topics, `qgroundcontrol: true` QGroundControl."""
     vehicles: Annotated[dict[str, VehicleKeys], Field(min_length=1)]
     """The vehicles, by name. A name `uav1..uav48` stands for 48 vehicles with the same keys."""
 
@@ -335,18 +336,11 @@ def json_schema() -> dict[str, Any]:
     from arena.schema.descriptions import add_descriptions
 
     made = ArenaFile.model_json_schema()
-    own = {name for name in KNOWN if name.capitalize() in made["$defs"]}
     add_descriptions(made, ArenaFile)
-    made["properties"]["tools"]["properties"] = {
-        name: {
-            "anyOf": [
-                {"type": "boolean"},
-                {"$ref": f"#/$defs/{name.capitalize() if name in own else 'Tool'}"},
-            ]
-        }
-        for name in KNOWN
-    }
+    made["properties"]["tools"]["properties"] = _known_tools_schema(KNOWN, made["$defs"])
     for name in ("VehicleKeys", "VehicleDefaults"):
+        vehicle_tools = made["$defs"][name]["properties"]["tools"]["anyOf"][0]
+        vehicle_tools["properties"] = _known_tools_schema(KNOWN_OF_VEHICLE, made["$defs"])
         made["$defs"][name]["properties"]["program"]["anyOf"].insert(0, {"type": "string"})
         made["$defs"][name]["properties"]["neighbours"]["anyOf"].insert(
             0, {"type": "array", "items": {"type": "string"}}
@@ -354,3 +348,14 @@ def json_schema() -> dict[str, Any]:
     shown = made["$defs"]["LogKeys"]["properties"]["foxglove"]["anyOf"]
     shown[:0] = [{"type": "boolean"}, {"type": "integer", "minimum": 1024, "maximum": 65535}]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": "arena.yaml"}
+
+
+def _known_tools_schema(names: Iterable[str], defs: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the schema of tools that arena knows by name: true, false, or a mapping of the tool's own settings or of a `Tool`."""
+
+    def references(name: str) -> Iterator[dict[str, str]]:
+        for each in (name.capitalize(), "Tool"):
+            if each in defs:
+                yield {"$ref": f"#/$defs/{each}"}
+
+    return {name: {"anyOf": [{"type": "boolean"}, *references(name)]} for name in names}

@@ -372,7 +372,8 @@ class _Merge:
         )
 
     def _tools(self) -> dict[str, Tool]:
-        tools = {**(self.common.tools or {}), **(self.own.tools or {})}
+        merged = {**(self.common.tools or {}), **(self.own.tools or {})}
+        tools = {name: tool for name, tool in merged.items() if tool is not None}
         for name, tool in tools.items():
             layer = ("vehicles", self.name) if name in (self.own.tools or {}) else ("defaults",)
             self._note(f"tools.{name}", tool, self.source.origin((*layer, "tools", name)))

@@ -1,30 +1,24 @@
-"""The pydantic models of `tools`: programs that run beside the arena, their readiness probes, and the tools that arena knows by name.
-
-A tool that arena knows is written as `monitor: true`, or as a mapping of its own keys. `known_tools` replaces it by its command.
+"""The pydantic models of `tools`: programs that run beside the arena, their readiness probes, and the settings of the tools that
+arena knows by name. `known_tools` contains their commands.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
 from arena.schema.base import Address, Port, Strict
 
-MONITOR, ROS2, MICROXRCE, ARENA = "monitor", "ros2", "microxrce", "arena"
-MONITOR_ARGV = (ARENA, "monitor", "--run", "{run}")
-"""Tool `monitor: true`: the page of `arena monitor`. The plan runs tools with the command `arena` by the arena's interpreter."""
-ROS2_MODULE, ROS2_SLICE = "arena.ros2", "ros2.json"
-ROS2_ARGV = (ROS2_MODULE, f"{{run}}/slices/{ROS2_SLICE}")
-XRCE_COMMAND = "MicroXRCEAgent"
+ARENA, ROS2_MODULE, ROS2_SLICE = "arena", "arena.ros2", "ros2.json"
 MODULES = frozenset({ARENA, ROS2_MODULE})
 """First words of `argv` that are modules of arena, which arena's Python runs."""
 
 Words = tuple[str, ...]
 RestartMode = Literal["never", "on_failure", "always"]
 DomainId = Annotated[int, Field(ge=0, le=232)]
+Topic = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/]+$")]
 
 
 def _pattern(text: str) -> str:
@@ -83,6 +77,35 @@ class Microxrce(Strict):
     """ROS_DOMAIN_ID."""
 
 
+class Mavros(Strict):
+    """MAVROS for one vehicle: `ros2 launch mavros px4.launch`, connected to the vehicle's tools port."""
+
+    namespace: str = "{ns}/mavros"
+    """ROS namespace, so that the state is the topic `/uav1/mavros/state`. It can contain placeholders."""
+    launch: str = "px4.launch"
+    """Launch file: one of the package `mavros`, or a path."""
+    domain: DomainId | None = None
+    """ROS_DOMAIN_ID. Default: that of `ros2` or `microxrce`, else that of the shell in which `arena up` runs."""
+
+
+class Bag(Strict):
+    """Recorder of ROS 2 topics, `ros2 bag record`, into the folder `bag` of the run folder."""
+
+    topics: Annotated[tuple[Topic, ...], Field(min_length=1)] | None = None
+    """Names of the topics, such as `/uav1/pose`. Default: all topics."""
+    storage: Literal["mcap", "sqlite3"] | None = None
+    """Format of the files. Default: that of the installed ROS 2."""
+    domain: DomainId | None = None
+    """ROS_DOMAIN_ID. Default: that of `ros2` or `microxrce`, else that of the shell in which `arena up` runs."""
+
+
+class Qgroundcontrol(Strict):
+    """QGroundControl on this computer. It finds the vehicles by itself at UDP port 14550."""
+
+    command: Annotated[str, Field(min_length=1)] = "QGroundControl.AppImage"
+    """The program: a command in `PATH`, or a path relative to arena.yaml."""
+
+
 class Tool(Strict):
     """A program that `arena up` starts in addition to the vehicles' programs."""
 
@@ -102,42 +125,9 @@ class Tool(Strict):
     """Settings of the tool `ros2`. They are written directly below it: `tools: {ros2: {setpoints: true}}`."""
     microxrce: Microxrce | None = None
     """Settings of the tool `microxrce`. They are written directly below it: `tools: {microxrce: {port: 8888}}`."""
-
-
-def _monitor(keys: dict[str, Any]) -> dict[str, Any]:
-    if keys:
-        raise ValueError("monitor: expected true or false")
-    return {"argv": MONITOR_ARGV, "restart": "on_failure"}
-
-
-def _ros2(keys: dict[str, Any]) -> dict[str, Any]:
-    return {"argv": ROS2_ARGV, "restart": "on_failure", "ros2": keys}
-
-
-def _microxrce(keys: dict[str, Any]) -> dict[str, Any]:
-    port = keys.get("port", Microxrce().port)
-    argv = (XRCE_COMMAND, "udp4", "-p", str(port))
-    # PX4 SITL starts its client with the world: the agent must be there before
-    return {"argv": argv, "restart": "on_failure", "needs": (), "ready": {"port": port}, "microxrce": keys}
-
-
-KNOWN: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
-    MONITOR: _monitor,
-    ROS2: _ros2,
-    MICROXRCE: _microxrce,
-}
-"""Tools that arena knows by name: name -> function that returns the keys of the tool from its settings."""
-
-
-def known_tools(value: Any) -> Any:
-    """Replace `monitor: true`, `ros2: {...}` and `microxrce: {...}` by their commands, and remove those with the value false."""
-    if not isinstance(value, dict):
-        return value
-    found = {}
-    for name, given in value.items():
-        own_keys = isinstance(given, dict) and "argv" not in given and name != MONITOR
-        if name not in KNOWN or not (isinstance(given, bool) or own_keys):
-            found[name] = given
-        elif given is not False:
-            found[name] = KNOWN[name]({} if given is True else dict(given))
-    return found
+    mavros: Mavros | None = None
+    """Settings of the tool `mavros` of a vehicle. They are written directly below it: `tools: {mavros: {domain: 5}}`."""
+    bag: Bag | None = None
+    """Settings of the tool `bag`. They are written directly below it: `tools: {bag: {topics: [/uav1/pose]}}`."""
+    qgroundcontrol: Qgroundcontrol | None = None
+    """Settings of the tool `qgroundcontrol`. They are written directly below it."""

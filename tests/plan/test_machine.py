@@ -85,7 +85,7 @@ def test_missing_software_is_named_with_the_command_to_get_it() -> None:
         check_machine(*load(), Bench(modules=False, commands=False))
     assert str(raised.value).splitlines() == [
         "pybullet is not installed, but uav1, uav2 must be simulated. Try: pip install 'flying-arena[sim]'",
-        "arena.yaml: tools.rec.argv: the command 'sleep' was not found on this computer. Install or rename it.",
+        "arena.yaml: tools.rec: the command 'sleep' was not found on this computer. Install or rename it.",
     ]
 
 
