@@ -101,5 +101,5 @@ class StreamSender:
         if not due:
             return b""
         first = self.sequence[row]
-        self.sequence[row] = (first + len(due)) % 256
+        self.sequence[row] = (first + self.packing.frame_count(i, due)) % 256
         return self.packing.pack(i, due, first, self.system_ids[i], 1)

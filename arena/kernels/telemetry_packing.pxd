@@ -11,7 +11,8 @@ cdef Py_ssize_t _HEADING_DEG, _THROTTLE, _HEIGHTS, _Q_SP, _OMEGA_SP, _THRUST, _S
 cdef Py_ssize_t _VOLTAGE, _CURRENT, _REMAINING, _INPUTS, _ARMED, _LAT0, _LON0, _ALT0, _HEADING, _HOME_D
 cdef Py_ssize_t _PRESENT, _HEALTH, _PRESENT_LOST, _HEALTH_LOST
 cdef Py_ssize_t _POSITION, _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64
-cdef double _DEG, _NAN
+cdef Py_ssize_t _ESC_COUNTER, _ESC_FIRST, _ESC_COUNT, _ESC_ONLINE, _ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT, _ESCS
+cdef double _DEG, _NAN, _FULL_SPEED_RPM
 
 cpdef (double, double) global_position(double north, double east, double heading, double lat0, double lon0, double earth_m)
 cpdef double rounded(double x) except? -1.0
@@ -19,6 +20,7 @@ cpdef double rounded(double x) except? -1.0
 cdef class PayloadWriter:
     cdef readonly long number
     cdef readonly bytes seed
+    cdef readonly bint by_escs
     cdef readonly object payload
     cdef readonly long[:, ::1] fields
     cdef readonly double[:, ::1] ranges
@@ -40,14 +42,19 @@ cdef class TelemetryPacking:
     cdef readonly dict writers
     cdef readonly Py_ssize_t rotors
     cdef readonly double earth_m
-    cdef readonly double[::1] values, baro_alt, pressure_hpa, battery_v, battery_a, battery, thrust, sp_yaw, sp_yaw_rate
+    cdef readonly double[::1] values, baro_alt, pressure_hpa, battery_v, battery_a, battery, thrust, escs, sp_yaw, sp_yaw_rate
     cdef readonly double[:, ::1] inputs, accel_b, gyro_b, mag_b, motors
     cdef readonly double[:, ::1] p_n, v_n, q_nb, omega_b, sp_p_n, v_sp_n, a_sp_n, q_sp, omega_sp
     cdef readonly double[:, :, ::1] r_nb, cov
     cdef readonly long[::1] resets, level
     cdef readonly unsigned char[::1] xy_valid
     cpdef void set_time(self, double time_ms, double time_us, double time_ns) except *
-    @cython.locals(frames=list, number=long, writer=PayloadWriter, payload=bytes)
+    @cython.locals(count=long, number=long)
+    cpdef long frame_count(self, Py_ssize_t i, list message_ids) except -1
+    cdef long _parts(self, Py_ssize_t i, PayloadWriter writer) except -1
+    @cython.locals(count=double, total=double, amperes=double, command=double, exists=bint, k=Py_ssize_t)
+    cdef void _compute_escs(self, Py_ssize_t i, Py_ssize_t first) except *
+    @cython.locals(part=Py_ssize_t, frames=list, number=long, writer=PayloadWriter, payload=bytes)
     cpdef bytes pack(self, Py_ssize_t i, list message_ids, long seq, long sysid, long compid)
     @cython.locals(k=Py_ssize_t)
     cdef void _compute(self, Py_ssize_t i) except *

@@ -34,6 +34,8 @@ SIZES = {
     **{"speed": 1, "alt": 1, "climb": 1, "heading_deg": 1, "throttle": 1, "heights": 4},
     **{"q_sp": 4, "omega_sp": 3, "thrust": 1, "setpoint": 11, "ignored": 1, "servos": 8},
     **{"voltage_mv": 1, "current_ca": 1, "remaining": 1},
+    **{"esc_counter": 1, "esc_first": 1, "esc_count": 1, "esc_online": 1},
+    **{"esc_rpm": 4, "esc_voltage": 4, "esc_current": 4},
     **dict.fromkeys(STATUS + PLACE + LOST, 1),
 }
 """Quantity -> number of its values. The constant values of messages follow after the last quantity."""
@@ -41,57 +43,34 @@ COLUMNS = {name: sum(list(SIZES.values())[:k]) for k, name in enumerate(SIZES)}
 """Quantity -> position of its first value."""
 VALUES = sum(SIZES.values())
 
-_TIME_MS, _TIME_US, _TIME_US_32, _TIME_NS = (
-    COLUMNS["time_ms"],
-    COLUMNS["time_us"],
-    COLUMNS["time_us_32"],
-    COLUMNS["time_ns"],
-)
-_RPY, _Q, _OMEGA, _P, _V = (
-    COLUMNS["rpy"],
-    COLUMNS["q_nb"],
-    COLUMNS["omega_b"],
-    COLUMNS["p_n"],
-    COLUMNS["v_n"],
-)
+_TIME_MS, _TIME_US = COLUMNS["time_ms"], COLUMNS["time_us"]
+_TIME_US_32, _TIME_NS = COLUMNS["time_us_32"], COLUMNS["time_ns"]
+_RPY, _Q = COLUMNS["rpy"], COLUMNS["q_nb"]
+_OMEGA, _P = COLUMNS["omega_b"], COLUMNS["p_n"]
+_V = COLUMNS["v_n"]
 _POSE_COVARIANCE, _VELOCITY_COVARIANCE = COLUMNS["pose_covariance"], COLUMNS["velocity_covariance"]
-_RESETS, _ACCEL, _GYRO, _MAG = (
-    COLUMNS["reset_counter"],
-    COLUMNS["accel_b"],
-    COLUMNS["gyro_b"],
-    COLUMNS["mag_b"],
-)
+_RESETS, _ACCEL = COLUMNS["reset_counter"], COLUMNS["accel_b"]
+_GYRO, _MAG = COLUMNS["gyro_b"], COLUMNS["mag_b"]
 _PRESSURE, _BARO_ALT = COLUMNS["pressure_hpa"], COLUMNS["baro_alt"]
-_LAT, _LON, _ALT_MM, _RELATIVE_MM = (
-    COLUMNS["lat"],
-    COLUMNS["lon"],
-    COLUMNS["alt_mm"],
-    COLUMNS["relative_alt_mm"],
-)
+_LAT, _LON = COLUMNS["lat"], COLUMNS["lon"]
+_ALT_MM, _RELATIVE_MM = COLUMNS["alt_mm"], COLUMNS["relative_alt_mm"]
 _VELOCITY_CM_S, _HEADING_CDEG, _SPEED = COLUMNS["velocity_cm_s"], COLUMNS["heading_cdeg"], COLUMNS["speed"]
-_ALT, _CLIMB, _HEADING_DEG, _THROTTLE = (
-    COLUMNS["alt"],
-    COLUMNS["climb"],
-    COLUMNS["heading_deg"],
-    COLUMNS["throttle"],
-)
-_HEIGHTS, _Q_SP, _OMEGA_SP, _THRUST = (
-    COLUMNS["heights"],
-    COLUMNS["q_sp"],
-    COLUMNS["omega_sp"],
-    COLUMNS["thrust"],
-)
+_ALT, _CLIMB = COLUMNS["alt"], COLUMNS["climb"]
+_HEADING_DEG, _THROTTLE = COLUMNS["heading_deg"], COLUMNS["throttle"]
+_HEIGHTS, _Q_SP = COLUMNS["heights"], COLUMNS["q_sp"]
+_OMEGA_SP, _THRUST = COLUMNS["omega_sp"], COLUMNS["thrust"]
 _SETPOINT, _IGNORED, _SERVOS = COLUMNS["setpoint"], COLUMNS["ignored"], COLUMNS["servos"]
 _VOLTAGE, _CURRENT, _REMAINING = COLUMNS["voltage_mv"], COLUMNS["current_ca"], COLUMNS["remaining"]
-_INPUTS, _ARMED, _LAT0, _LON0 = (
-    COLUMNS["mav_type"],
-    COLUMNS["armed"],
-    COLUMNS["lat0"],
-    COLUMNS["lon0"],
-)
+_INPUTS, _ARMED = COLUMNS["mav_type"], COLUMNS["armed"]
+_LAT0, _LON0 = COLUMNS["lat0"], COLUMNS["lon0"]
 _ALT0, _HEADING, _HOME_D = COLUMNS["alt0"], COLUMNS["heading"], COLUMNS["home_d"]
 _PRESENT, _PRESENT_LOST = COLUMNS["present"], COLUMNS["present_lost"]
 _HEALTH, _HEALTH_LOST = COLUMNS["health"], COLUMNS["health_lost"]
+_ESC_COUNTER, _ESC_FIRST = COLUMNS["esc_counter"], COLUMNS["esc_first"]
+_ESC_COUNT, _ESC_ONLINE = COLUMNS["esc_count"], COLUMNS["esc_online"]
+_ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT = COLUMNS["esc_rpm"], COLUMNS["esc_voltage"], COLUMNS["esc_current"]
+_ESCS = 4  # in one message
+_FULL_SPEED_RPM = 6000.0  # at motor command 1; PX4 SITL reports the same, because no rotor speed is simulated
 _POSITION = 3  # level of a setpoint, as in `cascade`
 _DEG = 180.0 / math.pi
 _NAN = float("nan")
@@ -129,11 +108,15 @@ class PayloadWriter:
     fields: for each number in the payload: its position in the values, its type as position in `KINDS`, and its offset in
         units of the type's size (F, 3). The other bytes of the payload are 0
     ranges: smallest and largest value of each type in `KINDS` (9, 2)
+    by_escs: True for a message that describes four ESCs; a vehicle with more sends several
     """
 
-    def __init__(self, number: int, size: int, seed: bytes, fields: Integers, ranges: Floats) -> None:
+    def __init__(
+        self, number: int, size: int, seed: bytes, fields: Integers, ranges: Floats, by_escs: bool
+    ) -> None:
         """Prepare the buffer. size: number of bytes of the payload"""
         self.number, self.seed, self.fields, self.ranges = number, seed, fields, ranges
+        self.by_escs = by_escs
         raw = memoryview(bytearray(_MOST_BYTES))
         self.payload, self.u8, self.i8 = raw[:size], raw, raw.cast("b")
         self.u16, self.i16, self.u32, self.i32 = raw.cast("H"), raw.cast("h"), raw.cast("I"), raw.cast("i")
@@ -183,6 +166,7 @@ class TelemetryPacking:
     battery_v, battery_a, battery: input: voltage [V], current [A] and remaining charge 0..1 (V,)
     thrust, motors: input: collective thrust (V,) and motor commands (V, R) 0..1
     rotors: R
+    escs: input: number of ESCs, one for each rotor (V,)
     values: the quantities of one vehicle, then the constants of the messages
     """
 
@@ -211,6 +195,7 @@ class TelemetryPacking:
         self.baro_alt, self.pressure_hpa = floats(vehicles), floats(vehicles)
         self.battery_v, self.battery_a, self.battery = floats(vehicles), floats(vehicles), floats(vehicles)
         self.thrust, self.motors, self.rotors = floats(vehicles), floats(vehicles, rotors), rotors
+        self.escs = floats(vehicles)
 
     def read_estimates_from(
         self,
@@ -250,6 +235,14 @@ class TelemetryPacking:
         """
         self.values[_TIME_MS], self.values[_TIME_US], self.values[_TIME_NS] = time_ms, time_us, time_ns
         self.values[_TIME_US_32] = time_us % 4294967296.0
+        self.values[_ESC_COUNTER] = rounded(time_ns * 1e-8) % 65536.0  # ten messages a second
+
+    def frame_count(self, i: int, message_ids: list[int]) -> int:
+        """Return how many frames `pack` returns for these messages of vehicle i."""
+        count = 0
+        for number in message_ids:
+            count += self._parts(i, self.writers[number])
+        return count
 
     def pack(self, i: int, message_ids: list[int], seq: int, sysid: int, compid: int) -> bytes:
         """Return the frames of these messages of vehicle i.
@@ -261,10 +254,17 @@ class TelemetryPacking:
         frames = []
         for number in message_ids:
             writer = self.writers[number]
-            payload = writer.write(self.values)
-            frames.append(mavlink_framing.pack(payload, number, writer.seed, seq, sysid, compid))
-            seq = (seq + 1) % 256
+            for part in range(self._parts(i, writer)):
+                if writer.by_escs:
+                    self._compute_escs(i, part * _ESCS)
+                payload = writer.write(self.values)
+                frames.append(mavlink_framing.pack(payload, number, writer.seed, seq, sysid, compid))
+                seq = (seq + 1) % 256
         return b"".join(frames)
+
+    def _parts(self, i: int, writer: PayloadWriter) -> int:
+        """Return the number of frames of one message of vehicle i."""
+        return int((self.escs[i] + (_ESCS - 1)) // _ESCS) if writer.by_escs else 1
 
     def _compute(self, i: int) -> None:
         """Compute all quantities of vehicle i."""
@@ -313,6 +313,20 @@ class TelemetryPacking:
             out[_SERVOS + k] = 900.0
             if k < self.rotors and out[_ARMED] != 0.0:
                 out[_SERVOS + k] = 1000.0 + 1000.0 * self.motors[i, k]
+
+    def _compute_escs(self, i: int, first: int) -> None:
+        """Compute the quantities of four ESCs from number `first` on. The battery's current is divided by the motor commands."""
+        out, count, total = self.values, self.escs[i], 0.0
+        for k in range(int(count)):
+            total += self.motors[i, k]
+        amperes = self.battery_a[i] if math.isfinite(self.battery_a[i]) else 0.0
+        out[_ESC_FIRST], out[_ESC_COUNT], out[_ESC_ONLINE] = first, count, (2.0**count - 1.0) % 256.0
+        for k in range(_ESCS):
+            exists = first + k < count
+            command = self.motors[i, first + k] if exists else 0.0
+            out[_ESC_RPM + k] = _FULL_SPEED_RPM * command
+            out[_ESC_VOLTAGE + k] = self.battery_v[i] if exists else 0.0
+            out[_ESC_CURRENT + k] = amperes * command / total if total > 0.0 else 0.0
 
     def _compute_heights(self, i: int) -> None:
         out = self.values

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_frame import Buffer, Frame
+from arena.wire.px4_messages import FIELDS
 
 
 class Field(NamedTuple):
@@ -34,8 +35,10 @@ class Field(NamedTuple):
 def layout(msgid: int) -> dict[str, Field]:
     """Return the place of each field of a message by name, in wire order. Extension fields are included.
 
-    Raises KeyError if the dialect does not contain the message.
+    Raises KeyError if neither the dialect nor `px4_messages.FIELDS` contains the message.
     """
+    if msgid in FIELDS:
+        return _layout_of(FIELDS[msgid])
     message = mavlink.mavlink_map[msgid]
     found, offset = {}, 0
     codes = re.findall(r"(\d*)([a-zA-Z])", message.unpacker.format)
@@ -49,8 +52,22 @@ def layout(msgid: int) -> dict[str, Field]:
     return found
 
 
+def _layout_of(fields: str) -> dict[str, Field]:
+    """Return the places of fields that are given as in `px4_messages.FIELDS`."""
+    found, offset = {}, 0
+    for field in fields.split(", "):
+        kind, name = field.split()
+        elements = int(kind[:-1] or 1)
+        found[name] = Field(kind[-1], offset, elements)
+        offset += elements * struct.calcsize(f"<{kind[-1]}")
+    return found
+
+
 def payload_bytes(msgid: int) -> int:
     """Return the number of bytes of the complete payload of a message."""
+    if msgid in FIELDS:
+        last = list(layout(msgid).values())[-1]
+        return last.offset + last.elements * struct.calcsize(f"<{last.code}")
     size: int = mavlink.mavlink_map[msgid].unpacker.size
     return size
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, MavlinkSender, pack_frame
@@ -29,10 +28,15 @@ AVAILABLE_MODES_MONITOR = 437
 SEQUENCE_RESET = 1
 """MAV_EVENT_CURRENT_SEQUENCE_FLAGS_RESET: the numbering of the events begins again."""
 ESCS_PER_MESSAGE = 4
-_UNKNOWN_TEMPERATURE = 32767
+FIELDS = {
+    ESC_INFO: (
+        "Q time_usec, 4I error_count, H counter, 4H failure_flags, 4h temperature, B index, B count, "
+        "B connection_type, B info"
+    ),
+    ESC_STATUS: "Q time_usec, 4i rpm, 4f voltage, 4f current, B index",
+}
+"""Types and names of the fields in wire order, for messages that are packed by a table of fields."""
 _LAYOUTS = {
-    ESC_INFO: struct.Struct("<Q4IH4H4h4B"),
-    ESC_STATUS: struct.Struct("<Q4i4f4fB"),
     PROTOCOL_VERSION: struct.Struct("<3H8s8s"),
     COMPONENT_INFORMATION: struct.Struct("<3I100s100s"),
     COMPONENT_METADATA: struct.Struct("<2I100s"),
@@ -56,20 +60,6 @@ class Px4Message(NamedTuple):
     def pack(self, sender: MavlinkSender) -> bytes:
         """Return the frame. The caller increases the sequence number of `sender`."""
         return pack_frame(self.msgid, self.payload, sender, SEEDS[self.msgid])
-
-
-class Px4Messages(NamedTuple):
-    """Several messages as one entry of a send queue. `pack` encodes all of them."""
-
-    messages: Sequence[Px4Message]
-
-    def pack(self, sender: MavlinkSender) -> bytes:
-        """Return all frames. Advances the sequence number of `sender` for all frames but the last."""
-        frames = []
-        for k, message in enumerate(self.messages):
-            sender.seq = (sender.seq + (k > 0)) % 256
-            frames.append(message.pack(sender))
-        return b"".join(frames)
 
 
 def px4_crc32(data: bytes, crc: int = 0) -> int:
@@ -98,56 +88,6 @@ def read_event_request(data: Buffer, at: Frame) -> EventRequest:
     layout = _LAYOUTS[REQUEST_EVENT]
     payload = bytes(data[at.payload : at.payload + min(at.size, layout.size)])
     return EventRequest(*layout.unpack(payload.ljust(layout.size, b"\0")))
-
-
-def esc_info(time_us: int, counter: int, escs: int) -> Px4Messages:
-    """Return ESC_INFO: all ESCs work, and their temperatures are unknown.
-
-    time_us: time since boot [us].  counter: number of earlier messages.  escs: number of ESCs
-    """
-    online = (1 << escs) - 1
-    return Px4Messages(
-        [
-            _message(
-                ESC_INFO,
-                time_us,
-                *(0,) * 4,
-                counter & 0xFFFF,
-                *(0,) * 4,
-                *(_UNKNOWN_TEMPERATURE,) * 4,
-                first,
-                escs,
-                0,
-                online & 0xFF,
-            )
-            for first in range(0, escs, ESCS_PER_MESSAGE)
-        ]
-    )
-
-
-def esc_status(time_us: int, rpm: Sequence[float], voltage: float, current: Sequence[float]) -> Px4Messages:
-    """Return ESC_STATUS for any number of ESCs, four in each message.
-
-    time_us: time since boot [us].  rpm: speed of each rotor [1/min].  voltage: supply of the ESCs [V].  current: of each ESC [A]
-    """
-    messages = []
-    for first in range(0, len(rpm), ESCS_PER_MESSAGE):
-        speeds, amperes = rpm[first : first + 4], current[first : first + 4]
-        none = (0,) * (4 - len(speeds))
-        messages.append(
-            _message(
-                ESC_STATUS,
-                time_us,
-                *(int(each) for each in speeds),
-                *none,
-                *(voltage,) * len(speeds),
-                *none,
-                *amperes,
-                *none,
-                first,
-            )
-        )
-    return Px4Messages(messages)
 
 
 def protocol_version() -> Px4Message:

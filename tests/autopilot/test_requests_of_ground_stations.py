@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
@@ -48,19 +47,19 @@ def request(flight: Flight, msgid: int) -> tuple[int, list[bytes]]:
     """Request a message; return the MAV_RESULT and the payloads of the replies with this id."""
     raw: list[bytes] = []
     link = flight.pilots.interfaces[0].links["router"]
-    packed = link.codec.pack
+    take_datagram = link.take_datagram
 
-    def keep(message: Any) -> bytes:
-        data: bytes = packed(message)
+    def keep() -> bytes:
+        data = take_datagram()
         frames = parse_frames(data).frames
         raw.extend(data[f.payload : f.payload + f.size] for f in frames if f.msgid == msgid)
         return data
 
-    link.codec.pack = keep  # type: ignore[method-assign]
+    link.take_datagram = keep  # type: ignore[method-assign]
     try:
         return flight.command(0, 512, msgid), raw
     finally:
-        del link.codec.pack  # type: ignore[method-assign]
+        del link.take_datagram  # type: ignore[method-assign]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,6 +24,8 @@ from arena.geometry import (
     yaw_from_quat,
 )
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import parse_frames
+from arena.wire.px4_messages import ESC_INFO, ESC_STATUS
 from tests.kernels.kernel_versions import interpreted_modules, needs_compiled
 
 VEHICLES, ROTORS = 3, 4
@@ -94,6 +97,7 @@ class Rig:
             origin=origin,
             home_n=home_n,
             heading=HEADING,
+            rotors=ROTORS,
         )
 
     def decoded(self, row: int, msgid: int) -> Any:
@@ -219,6 +223,46 @@ def test_status_messages_have_mode_arming_and_battery(rig):
     assert rig.decoded(0, mavlink.MAVLINK_MSG_ID_TIMESYNC).ts1 == int(s.now_s * 1e9)
 
 
+@pytest.mark.parametrize("escs", [3, 4])
+def test_esc_messages_divide_the_current_by_the_motor_commands(rig, escs):
+    s, v = rig.state, rig.vehicles[1]
+    v.rotors = escs
+    rig.packer.set_place(v)
+    info, status = (
+        payload_of(rig.packer.pack(v, [ESC_INFO], 0)),
+        payload_of(rig.packer.pack(v, [ESC_STATUS], 0)),
+    )
+    values = struct.unpack("<Q4i4f4fB", status.ljust(57, b"\0"))
+    motors, absent = s.motors[1][:escs], [0.0] * (4 - escs)
+    assert list(values[1:5]) == [int(6000 * u) for u in motors] + absent
+    assert values[5:9] == close(*[s.battery_v[1]] * escs, *absent)
+    assert values[9:13] == close(*(s.battery_a[1] * motors / motors.sum()), *absent)
+    counter = math.floor(s.now_s * 10 + 0.5) & 0xFFFF
+    expected = (s.us, 0, 0, 0, 0, counter, 0, 0, 0, 0, *[32767] * 4, 0, escs, 0, 2**escs - 1)
+    assert struct.unpack("<Q4IH4H4h4B", info.ljust(46, b"\0")) == expected
+
+
+def test_a_vehicle_with_six_rotors_sends_two_esc_messages(rig):
+    packer = TelemetryPacker(rig.est, rig.sp, rig.cascade, 6)
+    rig.state.motors = np.tile(np.arange(1.0, 7.0) / 10, (VEHICLES, 1))
+    packer.begin(rig.state)
+    v = rig.vehicles[1]
+    v.rotors = 6
+    packer.set_place(v)
+    data = packer.pack(v, [30, ESC_STATUS, 31], 254)
+    frames = parse_frames(data).frames
+    assert [f.msgid for f in frames] == [30, ESC_STATUS, ESC_STATUS, 31]
+    assert [data[f.start + 4] for f in frames] == [254, 255, 0, 1]
+    assert packer.frame_count(v, [30, ESC_STATUS, 31]) == 4
+    second = data[frames[2].payload : frames[2].payload + frames[2].size].ljust(57, b"\0")
+    assert second[56] == 4 and struct.unpack_from("<4i", second, 8) == (3000, 3600, 0, 0)
+
+
+def payload_of(data: bytes) -> bytes:
+    (frame,) = parse_frames(data).frames
+    return data[frame.payload : frame.payload + frame.size]
+
+
 def test_several_messages_have_increasing_sequence_numbers(rig):
     found = Codec(9, 9).parse(rig.packer.pack(rig.vehicles[1], [30, 31, 32, 105], 254))
     assert [(m.get_msgId(), m.get_seq()) for m in found] == [(30, 254), (31, 255), (32, 0), (105, 1)]
@@ -248,13 +292,15 @@ def test_compiled_and_interpreted_kernel_pack_the_same_bytes(rig):
 def _interpreted_copy(source: Any, packing: Any) -> Any:
     """Return a packing of the interpreted module with the same inputs."""
     writers = [
-        source.PayloadWriter(w.number, len(w.payload), w.seed, memoryview(w.fields), memoryview(w.ranges))
+        source.PayloadWriter(
+            w.number, len(w.payload), w.seed, memoryview(w.fields), memoryview(w.ranges), w.by_escs
+        )
         for w in packing.writers.values()
     ]
     constants = list(packing.values[source.VALUES :])
     found = source.TelemetryPacking(VEHICLES, ROTORS, constants, writers, packing.earth_m)
     names = ("inputs", "accel_b", "gyro_b", "mag_b", "baro_alt", "pressure_hpa", "battery_v", "battery_a")
-    for name in (*names, "battery", "thrust", "motors"):
+    for name in (*names, "battery", "thrust", "motors", "escs"):
         np.asarray(getattr(found, name))[...] = np.asarray(getattr(packing, name))
     estimates = ("p_n", "v_n", "q_nb", "r_nb", "omega_b", "cov", "resets", "xy_valid")
     found.read_estimates_from(*(memoryview(getattr(packing, name)) for name in estimates))

@@ -9,6 +9,7 @@ import pytest
 
 from arena.wire import px4_messages
 from arena.wire.mavlink_frame import SEEDS, pack_frame, parse_frames
+from arena.wire.mavlink_layout import layout, payload_bytes
 
 
 def sender():
@@ -21,20 +22,10 @@ def test_checksum_is_that_of_px4(text, crc):
     assert px4_messages.px4_crc32(text[3:], px4_messages.px4_crc32(text[:3])) == crc
 
 
-@pytest.mark.parametrize(("escs", "messages"), [(4, 1), (6, 2), (8, 2)])
-def test_esc_messages_contain_four_escs_each_and_are_numbered(escs, messages):
-    rpm = [1000.0 + k for k in range(escs)]
-    own = sender()
-    data = px4_messages.esc_status(5, rpm, 12.0, [1.0] * escs).pack(own)
-    frames = parse_frames(data).frames
-    assert [f.msgid for f in frames] == [px4_messages.ESC_STATUS] * messages
-    assert [data[f.start + 4] for f in frames] == [254, 255][:messages] and own.seq == 253 + messages
-    payload = data[frames[-1].payload : frames[-1].payload + frames[-1].size].ljust(57, b"\0")
-    values = struct.unpack("<Q4i4f4fB", payload)
-    last = rpm[4 * (messages - 1) :]
-    assert list(values[1 : 1 + len(last)]) == last and values[5] == 12.0 and values[13] == 4 * (messages - 1)
-    info = px4_messages.esc_info(5, 70000, escs).pack(sender())
-    assert len(parse_frames(info).frames) == messages
+def test_tables_of_fields_have_the_sizes_of_the_messages():
+    assert {msgid: payload_bytes(msgid) for msgid in px4_messages.FIELDS} == {290: 46, 291: 57}
+    assert layout(px4_messages.ESC_INFO)["info"] == ("B", 45, 1)
+    assert layout(px4_messages.ESC_STATUS)["current"] == ("f", 40, 4)
 
 
 def test_event_request_is_read_and_its_target_is_known():

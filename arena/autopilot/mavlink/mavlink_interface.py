@@ -311,7 +311,8 @@ class MavlinkInterface:
             elif telemetry.has_content(v, msgid):
                 packed.append(msgid)
         if packed:
-            link.send_frames(len(packed), lambda seq: telemetry.packer.pack(v, packed, seq))
+            count = telemetry.packer.frame_count(v, packed)
+            link.send_frames(count, lambda seq: telemetry.packer.pack(v, packed, seq))
         return sent or bool(packed)
 
     def _send_rare(self, link: MavlinkLink, msgid: int, state: TelemetryState) -> bool:

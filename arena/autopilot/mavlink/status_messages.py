@@ -20,7 +20,6 @@ from arena.geometry import EARTH_M
 from arena.kernels.telemetry_packing import global_position
 from arena.wire import px4_messages
 
-_FULL_SPEED_RPM = 6000.0  # at motor command 1; PX4 SITL reports the same, because no rotor speed is simulated
 _RC_TIMEOUT_S = 1.0
 _RC_CENTRE_US, _RC_END_US, _NO_CHANNEL = 1500, 500, 65535
 _RC_SHOWN = 8  # channels of the simulated radio
@@ -53,21 +52,6 @@ def has_radio(v: Vehicle) -> bool:
 def vibration(v: Vehicle, s: TelemetryState) -> Any:
     """Return VIBRATION with zeros: the simulated rotors do not vibrate, and the simulated accelerometers do not clip."""
     return mavlink.MAVLink_vibration_message(s.us, 0.0, 0.0, 0.0, 0, 0, 0)
-
-
-def esc_info(v: Vehicle, s: TelemetryState) -> Any:
-    return px4_messages.esc_info(s.us, int(s.now_s * 10), v.rotors)
-
-
-def esc_status(v: Vehicle, s: TelemetryState) -> Any:
-    """Return ESC_STATUS. The speeds are proportional to the motor commands; the battery's current is divided among the ESCs."""
-    i, n = v.row, v.rotors
-    commands = s.motors[i, :n].tolist()
-    total = sum(commands)
-    amperes = float(s.battery_a[i]) if math.isfinite(s.battery_a[i]) else 0.0
-    current = [amperes * c / total if total > 0 else 0.0 for c in commands]
-    rpm = [_FULL_SPEED_RPM * c for c in commands]
-    return px4_messages.esc_status(s.us, rpm, float(s.battery_v[i]), current)
 
 
 def has_target(v: Vehicle) -> bool:
@@ -208,8 +192,6 @@ BUILDERS = {
     mavlink.MAVLINK_MSG_ID_SCALED_IMU: scaled_imu,
     mavlink.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: orbit_execution_status,
     mavlink.MAVLINK_MSG_ID_FLIGHT_INFORMATION: flight_information,
-    px4_messages.ESC_INFO: esc_info,
-    px4_messages.ESC_STATUS: esc_status,
     px4_messages.PROTOCOL_VERSION: protocol_version,
     px4_messages.COMPONENT_METADATA: component_metadata,
     px4_messages.COMPONENT_INFORMATION: component_information,

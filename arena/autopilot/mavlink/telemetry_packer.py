@@ -33,11 +33,13 @@ from arena.kernels.telemetry_packing import (
 )
 from arena.wire.mavlink_frame import SEEDS
 from arena.wire.mavlink_layout import layout, payload_bytes
+from arena.wire.px4_messages import ESC_INFO, ESC_STATUS
 
 Array = NDArray[np.float64]
 _NAN = float("nan")
 _EXACT = 2.0**53  # integers up to this size are exact in a float
 
+_UNKNOWN_TEMPERATURE = 32767
 _BOOT = {"time_boot_ms": "time_ms"}
 _TIME = {"time_usec": "time_us"}
 _RATES = "rollspeed pitchspeed yawspeed"
@@ -119,6 +121,22 @@ FREQUENT: dict[int, dict[str, str | float]] = {
         "fields_updated": 0x1BFF,
     },
     mavlink.MAVLINK_MSG_ID_TIMESYNC: {"ts1": "time_ns"},
+    ESC_INFO: {
+        **_TIME,
+        "counter": "esc_counter",
+        "temperature": _UNKNOWN_TEMPERATURE,
+        "index": "esc_first",
+        "count": "esc_count",
+        "info": "esc_online",
+    },
+    ESC_STATUS: {
+        # The speeds are proportional to the motor commands, and the battery's current is divided among the ESCs.
+        **_TIME,
+        "rpm": "esc_rpm",
+        "voltage": "esc_voltage",
+        "current": "esc_current",
+        "index": "esc_first",
+    },
     mavlink.MAVLINK_MSG_ID_ALTITUDE: {
         **_TIME,
         "altitude_monotonic altitude_amsl altitude_local altitude_relative": "heights",
@@ -155,7 +173,7 @@ class TelemetryPacker:
         self.law = packing = TelemetryPacking(len(sp.level), rotors, *_tables(), EARTH_M)
         inputs, place = array(packing.inputs), len(STATUS) + len(PLACE)
         self._status, self._place, self._lost = np.split(inputs, [len(STATUS), place], axis=1)
-        self._xy_valid = est.xy_valid
+        self._xy_valid, self._escs = est.xy_valid, array(packing.escs)
         self._pressure_hpa, self._baro_alt = array(packing.pressure_hpa), array(packing.baro_alt)
         self._copied = [
             (array(packing.accel_b), "accel_b"),
@@ -194,6 +212,10 @@ class TelemetryPacker:
         """Return the frames of these messages of a vehicle. seq: sequence number of the first frame."""
         return self.law.pack(v.row, message_ids, seq, v.system_id, 1)
 
+    def frame_count(self, v: Vehicle, message_ids: list[int]) -> int:
+        """Return how many frames `pack` returns for these messages of a vehicle."""
+        return self.law.frame_count(v.row, message_ids)
+
     def set_status(self, v: Vehicle) -> None:
         """Copy mode, arming state and health of a vehicle to the inputs of the kernel."""
         present, lost = _present(v, xy_valid=True), _present(v, xy_valid=False)
@@ -209,7 +231,8 @@ class TelemetryPacker:
         self._lost[v.row] = lost, _health(v, lost & ~mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION)
 
     def set_place(self, v: Vehicle) -> None:
-        """Copy arming state, origin and home of a vehicle to the inputs of the kernel."""
+        """Copy arming state, origin, home and number of rotors of a vehicle to the inputs of the kernel."""
+        self._escs[v.row] = v.rotors
         lat, lon, alt, _ = v.origin or (_NAN, _NAN, _NAN, 0.0)
         home_d = v.home_n[2] if v.home_n else _NAN
         self._place[v.row] = v.commander.armed, lat, lon, alt, v.heading, home_d
@@ -225,10 +248,11 @@ def _tables() -> tuple[list[float], list[PayloadWriter]]:
             if isinstance(content, str):
                 fields += _fields_of(msgid, names.split(), COLUMNS[content], SIZES[content])
             else:
-                constants.append(content)
-                fields += _fields_of(msgid, names.split(), VALUES + len(constants) - 1, 1)
-        table = integers(np.array(fields, np.int64))
-        writers.append(PayloadWriter(msgid, payload_bytes(msgid), SEEDS[msgid], table, ranges))
+                size = layout(msgid)[names].elements
+                fields += _fields_of(msgid, [names], VALUES + len(constants), size)
+                constants += [content] * size
+        table, by_escs = integers(np.array(fields, np.int64)), msgid in (ESC_INFO, ESC_STATUS)
+        writers.append(PayloadWriter(msgid, payload_bytes(msgid), SEEDS[msgid], table, ranges, by_escs))
     return constants, writers
 
 
