@@ -14,7 +14,7 @@ Jobs = Annotated[
         "--jobs",
         metavar="N",
         min=1,
-        help="number of flights at the same time; default: number of CPU cores",
+        help="number of flights at the same time; default: number of CPU cores (`arena smoke` at the speed max: one more)",
     ),
 ]
 

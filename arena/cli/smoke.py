@@ -83,7 +83,15 @@ def register(app: typer.Typer) -> None:
         if INTERPRETED:
             print(INTERPRETED, file=sys.stderr)
         options = FlightOptions(results=results.resolve(), speed=speed, seed=seed)
-        raise SystemExit(_fly(found * repeat, options, jobs_or_cores(jobs), junit))
+        raise SystemExit(_fly(found * repeat, options, _jobs(jobs, speed), junit))
+
+
+def _jobs(jobs: int | None, speed: str) -> int:
+    """Return the number of flights at the same time: as given, or at the greatest speed one more than there are CPU cores.
+
+    A flight needs no CPU time in a part of its start and its end. At a given speed one more flight could be too much for the cores.
+    """
+    return jobs or jobs_or_cores(None) + (speed == "max")
 
 
 def _make(folder: Path) -> None:

@@ -78,9 +78,14 @@ def start_work(request: Request, output: int, channel: int, go: int) -> Callable
     os.environ.update(env)
     if program is None:
         os.execve(request.argv[0], request.argv, env)
-    show(request.argv, env)
+    show(_visible(request.argv), env)
     _reseed()
     return partial(_run, program, request.argv)
+
+
+def _visible(argv: list[str]) -> list[str]:
+    """Return the command line that other processes see: of a process of arena none, because it writes its title there."""
+    return [] if argv[1] == "-m" and "setproctitle" in sys.modules else argv
 
 
 def _set_priority(nice: int) -> None:

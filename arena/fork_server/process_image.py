@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -31,7 +32,7 @@ def show(argv: Sequence[str], env: Mapping[str, str]) -> None:
             for start, end, texts in ((arg_start, arg_end, argv), (env_start, env_end, variables)):
                 memory.seek(start)
                 memory.write(packed([os.fsencode(text) for text in texts], end - start))
-        Path("/proc/self/comm").write_bytes(os.fsencode(Path(argv[0]).name)[:_COMMAND_BYTES])
+        Path("/proc/self/comm").write_bytes(os.fsencode(Path(sys.executable).name)[:_COMMAND_BYTES])
 
 
 def packed(texts: Sequence[bytes], size: int) -> bytes:

@@ -29,6 +29,8 @@ from arena.transport import open_udp
 T = TypeVar("T")
 # wall time; machines may be slow
 START_TIMEOUT_S, STOP_TIMEOUT_S, SELF_END_TIMEOUT_S, KILL_TIMEOUT_S = 120.0, 120.0, 10.0, 20.0
+SETTLE_S, SETTLE_SPEED = 1.5, 4.0
+"""Simulation time in which the estimates of the autopilots become valid [s], and the largest speed of the simulation meanwhile."""
 _POLL_S = 0.02
 _INTERRUPTIONS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 _PR_SET_PDEATHSIG = 1
@@ -186,7 +188,8 @@ class Session:
     def _wait_for_all(self, observer: Observer) -> None:
         """Observe the run until all processes have started. Raises RunError if that takes too long or the arena ends.
 
-        The simulation runs at most in real time meanwhile, because the starting processes need the CPU.
+        The simulation runs at most in real time meanwhile, because the starting processes need the CPU. In the first
+        SETTLE_S it may be faster, because all processes wait for the estimates of the autopilots.
         """
         deadline = time.monotonic() + START_TIMEOUT_S
         while not observer.run_log.started:
@@ -199,9 +202,9 @@ class Session:
                 raise RunError(
                     f"these processes did not start within {START_TIMEOUT_S:g} s: {', '.join(waiting)}"
                 )
-            if observer.observe() is None:
+            if (seen := observer.observe()) is None:
                 raise RunError(f"{observer.ended}; {self._last_output()}")
-            time.sleep(OBSERVATION_PERIOD_S)
+            time.sleep(OBSERVATION_PERIOD_S / (SETTLE_SPEED if seen.time_s < SETTLE_S else 1.0))
 
     def _until(self, check: Callable[[], T | None], what: str) -> T:
         """Call the function `check` repeatedly until it returns a true value, and return that value.
