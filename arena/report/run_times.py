@@ -24,7 +24,10 @@ def facts(run: RunData) -> list[tuple[str, str]]:
         ("simulated time", f"{simulated:.1f} s"),
         ("time of the computer", f"{lasted:.1f} s{start}"),
     ]
-    flying = _speed_in_flight(run)
+    asked = _real_time(run).get("asked")
+    flying = (
+        _speed_in_flight(run) if asked is None else None
+    )  # with a requested speed, the verdict states that of the whole run
     if flying is not None:
         found.append(("speed from the take-off on", f"{flying:.2f} times real time"))
     elif (factor := _real_time(run).get("factor")) is not None:

@@ -221,6 +221,10 @@ class Page {
     else if (add) this.selected.has(vehicle) ? this.selected.delete(vehicle) : this.selected.add(vehicle);
     else if (this.selected.size === 1 && this.selected.has(vehicle)) this.selected.clear();
     else this.selected = new Set([vehicle]);
+    this.showSelected();
+  }
+
+  showSelected() {
     this.showSelection();
     for (const element of this.elements()) {
       if (!element.dataset.scope || !element.classList.contains("drawn")) continue;
@@ -253,7 +257,11 @@ class Page {
       if (jump) {
         event.preventDefault();
         const names = (jump.dataset.vehicle || "").split(",").filter(Boolean);
-        if (names.some((name) => !this.detailed().has(name))) names.forEach((name, k) => this.selected.has(name) || this.select(name, k > 0));
+        const ofRule = names.length && jump.closest("#scenario"); // the value of a rule belongs to these vehicles only
+        if (ofRule || names.some((name) => !this.detailed().has(name))) {
+          this.selected = new Set(names);
+          this.showSelected();
+        }
         this.jump(Number(jump.dataset.t), jump.dataset.chart);
       } else if (chip) {
         this.select(chip.dataset.vehicleChip || null, event.shiftKey || event.ctrlKey || event.metaKey);
