@@ -58,8 +58,8 @@ class Session:
     def end(self, say: Callable[[str], None] = print) -> None:
         """Land the vehicle if this session flies it, then close the connection.
 
-        A vehicle that is disarmed, or that a pilot, `land-all` or a ground station has taken, is not commanded. A vehicle that cannot
-        be landed enters its offboard failsafe, because no setpoints are sent any more.
+        A vehicle that is disarmed, or that a pilot, `land-all`, a ground station, a node of ROS 2 or an SDK flies, is not commanded.
+        A vehicle that cannot be landed enters its offboard failsafe, because no setpoints are sent any more.
         """
         try:
             if self._flies():
@@ -73,7 +73,7 @@ class Session:
 
     def _flies(self) -> bool:
         with contextlib.suppress(VehicleError):
-            return self.uav.info.is_armed and self.uav.info.flight_mode == "OFFBOARD"
+            return self.uav.info.is_armed and self.uav.control.flies()
         return False
 
     def __enter__(self) -> Self:

@@ -41,6 +41,24 @@ _LEAVES_OFFBOARD = frozenset(
         mavlink.MAV_CMD_DO_REPOSITION,
     }
 )
+_WITH_PLACE = frozenset(
+    {
+        mavlink.MAV_CMD_NAV_LOITER_UNLIM,
+        mavlink.MAV_CMD_NAV_LAND,
+        mavlink.MAV_CMD_NAV_TAKEOFF,
+        mavlink.MAV_CMD_NAV_VTOL_TAKEOFF,
+        mavlink.MAV_CMD_NAV_VTOL_LAND,
+        mavlink.MAV_CMD_NAV_ROI,
+        mavlink.MAV_CMD_DO_ORBIT,
+        mavlink.MAV_CMD_DO_FIGURE_EIGHT,
+        mavlink.MAV_CMD_DO_SET_HOME,
+        mavlink.MAV_CMD_DO_REPOSITION,
+        mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
+        mavlink.MAV_CMD_DO_SET_ROI,
+        mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
+    }
+)
+"""Commands of PX4 whose param5 and param6 are latitude and longitude [deg]."""
 COMMANDS = ("arm", "disarm", "offboard", "land", "hold")
 """Texts of the topic `command`."""
 _MODES = {"offboard": "OFFBOARD", "land": "AUTO.LAND", "hold": "AUTO.LOITER"}
@@ -153,7 +171,7 @@ class Incoming:
         return [self._local(now, mask, **values, yaw=yaw, yaw_rate=rate)]
 
     def on_px4_command(self, sample: Sample, now: float) -> list[mavlink.MAVLink_message]:
-        """Convert PX4's `VehicleCommand` to COMMAND_LONG. A command for another system is dropped."""
+        """Convert PX4's `VehicleCommand` to COMMAND_LONG or COMMAND_INT. A command for another system is dropped."""
         if not self._is_current(sample):
             return []
         m = sample.message
@@ -177,12 +195,20 @@ class Incoming:
         return self._command(SET_MODE, (1.0, *map(float, mode_numbers(_MODES[text]))), now)
 
     def _command(self, number: int, params: Sequence[float], now: float) -> list[mavlink.MAVLink_message]:
-        """Return COMMAND_LONG. A request for OFFBOARD takes the vehicle back, if the router allows it."""
+        """Return COMMAND_LONG, or COMMAND_INT for a command with a place: as 32-bit floats, latitude and longitude are rounded to 0.4 m.
+
+        A place that is not given (NaN) stays in COMMAND_LONG, because PX4 before v1.13 reads INT32_MAX as a number.
+        A request for OFFBOARD takes the vehicle back, if the router allows it.
+        """
         if number == SET_MODE and params[1] == mode_numbers("OFFBOARD")[0]:
             self.lost = ""
         elif number in _LEAVES_OFFBOARD or (number == ARM and abs(params[0]) < 0.5):
             self._left_at = now
-        return [self.encoder.command(number, tuple(params), 0)]
+        is_place = (
+            number in _WITH_PLACE and len(params) == 7 and abs(params[4]) <= 90.0 and abs(params[5]) <= 180.0
+        )
+        encode = self.encoder.command_at if is_place else self.encoder.command
+        return [encode(number, tuple(params), 0)]
 
     def _takes_setpoint(self, sample: Sample, now: float) -> bool:
         if self.lost:

@@ -8,6 +8,7 @@ that the offboard failsafe acts if the program hangs.
 
 from __future__ import annotations
 
+import math
 import socket
 import threading
 import time
@@ -47,6 +48,8 @@ class Connection:
     relative: object that stores the measurements of the emulated relative sensors; None: they are ignored.
     receiver: background thread that this connection shares with others; None for a thread of its own.
     backend: library that sends setpoints and commands.
+
+    The attribute `setpoint_at` is the time of the last setpoint that was sent [s], -inf before the first one.
     """
 
     def __init__(
@@ -63,7 +66,7 @@ class Connection:
         self.telemetry = Telemetry(system_id)
         self.poses = poses
         self._relative = relative
-        self.unsent = 0
+        self.unsent, self.setpoint_at = 0, -math.inf
         self.fault = ""
         self._clock = clock
         self._codec = Codec(system_id, COMPONENT)
@@ -102,6 +105,7 @@ class Connection:
     def send_setpoint(self, message: mavlink.MAVLink_message) -> None:
         """Send a setpoint with the backend. Raises NotConfirmedError as `send` does."""
         self._known_vehicle()
+        self.setpoint_at = self._clock.now()
         self._backend.send_setpoint(message)
 
     def command(self, number: int) -> Command:

@@ -226,6 +226,19 @@ class Encoder:
             *self._to, number, confirmation, *params, *[0.0] * (7 - len(params))
         )
 
+    def command_at(
+        self, number: int, params: tuple[float, ...], confirmation: int
+    ) -> mavlink.MAVLink_message:
+        """Return a COMMAND_INT message, whose place has a resolution of 1e-7 deg (1 cm).
+
+        number: MAV_CMD. params: 7, of which param5 and param6 are latitude and longitude [deg], and param7 the altitude [m].
+        confirmation: not contained in COMMAND_INT.
+        """
+        x, y = (round(angle * 1e7) for angle in params[4:6])
+        return mavlink.MAVLink_command_int_message(
+            *self._to, mavlink.MAV_FRAME_GLOBAL, number, 0, 0, *params[:4], x, y, params[6]
+        )
+
     def _local(
         self,
         now: float,

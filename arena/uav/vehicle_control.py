@@ -105,6 +105,13 @@ class VehicleControl:
         self.guard()
         return self._offboard and self._has_state(mode="OFFBOARD", armed=True)
 
+    def flies(self) -> bool:
+        """Return whether the vehicle follows this program's setpoints: it is armed in OFFBOARD, and this program has sent a setpoint
+        since the vehicle was last in another mode or disarmed. The setpoints of other programs do not count.
+        """
+        in_offboard = self._has_state(mode="OFFBOARD", armed=True)
+        return in_offboard and self._connection.setpoint_at > self._source.telemetry.outside_offboard_at
+
     def send(self, message: mavlink.MAVLink_message) -> None:
         """Send a setpoint. Raises OffboardLostError if the program no longer controls the vehicle."""
         self._heartbeat.beat()

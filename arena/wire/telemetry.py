@@ -8,6 +8,7 @@ the time at which it was received.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Collection
@@ -109,6 +110,7 @@ class Telemetry:
     system_id, component_id: ids of the autopilot; messages of other senders are ignored
     only: message ids to decode; None decodes all messages in `_HANDLERS`
     refused: number of frames with a wrong checksum
+    outside_offboard_at: time of the last heartbeat that was disarmed or not in OFFBOARD [s]
     """
 
     local = _Newest[Local](mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
@@ -132,6 +134,7 @@ class Telemetry:
             number: handler for number, handler in _HANDLERS.items() if only is None or number in only
         }
         self.received_at: float | None = None
+        self.outside_offboard_at = -math.inf
         self.waiting: dict[int, dict[int, tuple[bytes, Frame, float]]] = {}
         self._lock = threading.RLock()  # a background thread may receive while the program reads
         self.version: tuple[int, int, int] | None = None
@@ -198,6 +201,8 @@ class Telemetry:
     def _heartbeat(self, m: Any, now: float) -> None:
         armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.heartbeat = HeartbeatState(received_at=now, mode=mode_words(m.custom_mode), armed=armed)
+        if not armed or self.heartbeat.mode != "OFFBOARD":
+            self.outside_offboard_at = now
 
     def _sys_status(self, m: Any, now: float) -> None:
         battery = float(m.battery_remaining) if m.battery_remaining >= 0 else np.nan

@@ -58,6 +58,23 @@ def test_command_int_is_read_like_command_long():
 
 
 @pytest.mark.parametrize(
+    "params", [(0, 0, 0), (1, 6, 0), (1, 4, 6), (0, 21196, 0), (float("nan"), 1, 0), (7, 0, 0), (-1, 1, 0)]
+)
+def test_command_int_and_command_long_are_judged_alike(params):
+    """Commands with a place come as COMMAND_INT from ROS 2 and ground stations."""
+    judged = set()
+    for number in (*range(0, 700), 2500, 31000, 42600, 43003):
+        for z in (0.0, 1.0, 491.5):
+            in_int = mav.MAVLink_command_int_message(
+                1, 1, 0, number, 0, 0, *params, 0, 473_977_421, 85_455_943, z
+            )
+            found = parse(in_int)
+            assert found == parse(long(number, *params, 0, 47.4, 8.5, z)), number
+            judged.add(found)
+    assert len(judged) > 8
+
+
+@pytest.mark.parametrize(
     "message",
     [
         long(310, 0.5, 1, 0, 0, 1),

@@ -1,35 +1,53 @@
-"""`arena.connect`: which vehicles it opens."""
+"""End of a session: it lands the vehicle only if the session itself flies it."""
 
 from __future__ import annotations
 
-import importlib
 from types import SimpleNamespace
 
 import pytest
 
-from arena.errors import InputError
-
-connecting = importlib.import_module("arena.fly.connect")  # `arena.fly.connect` is the function
-
-
-@pytest.fixture
-def opened(monkeypatch):
-    """Names of the opened vehicles. The running arena has the real vehicle uav1 and the simulated vehicle uav2."""
-    names = []
-    found = lambda name, run: SimpleNamespace(name=name or "uav1", is_real=name != "uav2")  # noqa: E731
-    monkeypatch.setattr(connecting, "find_vehicle", found)
-    monkeypatch.setattr(connecting, "open_uav", lambda vehicle, lockstep: names.append(vehicle.name))
-    return names
+from arena.errors import StaleDataError
+from arena.fly.connect import Session
 
 
-@pytest.mark.parametrize("name", [None, "uav1"])
-def test_real_vehicle_is_not_opened_without_real(opened, name):
-    with pytest.raises(InputError, match="real=True"):
-        connecting.connect(name)
-    assert opened == []
+class Vehicle:
+    """Stand-in for `UAV`. flies: whether the vehicle follows its setpoints."""
+
+    def __init__(self, *, armed: bool, flies: bool) -> None:
+        self.info = SimpleNamespace(is_armed=armed, flight_mode="OFFBOARD")
+        self.control = SimpleNamespace(flies=lambda: flies)
+        self.done: list[str] = []
+
+    def auto_land(self) -> None:
+        self.done.append("land")
+
+    def close(self) -> None:
+        self.done.append("close")
 
 
-def test_real_vehicle_with_real_and_simulated_vehicle_are_opened(opened):
-    connecting.connect("uav1", real=True)
-    connecting.connect("uav2")
-    assert opened == ["uav1", "uav2"]
+def ended(uav: Vehicle) -> list[str]:
+    session = Session.__new__(Session)
+    session.vehicle, session.uav = SimpleNamespace(name="uav1"), uav
+    session.end(say=lambda text: None)
+    return uav.done
+
+
+@pytest.mark.parametrize(
+    ("armed", "flies", "done"),
+    [(True, True, ["land", "close"]), (True, False, ["close"]), (False, False, ["close"])],
+)
+def test_session_lands_only_what_it_flies(armed: bool, flies: bool, done: list[str]) -> None:
+    assert ended(Vehicle(armed=armed, flies=flies)) == done
+
+
+def test_session_without_telemetry_is_closed_without_a_command() -> None:
+    class Silent(Vehicle):
+        @property
+        def info(self) -> object:
+            raise StaleDataError("no heartbeat")
+
+        @info.setter
+        def info(self, value: object) -> None:
+            pass
+
+    assert ended(Silent(armed=True, flies=True)) == ["close"]

@@ -179,6 +179,57 @@ def test_command_for_another_vehicle_is_dropped(target):
     assert c.on_px4_command(command(400, 1.0, target=target), 0.0) == [] and sum(c.dropped.values()) == 1
 
 
+def place(number: int, lat: float, lon: float) -> Any:
+    """Return the message of a command with a place: param5 and param6."""
+    (made,) = core().on_px4_command(command(number, -1.0, 1.0, 0.0, NAN, lat, lon, 491.5), 0.0)
+    return made
+
+
+@pytest.mark.parametrize("number", [17, 21, 22, 34, 179, 192, 195])
+def test_place_of_a_command_is_rounded_to_less_than_2_cm(number):
+    lat, lon = 47.39774214, 8.54559433
+    made = place(number, lat, lon)
+    assert isinstance(made, mavlink.MAVLink_command_int_message)
+    assert (made.target_system, made.target_component, made.frame) == (2, 1, mavlink.MAV_FRAME_GLOBAL)
+    sent = decoded(made)
+    assert sent.command == number and (sent.param1, sent.param2, sent.z) == (-1.0, 1.0, 491.5)
+    assert math.isnan(sent.param4)
+    assert abs(sent.x * 1e-7 - lat) * 111_320.0 < 0.02 and abs(sent.y * 1e-7 - lon) * 111_320.0 < 0.02
+
+
+@pytest.mark.parametrize(
+    ("number", "lat", "lon"),
+    [
+        (22, NAN, NAN),
+        (192, 47.0, NAN),
+        (192, math.inf, 8.0),
+        (192, 91.0, 8.0),
+        (192, 47.0, -180.1),
+        (400, 47.0, 8.0),
+        (187, 0.5, 0.5),
+    ],
+)
+def test_command_without_a_place_stays_a_command_long(number, lat, lon):
+    made = place(number, lat, lon)
+    assert isinstance(made, mavlink.MAVLink_command_long_message)
+    assert (made.param5, made.param6) == pytest.approx((lat, lon), nan_ok=True)
+
+
+def test_landing_at_a_place_is_no_takeover():
+    c = core()
+    c.on_pose(pose(), 0.9)
+    c.on_heartbeat(heartbeat("OFFBOARD"), 0.9)
+    assert c.on_px4_command(command(21, 0.0, 0.0, 0.0, NAN, 47.0, 8.0, NAN), 1.0)
+    c.on_heartbeat(heartbeat("AUTO.LAND"), 1.5)
+    assert not c.lost
+
+
+def decoded(made: mavlink.MAVLink_message) -> Any:
+    """Return the message as a receiver decodes it, after the rounding of its fields."""
+    (found,) = mavlink.MAVLink(None).parse_buffer(made.pack(mavlink.MAVLink(None, srcSystem=1)))
+    return found
+
+
 @pytest.mark.parametrize("target", [0, 2])
 def test_command_reaches_only_its_vehicle(target):
     (made,) = core().on_px4_command(command(400, 1.0, 21196.0, target=target), 0.0)

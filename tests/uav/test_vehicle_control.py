@@ -71,6 +71,20 @@ def test_a_trajectory_is_sent_with_velocity_and_acceleration_until_it_ends(autop
     )
 
 
+def test_vehicle_is_flown_by_the_program_that_sends_its_setpoints(autopilot, uav):
+    autopilot.mode, autopilot.armed = "OFFBOARD", True  # another program has taken off
+    until(lambda: uav.info.is_armed and uav.info.flight_mode == "OFFBOARD")
+    assert not uav.control.flies()
+    uav.set_vel_yaw([0, 0, -1], 0.0, 50)
+    assert uav.control.flies()
+    autopilot.mode = "AUTO.LAND"
+    until(lambda: uav.info.flight_mode == "AUTO.LAND")
+    assert not uav.control.flies()
+    autopilot.mode = "OFFBOARD"  # another program again
+    until(lambda: uav.info.flight_mode == "OFFBOARD")
+    assert not uav.control.flies()
+
+
 def test_program_that_only_reads_sends_no_setpoint(autopilot, uav):
     until(lambda: len(autopilot.heartbeats) >= 2)
     assert autopilot.setpoints == []
