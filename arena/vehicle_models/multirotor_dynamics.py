@@ -88,7 +88,14 @@ class Rotors:
         ):
             array(to)[:] = 1.0 - np.exp(-step_s / np.maximum(_column(profiles, key, default), 1e-6))
         curves = [_curve(p) for p in profiles]
-        array(self.law.thrust_table)[:] = [table for table, _ in curves]
+        tables = array(self.law.thrust_table)
+        tables[:] = [table for table, _ in curves]
+        # Vehicles with equal motors are interpolated in one call.
+        distinct, group = np.unique(tables, axis=0, return_inverse=True)
+        self._commands = np.linspace(0.0, 1.0, GRID + 1)
+        self._thrust_tables = [
+            (np.flatnonzero(group.ravel() == k), table) for k, table in enumerate(distinct)
+        ]
         array(self.law.speed_loss)[:] = [loss for _, loss in curves]
 
     def _read_inertia(self, profiles: Sequence[Profile], step_s: float) -> None:
@@ -135,9 +142,10 @@ class Rotors:
 
     def thrust(self) -> Array:
         """Return the thrust of all rotors of each vehicle in still air far from the floor [N] (V,)."""
-        commands, tables = np.linspace(0.0, 1.0, GRID + 1), array(self.law.thrust_table)
-        each = [np.interp(spin, commands, table) for spin, table in zip(self.spin, tables, strict=True)]
-        return np.asarray(-(self.wrench[:, 3] * np.stack(each)).sum(1))
+        each = np.empty_like(self.spin)
+        for rows, table in self._thrust_tables:
+            each[rows] = np.interp(self.spin[rows], self._commands, table)
+        return np.asarray(-(self.wrench[:, 3] * each).sum(1))
 
 
 def reaction_sign(profile: Profile, columns: int) -> Array:
