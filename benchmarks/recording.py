@@ -134,8 +134,8 @@ def run(count: int, seconds: float, raw: bool, keep: Path | None) -> None:
         )
         child.close()
         recorder = psutil.Process(process.pid)
-        while not (folder / "flight.mcap").exists() or recorder.cpu_times().user < 0.2:
-            time.sleep(0.1)
+        while not json.loads(line.recv(1 << 16)).get("ready", False):
+            pass
         time.sleep(1.0)
         lateness, usage = stream(senders, to, seconds, recorder)
         process.terminate()
