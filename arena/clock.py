@@ -261,20 +261,20 @@ class ClockServer:
 
     def __init__(self, path: str | Path, *, lockstep: bool = False) -> None:
         self._stem = Path(path)
-        page, sock = Path(f"{path}.page"), Path(f"{path}.sock")
-        for stale in (page, sock):
+        page, sock, part, unready = (Path(f"{path}.{end}") for end in ("page", "sock", "page.new", "new"))
+        for stale in (page, sock, unready):
             stale.unlink(missing_ok=True)
-        part = Path(f"{path}.page.new")  # renamed when complete: a client finds the whole page or none
-        with part.open("w+b") as file:
+        with part.open("w+b") as file:  # renamed when complete: a client finds the whole page or none
             file.truncate(_PAGE_BYTES)
             self._page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES)).cast("d")
         self._page[1] = float(lockstep)
         self._next_wake = math.inf  # no client sleeps until an earlier time [s]
         part.replace(page)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._socket.bind(str(sock))
-        sock.chmod(0o600)
+        self._socket.bind(str(unready))
+        unready.chmod(0o600)
         self._socket.listen(512)
+        unready.rename(sock)  # a client never finds a socket that refuses the connection
         self._socket.setblocking(False)
         self._epoll = select.epoll()
         self._epoll.register(self._socket, select.EPOLLIN)
