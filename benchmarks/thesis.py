@@ -2,7 +2,7 @@
 
     python benchmarks/thesis.py [--data FOLDER] [--repeat N]
 
-Flies the thesis's setpoint experiment (benchmarks/thesis_flight.py) through `arena up --speed max`, with two
+Flies the thesis's setpoint experiment (examples/thesis/setpoints/steps.py) through `arena up --speed max`, with two
 vehicles of profile intel_aero and the built-in autopilot. Their start positions and parameters are those of
 the two real vehicles, taken from the flight logs (ULog, PX4 v1.9). Then prints the distances between tracks.
 The pairs of flights that the data's own README compares are printed first, to check the method.
@@ -41,6 +41,8 @@ from arena.constants import GRAVITY_M_S2
 
 HERE = Path(__file__).parent
 DATA = HERE.parents[1] / "shared" / "data" / "thesis"
+PROGRAM = HERE.parent / "examples" / "thesis" / "setpoints" / "steps.py"
+STANDS_S = 0.9  # armed, before the first step: as in the logs of both real flights
 NED = ("north", "east", "down")
 PAIRS = (  # and what the data's README says of each
     ("gazebo_uav1", "real_uav2", (0.075, 0.187, 0.100)),
@@ -241,7 +243,8 @@ def arena_of(data: Path, given: argparse.Namespace) -> dict[str, Any]:
         vehicles[name] = {
             "profile": "intel_aero",
             "autopilot": given.autopilot,
-            "program": str(HERE / "thesis_flight.py"),
+            "program": str(PROGRAM),
+            "args": [str(STANDS_S)],
             "start": {
                 "position": [round(float(row["ekf.pos.north"]), 3), round(float(row["ekf.pos.east"]), 3), 0],
                 "rpy_deg": [0, 0, round(math.degrees(float(row["ekf.att_euler.yaw"])), 2)],

@@ -27,7 +27,7 @@ LETTERS = {
     "L": [((0, 1), (0, 0), 9), ((0, 0), (1, 0), 7)],
     "Y": [((0, 1), (0.5, 0.5), 6), ((1, 1), (0.5, 0.5), 6), ((0.5, 0.5), (0.5, 0), 5)],
 }
-TEAMS = {"F": (18, -10.4), "L": (15, -3.0), "Y": (15, 4.4)}  # number of vehicles; left edge, east [m]
+TEAMS = {"F": (18, -11.6), "L": (15, -3.0), "Y": (15, 5.6)}  # number of vehicles; left edge, east [m]
 
 
 def letter(name, east):

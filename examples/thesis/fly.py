@@ -35,6 +35,11 @@ class Variant:
     def __str__(self) -> str:
         return f"{self.autopilot}, {self.backend}"
 
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """Values of `--set`, as KEY=VALUE."""
+        return f"defaults.autopilot={self.autopilot}", f"defaults.backend={self.backend}"
+
 
 def chosen(names: Iterable[str]) -> Iterator[tuple[Path, str]]:
     """Yield the folder of each chosen experiment and the name of the chosen flight, "" for all flights."""
@@ -50,9 +55,7 @@ def chosen(names: Iterable[str]) -> Iterator[tuple[Path, str]]:
 
 def fly(flight: Expected, variant: Variant, runs: Path) -> Path | None:
     """Fly once and return the run folder, None if the flight failed. The output of `arena up` is printed only then."""
-    overrides = [*flight.overrides, f"defaults.autopilot={variant.autopilot}"]
-    if variant.backend != "mavlink":
-        overrides.append(f"backend={variant.backend}")
+    overrides = [*flight.overrides, *variant.overrides]
     command = [sys.executable, "-m", "arena.cli", "up", str(flight.arena), "--headless", "--until-done"]
     command += ["--speed", "max", "--time-limit", str(TIME_LIMIT_S), "--no-report", "--runs", str(runs)]
     command += [word for override in overrides for word in ("--set", override)]

@@ -23,8 +23,9 @@ from arena.schema import load_profile
 ROOT = Path(__file__).parents[2]
 
 
-def load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
+def load(file: Path) -> ModuleType:
+    name = file.stem
+    spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up
@@ -32,7 +33,7 @@ def load(name: str) -> ModuleType:
     return module
 
 
-THESIS = load("thesis")
+THESIS = load(ROOT / "benchmarks" / "thesis.py")
 FLOWN = 3  # steps: the benchmark flies all six, through `arena up`
 needs_data = pytest.mark.skipif(
     not THESIS.DATA.is_dir(), reason="the thesis's flight data are not beside the repository"
@@ -122,7 +123,7 @@ def test_simulated_flight_is_nearer_to_the_real_one_than_gazebos(monkeypatch):
 
 def flown(ulog: bytes, monkeypatch: pytest.MonkeyPatch) -> Any:
     """The thesis's program in one process: the track of the estimate."""
-    steps = load("thesis_flight")
+    steps = load(THESIS.PROGRAM)
     profile = load_profile("intel_aero")
     params = THESIS.of_today(THESIS.ulog_params(ulog), profile.hover_command)
     monkeypatch.setattr("flight.PROFILE", profile.slice())
@@ -131,14 +132,14 @@ def flown(ulog: bytes, monkeypatch: pytest.MonkeyPatch) -> Any:
     goal, yaw = estimate(flight)
     flight.run(0.5, lambda f: f.setpoint(0, goal, yaw))
     assert flight.offboard(0) == 0 and flight.arm(0) == 0
-    flight.run(steps.STANDS_S, lambda f: f.setpoint(0, goal, yaw))
+    flight.run(THESIS.STANDS_S, lambda f: f.setpoint(0, goal, yaw))
     rows, start = [], []
     for step, turn in steps.STEPS[:FLOWN]:
         goal, yaw = estimate(flight)
         goal, yaw = goal + step, yaw + math.radians(turn)
         start.append(len(rows))
         flight.run(
-            steps.STEP_S,
+            steps.HOLD_S,
             lambda f, g=goal, y=yaw: (f.setpoint(0, g, y), rows.append((f.now, *estimate(f)[0], *g))),
         )
     found = np.array(rows)

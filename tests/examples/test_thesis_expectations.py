@@ -19,7 +19,11 @@ COLUMNS = (
 
 @pytest.fixture(scope="module")
 def thesis() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("thesis_expectations", FOLDER / "expectations.py")
+    return load("expectations")
+
+
+def load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"thesis_{name}", FOLDER / f"{name}.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
@@ -94,6 +98,20 @@ def test_every_expectation_names_vehicles_of_its_arena(thesis: ModuleType, folde
         arena = load_arena(flight.arena, flight.overrides)
         names = {name for v in arena.vehicles for name in (v.name, v.program and v.program.group)}
         assert {row.vehicle for row in flight.rows} <= names
+
+
+@pytest.mark.parametrize("backend", ["mavlink", "mavsdk"])
+def test_variant_sets_the_library_of_all_vehicles(
+    monkeypatch: pytest.MonkeyPatch, thesis: ModuleType, backend: str
+) -> None:
+    from arena.schema import load_arena
+
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    variant = load("fly").Variant(autopilot="builtin", backend=backend)
+    for folder in sorted(path.parent for path in FOLDER.glob("*/expect.yaml")):
+        for flight in thesis.read_expected(folder)[2]:
+            arena = load_arena(flight.arena, (*flight.overrides, *variant.overrides))
+            assert {(v.autopilot, v.backend) for v in arena.vehicles} == {("builtin", backend)}
 
 
 THESIS = Path(__file__).parents[3] / "shared" / "data" / "thesis"
