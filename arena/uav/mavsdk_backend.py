@@ -15,7 +15,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.errors import NotConfirmedError, NotInstalledError
+from arena.errors import InputError, NotConfirmedError, NotInstalledError
 from arena.uav.backend import COMPONENT, Command, Wire
 from arena.wire.mavlink_frame import parse_frames
 from arena.wire.mavlink_layout import decoder
@@ -37,6 +37,33 @@ except (ImportError, AttributeError) as error:
 _COMMANDS = mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT
 _SEND_TIMEOUT_S = 5.0  # wall time; usually 0.0001 s
 _RESULT_TIMEOUT_S = 1.0  # wall time from the received acknowledgement to MAVSDK's result
+
+
+class _Channels:
+    """MAVLink channels of this process. MAVSDK has 32, and each connection needs one.
+
+    Without a free channel MAVSDK uses channel 0 for several connections. Their threads then write to the same buffer without a
+    lock: a program with 48 vehicles was aborted by the C library (MAVSDK 4.1).
+    """
+
+    LIMIT = 32
+
+    def __init__(self) -> None:
+        self._free = threading.BoundedSemaphore(self.LIMIT)
+
+    def take(self) -> None:
+        """Reserve a channel. Raises InputError if none is free."""
+        if not self._free.acquire(blocking=False):
+            raise InputError(
+                f"backend mavsdk: at most {self.LIMIT} vehicles in one process (MAVSDK has {self.LIMIT} MAVLink channels). "
+                "Use `backend: mavlink`, or divide the group"
+            )
+
+    def release(self) -> None:
+        self._free.release()
+
+
+_CHANNELS = _Channels()
 
 
 class MavsdkCommand:
@@ -150,11 +177,13 @@ class MavsdkBackend:
 
     def __init__(self, wire: Wire) -> None:
         self._wire, self._gate = wire, _Gate(wire)
+        _CHANNELS.take()
         mavsdk.log_subscribe(_log)
         self._mavsdk = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(wire.system_id, COMPONENT, False))
         self._mavsdk.add_any_connection("raw://")
         self._mavsdk.subscribe_raw_bytes_to_be_sent(self._gate.on_bytes)
         self._plugins: tuple[Offboard, MavlinkDirect] | None = None
+        self._is_closed = False
 
     @property
     def dropped(self) -> int:
@@ -175,7 +204,10 @@ class MavsdkBackend:
         return MavsdkCommand(self._wire, self._gate, self._open_plugins()[1], number)
 
     def close(self) -> None:
-        self._mavsdk.destroy()
+        if not self._is_closed:
+            self._is_closed = True
+            self._mavsdk.destroy()
+            _CHANNELS.release()
 
     def _open_plugins(self) -> tuple[Offboard, MavlinkDirect]:
         if self._plugins is None:

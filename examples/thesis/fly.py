@@ -3,6 +3,7 @@
     python examples/thesis/fly.py [EXPERIMENT ...] [--backend NAME ...] [--autopilot NAME ...] [--runs FOLDER]
 
 EXPERIMENT: folder beside this file, or FOLDER/FLIGHT for one of its flights; default: all.
+A flight that its backend refuses is shown with the reason, and does not count as failed.
 By default each flight is flown on every backend with the built-in autopilot, and on PX4 where PX4_HOME names a build of it.
 All flights are faster than real time. The exit code is 1 if a figure is outside its limits or a flight failed.
 """
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -53,18 +55,33 @@ def chosen(names: Iterable[str]) -> Iterator[tuple[Path, str]]:
         yield HERE / folder, flight
 
 
+class RefusedError(Exception):
+    """Flight that its backend refused, with the reason."""
+
+
 def fly(flight: Expected, variant: Variant, runs: Path) -> Path | None:
-    """Fly once and return the run folder, None if the flight failed. The output of `arena up` is printed only then."""
+    """Fly once and return the run folder, None if the flight failed. The output of `arena up` is printed only then.
+
+    Raises RefusedError if the backend refused the flight.
+    """
     overrides = [*flight.overrides, *variant.overrides]
     command = [sys.executable, "-m", "arena.cli", "up", str(flight.arena), "--headless", "--until-done"]
     command += ["--speed", "max", "--time-limit", str(TIME_LIMIT_S), "--no-report", "--runs", str(runs)]
     command += [word for override in overrides for word in ("--set", override)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=WALL_LIMIT_S, check=False)
     if done.returncode != 0:
+        if (reason := refusal(done.stdout + done.stderr, variant)) is not None:
+            raise RefusedError(reason)
         print(done.stdout + done.stderr)
         return None
     (run,) = runs.iterdir()
     return run
+
+
+def refusal(output: str, variant: Variant) -> str | None:
+    """Return the reason for which a backend refused a flight, from the output of `arena up`; None without one."""
+    found = re.search(rf"InputError: (backend {variant.backend}: .*?)\)?$", output, re.MULTILINE)
+    return None if found is None else found[1]
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -96,9 +113,15 @@ def _experiment(folder: Path, only: str, variants: list[Variant], runs: Path) ->
     for flight in flights:
         for variant in variants if only in ("", flight.name) else []:
             name = f"{folder.name}/{flight.name}, {variant}"
-            run = fly(
-                flight, variant, runs / f"{folder.name}-{flight.name}-{variant.autopilot}-{variant.backend}"
-            )
+            try:
+                run = fly(
+                    flight,
+                    variant,
+                    runs / f"{folder.name}-{flight.name}-{variant.autopilot}-{variant.backend}",
+                )
+            except RefusedError as reason:
+                print(f"{name}\nrefused: {reason}\n", flush=True)
+                continue
             found = [] if run is None else measure(flight, run)
             print(f"{name}\n{table(found) if found else 'the flight failed'}\n", flush=True)
             if not found or not all(one.passed for one in found):

@@ -100,6 +100,17 @@ def test_every_expectation_names_vehicles_of_its_arena(thesis: ModuleType, folde
         assert {row.vehicle for row in flight.rows} <= names
 
 
+def test_refusal_of_a_backend_is_found_in_the_output(
+    monkeypatch: pytest.MonkeyPatch, thesis: ModuleType
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    fly = load("fly")
+    variant = fly.Variant(autopilot="builtin", backend="mavsdk")
+    output = "started\ngroup.show: ended (arena.errors.InputError: backend mavsdk: at most 32 (MAVSDK) here)\nend\n"
+    assert fly.refusal(output, variant) == "backend mavsdk: at most 32 (MAVSDK) here"
+    assert fly.refusal("NotConfirmedError: backend mavsdk: no heartbeat\n", variant) is None
+
+
 @pytest.mark.parametrize("backend", ["mavlink", "mavsdk"])
 def test_variant_sets_the_library_of_all_vehicles(
     monkeypatch: pytest.MonkeyPatch, thesis: ModuleType, backend: str

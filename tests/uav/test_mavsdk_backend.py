@@ -10,7 +10,7 @@ from fake_autopilot import FakeAutopilot
 from pymavlink.dialects.v20 import common as mavlink
 from served import UdpPort, let_pass, until
 
-from arena.errors import NotConfirmedError, NotInstalledError
+from arena.errors import InputError, NotConfirmedError, NotInstalledError
 from arena.uav.backend import Wire
 from arena.uav.setpoints import Encoder, attitude
 from arena.wire.mavlink_codec import Codec
@@ -83,6 +83,19 @@ def test_setpoint_equals_that_of_pymavlink(sent, asked):
         assert getattr(found, name) == pytest.approx(getattr(asked, name), abs=2e-6), name
     if hasattr(asked, "q") and not asked.type_mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE:
         assert abs(np.dot(found.q, asked.q)) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_backends_without_a_channel_of_their_own_are_refused():
+    made = []
+    try:
+        with pytest.raises(InputError, match="at most 32 vehicles in one process"):
+            made.extend(Sent(heartbeat=False) for _ in range(33))
+        assert len(made) == 32
+        made.pop().backend.close()
+        made.append(Sent(heartbeat=False))
+    finally:
+        for one in made:
+            one.backend.close()
 
 
 def test_repetitions_of_mavsdk_are_dropped(sent):
