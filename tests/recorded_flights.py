@@ -98,6 +98,7 @@ def make_run(folder: Path, *, vehicles: int = 1) -> Path:
     }
     process |= {"cpu_mean": 0.05, "rss_peak_mb": 40.0, "over_budget": []}
     world = {"lateness_p99_ms": 0.4, "lateness_worst_ms": 3.0, "rtf": 1.0, "rtf_min": 0.998, "rtf_max": 1.001}
+    world["rtf_min_sim_s"] = 7.25
     world["vehicles"] = {n: {"crashed": ""} for n in names}
     processes = {"world": {**process, "stats": world}}
     recorded = {

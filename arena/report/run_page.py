@@ -70,6 +70,7 @@ def run_page(run: RunData) -> str:
         "links": [system_rows.link_row(one, run) for one in vehicles],
         "processes": system_rows.process_rows(run),
         "world": run_times.world_words(run),
+        "slowest": run_times.slowest_second(run),
         "steps": steps,
         "scenario": scenario_rows(run),
         "line_kinds": _line_kinds(found),

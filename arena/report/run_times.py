@@ -63,6 +63,18 @@ def world_words(run: RunData) -> str:
     )
 
 
+def slowest_second(run: RunData) -> tuple[float, float] | None:
+    """Return the time on the report's axis [s] and the real-time factor [-] of the slowest second of the simulation.
+
+    None if the record does not contain the time, or if the axis shows the time of the computer.
+    """
+    stats = run.stats("world")
+    at_s, factor = stats.get("rtf_min_sim_s"), stats.get("rtf_min")
+    if run.clock != "simulation" or not isinstance(at_s, int | float) or not isinstance(factor, int | float):
+        return None
+    return float(at_s) - run.origin_s, float(factor)
+
+
 def _real_time(run: RunData) -> dict[str, Any]:
     return dict(run.outcome.get("real_time") or {})
 

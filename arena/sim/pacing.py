@@ -59,6 +59,7 @@ class Pacer:
     now: wall time [s]
     rtf: real-time factor in the last full second of wall time [-], NaN before the first
     rtf_min, rtf_max: smallest and largest `rtf` so far [-]
+    rtf_min_sim_s: simulated time in the middle of the second with `rtf_min` [s], NaN before the first full second
     skipped, skipped_s: number and sum of the skipped delays [s]
     """
 
@@ -68,7 +69,8 @@ class Pacer:
         self.lateness = Lateness()
         self.skipped, self.skipped_s = 0, 0.0
         self.rtf, self.rtf_min, self.rtf_max = math.nan, math.inf, -math.inf
-        self._window_from, self._window_steps = now, 0
+        self.rtf_min_sim_s = math.nan
+        self._window_from, self._window_steps, self._steps = now, 0, 0
 
     def wait_s(self, now: float) -> float:
         """Return the wall time left before the next step may begin [s]."""
@@ -81,6 +83,7 @@ class Pacer:
         if self._wall_s > 0.0:
             self._record(now)
         self._window_steps += 1
+        self._steps += 1
         if now - self._window_from >= _WINDOW_S:
             self._close_window(now)
 
@@ -94,11 +97,16 @@ class Pacer:
 
     def _close_window(self, now: float) -> None:
         self.rtf = self._window_steps * self._sim_s / (now - self._window_from)
-        self.rtf_min, self.rtf_max = min(self.rtf_min, self.rtf), max(self.rtf_max, self.rtf)
+        if self.rtf < self.rtf_min:
+            self.rtf_min, self.rtf_min_sim_s = (
+                self.rtf,
+                (self._steps - 0.5 * self._window_steps) * self._sim_s,
+            )
+        self.rtf_max = max(self.rtf_max, self.rtf)
         self._window_from, self._window_steps = now, 0
 
     def stats(self) -> dict[str, float | int | None]:
-        """Return delays [ms] and real-time factors [-] for the statistics of the process.
+        """Return delays [ms], real-time factors [-] and the simulated time of the slowest second [s] for the statistics of the process.
 
         The factors are None before the first full second.
         """
@@ -109,6 +117,7 @@ class Pacer:
             "lateness_worst_ms": round(1e3 * late.worst_s, 2),
             "rtf": round(self.rtf, 4) if known else None,
             "rtf_min": round(self.rtf_min, 4) if known else None,
+            "rtf_min_sim_s": round(self.rtf_min_sim_s, 3) if known else None,
             "rtf_max": round(self.rtf_max, 4) if known else None,
             "skipped": self.skipped,
             "skipped_ms": round(1e3 * self.skipped_s, 1),

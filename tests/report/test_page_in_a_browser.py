@@ -110,3 +110,29 @@ def test_zoom_in_one_figure_zooms_the_others(page):
         "document.querySelector('[data-figure=timeline]')._fullLayout.xaxis.range[0] === 7 && !window.report.linking"
     )
     assert {tuple(layout["range"]) for layout in layouts(page).values()} == {(7, 9)}
+
+
+def test_every_number_of_a_moment_shows_its_moment(page):
+    """Click each button with a time. One click draws all figures, which is slow, so only the first one draws here."""
+    page.evaluate("window.report.moment = null")
+    slowest = page.get_by_role("button", name="0.998 at 7.2 s")
+    slowest.evaluate("element => element.click()")
+    page.wait_for_function(
+        "document.querySelector('[data-figure=timeline]').layout.shapes.at(-1)?.x0 === 7.25"
+    )
+    found = page.evaluate(
+        """() => {
+            const wrong = [], buttons = [...document.querySelectorAll("button.jump")];
+            window.report.updateTime = async () => {};
+            for (const button of buttons) {
+                const {t, chart} = button.dataset;
+                window.report.moment = null;
+                button.click();
+                const figure = !chart || document.querySelector(`[data-figure="${chart}"]`);
+                if (!figure || window.report.moment !== Number(t)) wrong.push([button.innerText, t, chart]);
+            }
+            delete window.report.updateTime;
+            return {wrong, clicked: buttons.length};
+        }"""
+    )
+    assert found["wrong"] == [] and found["clicked"] > 50, found

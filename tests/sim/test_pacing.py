@@ -61,12 +61,14 @@ def test_a_stall_shows_in_the_minimum_real_time_factor():
         now += max(0.0, pacer.wait_s(now)) + (0.3 if k == 400 else 0.0)
         pacer.begin(now)
     assert pacer.rtf_min == pytest.approx(0.7, abs=0.03)
+    assert pacer.rtf_min_sim_s == pytest.approx(400 * P, abs=1.0)
+    assert pacer.stats()["rtf_min_sim_s"] == pytest.approx(pacer.rtf_min_sim_s, abs=1e-3)
     assert pacer.rtf == pytest.approx(1.0, abs=0.01)
 
 
 def test_stats_are_json_before_the_first_second():
     stats = Pacer(period_s=P, speed=1.0, now=0.0).stats()
-    assert stats["rtf"] is None and stats["lateness_p99_ms"] == 0.0
+    assert stats["rtf"] is None and stats["rtf_min_sim_s"] is None and stats["lateness_p99_ms"] == 0.0
 
 
 def test_percentiles_agree_with_numpy_within_a_bin():
