@@ -2,7 +2,9 @@
 
 Invented vehicles fly circles. The page is served by a process of its own, as `arena monitor` does; a Chromium without a screen shows it.
 Chromium's own trace reports for each thread how much CPU time a picture needs: the main thread runs JavaScript, the GPU process draws in
-software (SwiftShader), which a GPU would do. With `--no-draw` all WebGL draw calls are left out: the rest is what a GPU cannot take over.
+software (SwiftShader), which a GPU would do. With `--software-compositing` only the 3D picture is drawn by SwiftShader, and the page
+around it by the browser's own software compositor.
+With `--no-draw` all WebGL draw calls are left out: the rest is what a GPU cannot take over.
 """
 
 from __future__ import annotations
@@ -125,7 +127,15 @@ def threads_of(tree: int) -> dict[str, float]:
 
 
 def measure(
-    vehicles: int, width: int, height: int, seconds: float, *, no_draw: bool, shot: str, profile: str
+    vehicles: int,
+    width: int,
+    height: int,
+    seconds: float,
+    *,
+    no_draw: bool,
+    software_compositing: bool,
+    shot: str,
+    profile: str,
 ) -> None:
     from playwright.sync_api import sync_playwright
 
@@ -134,6 +144,7 @@ def measure(
     process.start()
     url = ours.recv()
     flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    flags += ["--disable-gpu-compositing"] if software_compositing else []
     with sync_playwright() as playwright:
         path = shutil.which("chromium")
         browser = playwright.chromium.launch(executable_path=path, args=flags)
@@ -206,6 +217,11 @@ def main() -> None:
     parser.add_argument("--size", default="640x360", help="of the page [px]")
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--no-draw", action="store_true", help="leave out the WebGL draw calls")
+    parser.add_argument(
+        "--software-compositing",
+        action="store_true",
+        help="draw the page around the 3D picture without WebGL",
+    )
     parser.add_argument("--screenshot", default="", help="PNG file")
     parser.add_argument("--profile", default="", help="file for a CPU profile of the main thread")
     given = parser.parse_args()
@@ -216,6 +232,7 @@ def main() -> None:
         height,
         given.seconds,
         no_draw=given.no_draw,
+        software_compositing=given.software_compositing,
         shot=given.screenshot,
         profile=given.profile,
     )

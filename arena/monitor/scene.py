@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MANY = 30
-"""With more vehicles, trails are dots, hulls and blades have fewer faces, and shadows and rotor discs are left out."""
+"""With more vehicles, trails are dots, hulls and blades have fewer faces, and shadows, rotor discs and environment map are left out."""
 _TRAIL_PERIOD_S, _PIECE_STEPS, _PIECES = (0.1, 0.3), (20, 5), (12, 4)  # with few vehicles, with many
 _SETPOINT_M, _DOT_M = 0.055, 0.05
 _LABEL_ABOVE_M = 0.12
@@ -36,7 +36,10 @@ class Scene:
 
     def __init__(self, server: viser.ViserServer, settings: Settings) -> None:
         self._server, self._scene, self._vehicles = server, server.scene, settings.vehicles
-        server.scene.configure_environment_map("warehouse", environment_intensity=0.25)
+        # each pixel of a vehicle would read the environment map, which a software renderer does slowly
+        server.scene.configure_environment_map(
+            None if len(settings.vehicles) > MANY else "warehouse", environment_intensity=0.25
+        )
         server.scene.configure_default_lights(cast_shadow=len(settings.vehicles) <= MANY)
         draw_room(server, settings)
         self._groups = [
@@ -70,17 +73,7 @@ class Scene:
             thickness=1.5,
             thickness_units="screen",
         )
-        self._labels = [
-            self._scene.add_label(
-                f"/labels/{v.name}",
-                v.name,
-                anchor="bottom-center",
-                font_screen_scale=0.8,
-                depth_test=False,
-                visible=False,
-            )
-            for v in settings.vehicles
-        ]
+        self._labels: list[Any] = [None] * n  # None: no label, because browsers draw invisible labels, too
         self._label_texts = [""] * n
         self._drawn_paths: tuple[Sequence[Array], tuple[bool, ...]] = ((), ())
 
@@ -115,15 +108,30 @@ class Scene:
         )
 
     def _update_labels(self, p_w: Array, labels: Sequence[str]) -> None:
-        for i, (label, text) in enumerate(zip(self._labels, labels, strict=True)):
-            if text != self._label_texts[i]:
+        for i, (text, old) in enumerate(zip(labels, self._label_texts, strict=True)):
+            if text != old:
                 self._label_texts[i] = text
-                label.visible = bool(text)
-                if text:
-                    label.text = text
+                self._set_label(i, text)
             if text:
                 above = self._vehicles[i].height_m + _LABEL_ABOVE_M
-                label.position = (p_w[i, 0], p_w[i, 1], p_w[i, 2] + above)
+                self._labels[i].position = (p_w[i, 0], p_w[i, 1], p_w[i, 2] + above)
+
+    def _set_label(self, i: int, text: str) -> None:
+        """Change the text of a vehicle's label; add the label if it is missing, and remove it if the text is empty."""
+        label = self._labels[i]
+        if text and label is not None:
+            label.text = text
+        elif text:
+            self._labels[i] = self._scene.add_label(
+                f"/labels/{self._vehicles[i].name}",
+                text,
+                anchor="bottom-center",
+                font_screen_scale=0.8,
+                depth_test=False,
+            )
+        elif label is not None:
+            label.remove()
+            self._labels[i] = None
 
     def _update_trails(self, p_n: Array, time_s: float) -> None:
         if time_s < self._next_trail and time_s > self._next_trail - 2.0 * self._trail_period_s:
