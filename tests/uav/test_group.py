@@ -10,7 +10,7 @@ from arena.clock import LockstepClock
 from arena.errors import InputError, OffboardLostError, RunError, VehicleError
 from arena.uav import UAV
 from arena.uav.fleet import Fleet
-from arena.uav.group.programs import Group
+from arena.uav.group.programs import Group, end_report
 from arena.uav.group_clock import GroupClock, GroupThreads, MemberClock
 
 from .test_arguments import slice_file
@@ -172,3 +172,14 @@ def test_lost_vehicle_gets_no_more_setpoints_and_the_others_fly_on(capsys):
     assert [len(uav.sent) for uav in uavs] == [4, 1, 4]
     assert uavs[2].sent[1] == ((1.0, 2.0, -1.0), 0.5)
     assert "uav2: lost" in capsys.readouterr().err
+
+
+def test_program_that_flies_all_vehicles_reports_its_reason_once():
+    """The process `group.NAME` reports its end and the last line of its log."""
+    stats = {"exit_code": 1, "exit": "exit 1 (ValueError: no such place)"}
+    each = end_report("uav1", 1, "ValueError: no such place", once=False)
+    assert each == {"of": "program.uav1", "event": f"EXITED: {stats['exit']}", "stats": stats}
+    assert end_report("uav1", 1, "ValueError: no such place", once=True) == {
+        "of": "program.uav1",
+        "stats": stats,
+    }

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from arena.process_context import ProcessContext, run_process
-from arena.uav.group.programs import Group
+from arena.uav.group.programs import Group, end_report
 
 
 def _make(context: ProcessContext) -> Callable[[], int]:
@@ -18,9 +18,7 @@ def _make(context: ProcessContext) -> Callable[[], int]:
     sys.path[0], sys.argv = str(Path(program).parent), [program]
 
     def report(vehicle: str, code: int, why: str) -> None:
-        said = f"exit {code}" + (f" ({why})" if why else "")
-        of = f"program.{vehicle}"
-        context.send({"of": of, "event": f"EXITED: {said}", "stats": {"exit_code": code, "exit": said}})
+        context.send(end_report(vehicle, code, why, once=bool(context.settings["once"])))
 
     for member in context.settings["members"]:  # a restarted process clears what the last one reported
         context.send({"of": f"program.{member['vehicle']}", "stats": {"exit_code": None, "exit": None}})

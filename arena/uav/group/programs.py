@@ -75,6 +75,17 @@ class Group:
             self._report(vehicle, code, why)
 
 
+def end_report(vehicle: str, code: int, why: str, *, once: bool) -> dict[str, Any]:
+    """Return the report to the supervisor that the program of a vehicle has ended.
+
+    once: one program flies all vehicles of the group. Then the report contains no event: the end of the process and the last line of
+    its log say the same once, and not once per vehicle.
+    """
+    said = f"exit {code}" + (f" ({why})" if why else "")
+    event = {} if once else {"event": f"EXITED: {said}"}
+    return {"of": f"program.{vehicle}", **event, "stats": {"exit_code": code, "exit": said}}
+
+
 def _compiled(file: str) -> CodeType:
     try:
         return compile(Path(file).read_bytes(), file, "exec", dont_inherit=True)
