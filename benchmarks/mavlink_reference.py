@@ -34,8 +34,10 @@ _HEAD = """<!-- written by python benchmarks/mavlink_reference.py; do not edit -
 
 ## Messages that are sent
 
-Rates are those of the link to the router, which programs, SDKs and ground stations share. `MAV_CMD_SET_MESSAGE_INTERVAL` changes them,
-and `MAV_CMD_REQUEST_MESSAGE` sends each of these messages once. "Event": the message is sent when there is something to report.
+The autopilot has two links to the router, as PX4 has MAVLink instances. The first two columns of rates are those of the link for
+programs, SDKs and tools (PX4's mode ONBOARD), the other two those of the link for ground stations (PX4's mode NORMAL).
+`MAV_CMD_SET_MESSAGE_INTERVAL` changes the rates of the link on which it arrives, and `MAV_CMD_REQUEST_MESSAGE` sends each of these
+messages once. "Event": the message is sent when there is something to report.
 
 """
 _EVENTS = {
@@ -92,6 +94,7 @@ _COMMAND_NOTES = {
     "MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN": "the estimator restarts; PX4 SITL cannot reboot",
     "MAV_CMD_INJECT_FAILURE": "with SYS_FAILURE_EN",
 }
+_SENT_HEAD = ("message", "id", "rate [Hz]", "PX4 [Hz]", "ground stations [Hz]", "PX4 [Hz]", "notes")
 _PROTOCOLS = """## Protocols
 
 | protocol | built-in | PX4 v1.16 |
@@ -117,7 +120,7 @@ def page() -> str:
     ftp = ", ".join(o.name for o in Operation if o in _OPERATIONS)
     return "\n".join(
         [
-            _HEAD + table(("message", "id", "rate [Hz]", "PX4 [Hz]", "notes"), sent()),
+            _HEAD + table(_SENT_HEAD, sent()),
             "## Messages that are received\n",
             table(("message", "meaning"), received()),
             "## Commands\n\nOther commands are acknowledged as UNSUPPORTED. Results of PX4: one per tested argument, in order.\n",
@@ -149,6 +152,8 @@ def sent() -> list[list[str]]:
             str(numbers[name]),
             "event",
             f"{px4['value']:.3g}" if px4 else "event",
+            "event",
+            _px4_ground_rate(name, numbers[name]) or "event",
             why,
         ]
     return [rows[name] for name in sorted(rows)]
@@ -156,8 +161,17 @@ def sent() -> list[list[str]]:
 
 def _sent_row(msgid: int) -> list[str]:
     name, hz = message_name(msgid), streams.LINK_RATES["router"].get(msgid, 0.0)
-    rate = f"{hz:.3g}" if hz else "on request"
-    return [f"`{name}`", str(msgid), rate, _px4_rate(name, msgid) or "on request", _WHEN.get(name, "")]
+    ground_hz = streams.LINK_RATES[streams.GROUND].get(msgid, 0.0)
+    rate, ground_rate = (f"{x:.3g}" if x else "on request" for x in (hz, ground_hz))
+    px4, px4_ground = _px4_rate(name, msgid) or "on request", _px4_ground_rate(name, msgid) or "on request"
+    return [f"`{name}`", str(msgid), rate, px4, ground_rate, px4_ground, _WHEN.get(name, "")]
+
+
+def _px4_ground_rate(name: str, msgid: int) -> str:
+    """Return PX4's rate of a message on its link for ground stations; "" if it is not streamed there."""
+    rates = RECORDED["ground station link, rates"]
+    found = next((rates[key] for key in (name, f"id {msgid}") if key in rates), None)
+    return f"{found['value']:.3g}" if found else ""
 
 
 def _px4_rate(name: str, msgid: int) -> str:

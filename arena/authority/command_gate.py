@@ -48,10 +48,13 @@ def role_of_tool(system: int) -> Role:
 def role_on_link(link: str, system: int, vehicle: int) -> Role:
     """Return the role (such as program or ground station) of a sender on a link of the vehicle's autopilot.
 
-    link: `router`, `vision` or `panic`. system, vehicle: MAVLink system ids of the sender and of the vehicle.
+    link: `router`, `vision`, `panic` or `ground`. Every sender on the ground station link is a ground station, whatever its system id is.
+    system, vehicle: MAVLink system ids of the sender and of the vehicle.
     """
     if link == "panic":
         return Role.COPILOT if system == 251 else Role.EMERGENCY
+    if link == "ground":
+        return Role.GROUND_STATION
     if system in _TOOLS:
         return _TOOLS[system]
     return Role.PROGRAM if system == vehicle else Role.GROUND_STATION

@@ -125,7 +125,7 @@ class Autopilots:
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
         """Process a MAVLink datagram that arrived on a link of a vehicle.
 
-        link: name of the link, `router`, `vision` or `panic`
+        link: name of the link, `router`, `vision`, `panic` or `ground`
         """
         self.interfaces[vehicle].receive(link, data, self._now)
 

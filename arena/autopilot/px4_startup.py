@@ -17,7 +17,7 @@ from typing import Any
 from arena.errors import InputError
 
 Address = tuple[str, int]
-LINKS = ("router", "vision", "panic")
+LINKS = ("router", "vision", "panic", "ground")
 """Names of the links, in the order in which the scripts open them."""
 _LOOPBACK = "127.0.0.1"
 _ENV = "PX4_PARAM_"

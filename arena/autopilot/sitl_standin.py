@@ -99,7 +99,7 @@ class StandIn:
     def receive(self, link: str, data: bytes) -> None:
         """Process a datagram that arrived on a link.
 
-        link: `router`, `vision` or `panic`
+        link: `router`, `vision`, `panic` or `ground`
         """
         if self._autopilot is not None:
             self._autopilot.receive(0, link, data)

@@ -119,8 +119,8 @@ class Members:
         self._time.value = now
         for message in messages:
             vehicle, link, data = message
-            if link == "router":
-                self._router.from_vehicle(vehicle, data, now)
+            if link in ("router", "ground"):
+                self._router.from_vehicle(vehicle, data, now, link)
             elif link == "panic":
                 self._panic.send((message,))
             elif vehicle in self._forwarders:

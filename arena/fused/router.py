@@ -50,16 +50,20 @@ class FusedRouter:
         self._impaired = ImpairedRouter(self._router, int(process.settings["seed"]))
         self.faults = FaultReceiver(process.settings.get("faults"))
         self._station = GroundStation()
-        links = self._router.links
-        self._keys = [links[v.name] for v in table.vehicles]
-        self._remotes = [v.remote for v in table.vehicles]
+        links, ground = self._router.links, self._router.ground_links
+        self._ends = {(i, "router"): (links[v.name], v.remote) for i, v in enumerate(table.vehicles)}
+        self._ends |= {
+            (i, "ground"): (ground[v.name], v.ground.remote)
+            for i, v in enumerate(table.vehicles)
+            if v.ground is not None
+        }
         self._sensor_keys, self._sensors = self._router.sensor_sockets, table.sensors
         in_calls = set(self._sensor_keys.values())
-        self._vehicle_of = {key: i for i, key in enumerate(self._keys) if i in in_memory}
+        self._link_of = {key: link for link, (key, _) in self._ends.items() if link[0] in in_memory}
         self._sockets = {
             key: listen_udp(address, "the router")
             for key, address in enumerate(self._router.sockets)
-            if key not in self._vehicle_of and key not in in_calls
+            if key not in self._link_of and key not in in_calls
         }
         self._key_of = {s.fileno(): key for key, s in self._sockets.items()}
         self._poll = select.epoll()
@@ -69,9 +73,10 @@ class FusedRouter:
         self._next_tick = self._next_second = 0.0
         self._began, self._ready = time.monotonic(), False
 
-    def from_vehicle(self, vehicle: int, data: bytes, now: float) -> None:
-        """Route a datagram that an autopilot has sent. vehicle: index in the world."""
-        self._route(self._keys[vehicle], self._remotes[vehicle], data, now)
+    def from_vehicle(self, vehicle: int, data: bytes, now: float, link: str = "router") -> None:
+        """Route a datagram that an autopilot has sent. vehicle: index in the world. link: `router` or `ground`"""
+        if end := self._ends.get((vehicle, link)):
+            self._route(*end, data, now)
 
     def from_sensors(self, vehicle: str, data: bytes, now: float) -> None:
         """Route the measurements of a vehicle's emulated sensors. vehicle: its name."""
@@ -136,8 +141,8 @@ class FusedRouter:
         for data, destinations in out:
             for key, to in destinations:
                 counts.bytes_out += len(data)
-                if (vehicle := self._vehicle_of.get(key)) is not None:
-                    self._inbox.append((vehicle, "router", bytes(data)))
+                if (link := self._link_of.get(key)) is not None:
+                    self._inbox.append((*link, bytes(data)))
                 elif to == self._recorder:
                     self.record(key, bytes(data))
                 else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from arena.authority import Role
@@ -14,6 +15,8 @@ from arena.wire.mavlink_frame import Buffer
 
 Destinations = tuple[tuple[int, Address], ...]
 """(index in `Router.sockets` to send from, address to send to) of each receiver."""
+TO_ALL = 0
+"""Target of a message that is addressed to no system."""
 Out = tuple[Buffer, Destinations]
 """A datagram to send, and its receivers. It is usually a part of the received datagram."""
 
@@ -28,6 +31,7 @@ class Endpoint:
     role: role of the senders; None for a tool, whose role follows from its MAVLink system id
     senders: system << 8 | component of every sender that has used this address, oldest first
     last: time of the last frame, monotonic [s]
+    place: socket and address
     """
 
     socket: int
@@ -35,6 +39,10 @@ class Endpoint:
     role: Role | None = Role.PROGRAM
     senders: dict[int, None] = field(default_factory=dict)
     last: float = 0.0
+    place: tuple[int, Address] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.place = self.socket, self.address
 
     def serves(self, target: int) -> bool:
         """Return whether this client must receive a vehicle's message that is addressed to `target`.
@@ -47,16 +55,37 @@ class Endpoint:
 
 
 @dataclass(kw_only=True)
+class AutopilotLink:
+    """Link between the router and one autopilot.
+
+    remote: address of the autopilot's end. socket: index in `Router.sockets`
+    number: index among the links of all vehicles, which the shortcut sets
+    routes: MAVLink target of a message -> its receivers, kept so that they are searched once; cleared when an endpoint changes
+    """
+
+    remote: Address
+    socket: int = 0
+    number: int = 0
+    routes: dict[int, Destinations] = field(default_factory=dict)
+
+    @property
+    def up(self) -> Destinations:
+        """Return the autopilot's end as the receiver of a datagram."""
+        return ((self.socket, self.remote),)
+
+
+@dataclass(kw_only=True)
 class VehicleRoutes:
     """Data that the router keeps about one vehicle: its sockets, status, clients and the receivers of its messages.
 
     number: index in the routing table
     serve_socket, tool_socket: indices in `Router.sockets`
     sensor_socket: the same for measurements of emulated sensors; None: the vehicle has no such sensors
-    up: the autopilot's end of the router link
-    up_and_record: the same, and the recorder. record: the recorder, for messages from the vehicle
+    links: the router link, then the ground station link if the vehicle has one
+    up_and_record: the autopilot's end of the router link, and the recorder
+    ground_up_and_record: receivers of a message that a ground station sends to the vehicle
+    record: the recorder, for messages from the vehicle
     tools: clients that have sent to the tool socket
-    routes: MAVLink target of a message -> its receivers, kept so that they are searched once; cleared when an endpoint changes
     """
 
     number: int
@@ -66,12 +95,36 @@ class VehicleRoutes:
     serve_socket: int = 0
     tool_socket: int = 0
     sensor_socket: int | None = None
-    up: Destinations = ()
+    links: list[AutopilotLink] = field(default_factory=list)
     up_and_record: Destinations = ()
     record: Destinations = ()
+    ground_up_and_record: Destinations = ()
     clients: dict[Address, Endpoint] = field(default_factory=dict)
     tools: dict[Address, Endpoint] = field(default_factory=dict)
-    routes: dict[int, Destinations] = field(default_factory=dict)
+
+    @property
+    def main(self) -> AutopilotLink:
+        """Router link: the only one that sets the status of the vehicle."""
+        return self.links[0]
+
+    @property
+    def ground(self) -> AutopilotLink | None:
+        """Ground station link. None: the router link carries the messages of ground stations, too."""
+        return self.links[1] if len(self.links) > 1 else None
+
+    def receivers(self, link: AutopilotLink, target: int, stations: Iterable[Endpoint]) -> Destinations:
+        """Return the receivers of a message that has arrived from the autopilot on `link`.
+
+        The recorder receives the streams of the router link only, because those of the ground station link have the same contents.
+        It receives the replies on both links.
+        target: system << 8 | component; `TO_ALL` for a message to all. stations: all ground stations
+        """
+        on_ground_link = link is self.ground
+        recorder = () if on_ground_link and target == TO_ALL else self.record
+        endpoints = [] if on_ground_link else [*self.clients.values(), *self.tools.values()]
+        endpoints += stations if on_ground_link or self.ground is None else ()
+        places = [e.place for e in endpoints if target == TO_ALL or e.serves(target)]
+        return (*recorder, *places)
 
 
 @dataclass(kw_only=True)

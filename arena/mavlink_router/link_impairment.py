@@ -35,7 +35,7 @@ class _Direction:
 
 @dataclass(kw_only=True)
 class _ImpairedLink:
-    """Loss and delay that are set for the link of one vehicle.
+    """Loss and delay that are set for one link of a vehicle.
 
     share: probability that a datagram is lost, 0 to 1 [-]. delay_s: delay of each datagram [s].
     up: state of the direction to the autopilot. down: state of the direction from the autopilot.
@@ -62,12 +62,14 @@ class ImpairedRouter:
 
     def __init__(self, router: Router, seed: int = 0) -> None:
         self._router = router
+        names = {key: name for name, key in router.links.items()}
+        names |= {key: f"{name} ground" for name, key in router.ground_links.items()}
         self._links = {
             key: _ImpairedLink(
                 up=_Direction(random=Random(f"{seed} {name} up")),
                 down=_Direction(random=Random(f"{seed} {name} down")),
             )
-            for name, key in router.links.items()
+            for key, name in names.items()
         }
         self.muted = False
 
@@ -158,14 +160,17 @@ class ImpairedRouter:
         return False
 
     def _apply_loss(self, fault: Fault) -> str:
-        name, link = self._link_of(fault)
-        link.share = number(fault, "share", 0.0, 1.0)
-        return f"the link of {name} loses {100.0 * link.share:g} % in each direction"
+        name, links = self._links_of(fault)
+        share = number(fault, "share", 0.0, 1.0)
+        for link in links:
+            link.share = share
+        return f"the link of {name} loses {100.0 * share:g} % in each direction"
 
     def _apply_delay(self, fault: Fault) -> str:
-        name, link = self._link_of(fault)
+        name, links = self._links_of(fault)
         ms = number(fault, "ms", 0.0, _MAX_DELAY_MS)
-        link.delay_s = 1e-3 * ms
+        for link in links:
+            link.delay_s = 1e-3 * ms
         return (
             f"the link of {name} is delayed by {ms:g} ms in each direction"
             if ms
@@ -177,9 +182,11 @@ class ImpairedRouter:
         self.muted = not on
         return f"the ground station's heartbeat {'is sent again' if on else 'is not sent'}"
 
-    def _link_of(self, fault: Fault) -> tuple[str, _ImpairedLink]:
-        name = word(fault, "vehicle", self._router.links)
-        return name, self._links[self._router.links[name]]
+    def _links_of(self, fault: Fault) -> tuple[str, list[_ImpairedLink]]:
+        """Return the vehicle that a fault names, and its links: they represent one radio."""
+        router = self._router
+        name = word(fault, "vehicle", router.links)
+        return name, [self._links[of[name]] for of in (router.links, router.ground_links) if name in of]
 
 
 def _take_until(direction: _Direction, until: float) -> list[tuple[float, Address, bytes]]:

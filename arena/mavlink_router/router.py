@@ -2,19 +2,21 @@
 MAVLink target of the message. It opens no sockets and reads no clocks.
 
 Routes:
-    vehicle, message to all     its clients, tools and recorder, and all ground stations
+    vehicle, message to all     its clients, tools and recorder
     sensors of a vehicle        its clients, tools and recorder
     vehicle, message to one     the endpoints that this system and component sends from, and the recorder
     client or tool -> vehicle   its own vehicle, for messages to that vehicle or to all
     ground station -> vehicle   the vehicle that the message names, or all
-The recorder also receives all that is sent to a vehicle. A command of a sender that must not command the vehicle now is not
-forwarded (`arena.authority`). A message is never returned to its sender. TIMESYNC replies are never sent to a vehicle, because they would
-shift the time stamps of its poses. Frames that are not forwarded are counted by reason in `counts.dropped`.
+    vehicle -> ground station   all that the vehicle sends on its ground station link; without such a link, all messages
+Both links of a vehicle are under the same authority. The recorder also receives all that is sent to a vehicle. A command of a sender
+that must not command the vehicle now is not forwarded (`arena.authority`). A message is never returned to its sender. TIMESYNC replies
+are never sent to a vehicle, because they would shift the time stamps of its poses. Frames that are not forwarded are counted by reason
+in `counts.dropped`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -23,10 +25,20 @@ from arena.kernels import INTERPRETED
 from arena.kernels.ordinary_datagrams import MAX_SENDERS, OrdinaryDatagrams
 from arena.mavlink_router.command_filter import CommandFilter
 from arena.mavlink_router.datagrams import NO_TARGET, join_frames
-from arena.mavlink_router.endpoints import Counts, Destinations, Endpoint, Out, VehicleRoutes, is_loopback
-from arena.mavlink_router.routing_table import Table, Vehicle
+from arena.mavlink_router.endpoints import (
+    TO_ALL,
+    AutopilotLink,
+    Counts,
+    Destinations,
+    Endpoint,
+    Out,
+    VehicleRoutes,
+    is_loopback,
+)
+from arena.mavlink_router.routing_table import Link, Table, Vehicle
 from arena.mavlink_router.shortcut import Shortcut
 from arena.mavlink_router.socket_table import SocketTable
+from arena.mavlink_router.vehicle_sets import VehicleSets
 from arena.mavlink_router.vehicle_status import Fact, VehicleStatus
 from arena.mavlink_router.vehicle_telemetry import LOCAL_POSITION_NED, STATUSTEXT, SYS_STATUS
 from arena.transport import Address
@@ -43,7 +55,6 @@ GCS_TIMEOUT_S = 3.0
 _STATUS = (HEARTBEAT, EXTENDED_SYS_STATE)
 _TELEMETRY = (LOCAL_POSITION_NED, SYS_STATUS, STATUSTEXT)
 _REFUSED = "refused: another has control of the vehicle"
-_TO_ALL = 0
 
 
 class Router:
@@ -76,8 +87,7 @@ class Router:
         self._changed_facts: dict[str, Fact] = {}
         self._vehicles = [self._open(i, vehicle) for i, vehicle in enumerate(table.vehicles)]
         self._ids = frozenset(v.vehicle.id for v in self._vehicles)
-        self._up_routes = {v.vehicle.id: v.up_and_record for v in self._vehicles}
-        self._up_routes[_TO_ALL] = tuple(address for v in self._vehicles for address in v.up_and_record)
+        self._sets = VehicleSets(self._vehicles)
         self.shortcut = Shortcut(kernel, self._vehicles, self.commands.passes_setpoint)
 
     @property
@@ -99,7 +109,12 @@ class Router:
     @property
     def links(self) -> dict[str, int]:
         """Vehicle name -> index in `sockets` of the socket that exchanges messages with this vehicle's autopilot."""
-        return {v.vehicle.name: v.up[0][0] for v in self._vehicles}
+        return {v.vehicle.name: v.main.socket for v in self._vehicles}
+
+    @property
+    def ground_links(self) -> dict[str, int]:
+        """The same for the ground station links. Vehicles without such a link are missing."""
+        return {v.vehicle.name: v.ground.socket for v in self._vehicles if v.ground is not None}
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
         """Route a received datagram. Return the datagrams to send.
@@ -132,16 +147,18 @@ class Router:
     def heartbeat(self, frame: bytes, *, operator: bool = True) -> list[Out]:
         """Return the datagrams that send the heartbeat `frame` of a ground station to the vehicles.
 
-        operator: an operator is present. If false, vehicles that need one for this heartbeat receive none.
+        As soon as a ground station was received, it is sent on ground station links, too. Autopilots send STATUSTEXT only on links with
+        such heartbeats, and those of the ground station are too rare when a simulation is fast.
+        operator: an operator is present. Without one, vehicles that need it for this heartbeat receive none.
         """
         served = [v for v in self._vehicles if operator or not v.vehicle.needs_operator]
         places = tuple(place for v in served for place in v.up_and_record)
+        if self._gcs_received_at > float("-inf"):
+            places += tuple(place for v in served if v.ground is not None for place in v.ground.up)
         return [(frame, places)] if places else []
 
     def changed_facts(self) -> dict[str, Fact]:
-        """Return the values of the vehicles' status (connected, armed, mode, ...) that have changed since the
-        last call, such as {"uav1.armed": True}.
-        """
+        """Return the status values (connected, armed, mode, ...) that have changed since the last call: {"uav1.armed": True}."""
         if not self._changed_facts:
             return {}
         found = dict(self._changed_facts)
@@ -149,9 +166,7 @@ class Router:
         return found
 
     def warnings(self) -> list[str]:
-        """Return the warnings that autopilots have sent since the last call, such as `uav1: Failsafe
-        activated: ...`.
-        """
+        """Return the warnings of autopilots since the last call, such as `uav1: Failsafe activated: ...`."""
         found = [f"{v.vehicle.name}: {text}" for v in self._vehicles for text in v.telemetry.texts]
         for v in self._vehicles if found else ():
             v.telemetry.texts.clear()
@@ -189,16 +204,17 @@ class Router:
         return now - self._gcs_received_at <= GCS_TIMEOUT_S
 
     def _open(self, number: int, vehicle: Vehicle) -> VehicleRoutes:
-        v = VehicleRoutes(
-            number=number,
-            vehicle=vehicle,
-            status=VehicleStatus(name=vehicle.name, changed=self._changed_facts),
-        )
-        sockets = self._socket_table
-        v.up = ((sockets.add(vehicle.local, partial(self._from_vehicle, v)), vehicle.remote),)
+        status = VehicleStatus(name=vehicle.name, changed=self._changed_facts)
+        v = VehicleRoutes(number=number, vehicle=vehicle, status=status)
+        sockets, recorder = self._socket_table, self.table.recorder
+        for place in (Link(local=vehicle.local, remote=vehicle.remote), vehicle.ground):
+            if place is not None:
+                link = AutopilotLink(remote=place.remote)
+                link.socket = sockets.add(place.local, partial(self._from_vehicle, v, link))
+                v.links.append(link)
         v.tool_socket = sockets.add(vehicle.tools, partial(self._from_tool, v))
-        recorder = self.table.recorder
-        v.up_and_record = (*v.up, (v.tool_socket, recorder)) if recorder is not None else v.up
+        up_record = ((v.tool_socket, recorder),) if recorder is not None else ()
+        v.up_and_record, v.ground_up_and_record = v.main.up + up_record, v.links[-1].up + up_record
         v.serve_socket = len(sockets.addresses)
         v.record = ((v.serve_socket, recorder),) if recorder is not None else ()
         v.clients = sockets.serve(vehicle.serve, partial(self._from_client, v), vehicle.clients)
@@ -208,16 +224,18 @@ class Router:
 
     # vehicle -> clients
 
-    def _from_vehicle(self, v: VehicleRoutes, sender: Address, data: Buffer, now: float) -> list[Out]:
-        if sender != v.vehicle.remote:
+    def _from_vehicle(
+        self, v: VehicleRoutes, link: AutopilotLink, sender: Address, data: Buffer, now: float
+    ) -> list[Out]:
+        if sender != link.remote:
             return self._drop("unknown sender on a vehicle's link")
         frames = self._parse(data)
         self._counts.frames_from_vehicles += len(frames)
         out: list[Out] = []
         for target, start, end, count in join_frames(
-            frames, [self._target_of(v, data, f, now) for f in frames]
+            frames, [self._target_of(v, link, data, f, now) for f in frames]
         ):
-            destinations = v.routes.get(target) or self._find_route(v, target)
+            destinations = link.routes.get(target) or self._find_route(v, link, target)
             if destinations:
                 self._counts.frames_to_clients += count * len(destinations)
                 out.append((data[start:end], destinations))
@@ -225,38 +243,33 @@ class Router:
                 self._counts.dropped["no receiver"] += count
         return out
 
-    def _target_of(self, v: VehicleRoutes, data: Buffer, frame: Frame, now: float) -> int:
+    def _target_of(
+        self, v: VehicleRoutes, link: AutopilotLink, data: Buffer, frame: Frame, now: float
+    ) -> int:
         """Return the MAVLink target of a frame from a vehicle, as system << 8 | component. Also update
-        the vehicle's status and telemetry if the frame contains them.
+        the vehicle's status and telemetry if the frame contains them and has arrived on the router link.
         """
         _, _, _, _, sysid, compid, msgid, target_sys, target_comp = frame
         if sysid != v.vehicle.id:
             self._counts.dropped["foreign system on a vehicle's link"] += 1
             return NO_TARGET
-        if msgid in _STATUS and compid == AUTOPILOT:
+        if link is v.main and compid == AUTOPILOT and msgid in _STATUS:
             v.status.on_frame(data, frame, now)
             if msgid == HEARTBEAT:
                 self.commands.on_heartbeat(sysid, v.status.armed, v.status.mode, now)
-        elif msgid in _TELEMETRY and compid == AUTOPILOT:
+        elif link is v.main and compid == AUTOPILOT and msgid in _TELEMETRY:
             # first, because the height of the shortcut is older than this frame
             self.shortcut.collect_height(v)
             v.telemetry.on_frame(data, frame, now)
-        return target_sys << 8 | target_comp if target_sys else _TO_ALL
+        return target_sys << 8 | target_comp if target_sys else TO_ALL
 
-    def _find_route(self, v: VehicleRoutes, target: int) -> Destinations:
-        if len(v.routes) >= MAX_ROUTES:
-            v.routes.clear()
-        found = v.routes[target] = tuple(self._receivers(v, target))
-        if target == _TO_ALL:
-            self.shortcut.set_receivers(v, found)
+    def _find_route(self, v: VehicleRoutes, link: AutopilotLink, target: int) -> Destinations:
+        if len(link.routes) >= MAX_ROUTES:
+            link.routes.clear()
+        found = link.routes[target] = v.receivers(link, target, self._gcs.values())
+        if target == TO_ALL:
+            self.shortcut.set_receivers(link, found)
         return found
-
-    def _receivers(self, v: VehicleRoutes, target: int) -> Iterable[tuple[int, Address]]:
-        yield from v.record
-        for endpoints in (v.clients, v.tools, self._gcs):
-            for endpoint in endpoints.values():
-                if target == _TO_ALL or endpoint.serves(target):
-                    yield endpoint.socket, endpoint.address
 
     def _from_sensors(self, v: VehicleRoutes, sender: Address, data: Buffer, now: float) -> list[Out]:
         """Return the datagram with the measurements of a vehicle's emulated sensors for the vehicle's clients and tools.
@@ -267,12 +280,10 @@ class Router:
         if sender != self.table.sensors:
             return self._drop("unknown sender on the sensors' socket")
         frames = self._parse(data)
-        if not frames or any(
-            (f.sysid, f.compid, f.msgid) != (v.vehicle.id, SENSORS, DEBUG_FLOAT_ARRAY) for f in frames
-        ):
+        wanted = (v.vehicle.id, SENSORS, DEBUG_FLOAT_ARRAY)
+        if not frames or any((f.sysid, f.compid, f.msgid) != wanted for f in frames):
             return self._drop("not a measurement of the vehicle's sensors")
-        endpoints = (*v.clients.values(), *v.tools.values())
-        destinations = (*v.record, *((e.socket, e.address) for e in endpoints))
+        destinations = (*v.record, *(e.place for e in (*v.clients.values(), *v.tools.values())))
         self._counts.frames_from_vehicles += len(frames)
         self._counts.frames_to_clients += len(frames) * len(destinations)
         return [(data, destinations)] if destinations else []
@@ -322,20 +333,15 @@ class Router:
         for target, start, end, count in join_frames(
             frames, [self._receivers_key(v, endpoint, data, f, now) for f in frames]
         ):
-            destinations = self._up_routes[target]
-            copies = len(self._vehicles[0].up_and_record)
-            self._counts.frames_to_vehicles += count * len(destinations) // copies
+            destinations = self._sets.receivers(target, station=v is None)
+            self._counts.frames_to_vehicles += count * len(destinations) // self._sets.copies
             out.append((data[start:end], destinations))
         return out + self.commands.take_replies()
 
     def _receivers_key(
         self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
     ) -> int:
-        """Return the key in `_up_routes` of the vehicles that must receive a client's frame.
-
-        The key is the system id of a vehicle, 0 for all vehicles, -1 for no vehicle, or a number below -1 for a set of
-        vehicles (see `_allowed_key`).
-        """
+        """Return the key in `VehicleSets` of the vehicles that must receive a client's frame."""
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
             self._counts.dropped["a vehicle's message, returned by a client"] += 1
@@ -353,23 +359,16 @@ class Router:
         return self._allowed_key(target, endpoint, data, frame, now) if msgid in MESSAGES else target
 
     def _allowed_key(self, target: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> int:
-        """Return the key in `_up_routes` of those target vehicles that the client may command now.
+        """Return the key in `VehicleSets` of those target vehicles that the client may command now.
 
         target: system id of the command's target, 0 for all vehicles.
         """
-        allows = self.commands.allows
-        if target and allows(target, endpoint, data, frame, now):
+        wanted = [target] if target else self._sets.ids
+        found = [vehicle for vehicle in wanted if self.commands.allows(vehicle, endpoint, data, frame, now)]
+        if found == wanted:
             return target
-        everyone = [] if target else [v.vehicle.id for v in self._vehicles]
-        found = [vehicle for vehicle in everyone if allows(vehicle, endpoint, data, frame, now)]
-        if found and found == everyone:
-            return target
-        self._counts.dropped[_REFUSED] += max(1, len(everyone) - len(found))
-        # a number below NO_TARGET means a set of vehicles
-        key = NO_TARGET - sum(1 << vehicle for vehicle in found)
-        if found:
-            self._up_routes[key] = tuple(place for vehicle in found for place in self._up_routes[vehicle])
-        return key
+        self._counts.dropped[_REFUSED] += len(wanted) - len(found)
+        return self._sets.key_of(found)
 
     def _add_sender(self, v: VehicleRoutes | None, endpoint: Endpoint, sender: int) -> None:
         if len(endpoint.senders) >= MAX_SENDERS:
@@ -381,8 +380,9 @@ class Router:
 
     def _forget_routes(self, v: VehicleRoutes) -> None:
         """Discard the stored receivers of the vehicle's messages, because an endpoint has changed. They are searched again."""
-        v.routes.clear()
-        self.shortcut.set_receivers(v, ())
+        for link in v.links:
+            link.routes.clear()
+            self.shortcut.set_receivers(link, ())
 
     # both directions
 

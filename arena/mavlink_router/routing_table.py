@@ -12,11 +12,20 @@ from arena.transport import Address
 
 
 @dataclass(frozen=True, kw_only=True)
+class Link:
+    """Link between router and autopilot. local: the router's end. remote: the autopilot's end."""
+
+    local: Address
+    remote: Address
+
+
+@dataclass(frozen=True, kw_only=True)
 class Vehicle:
     """Addresses of a vehicle and of the clients that receive only this vehicle's messages.
 
     id: MAVLink system id
     local, remote: the router's end and the autopilot's end of the router link
+    ground: link that carries the messages of ground stations only; None: the router link carries them, too
     serve: address of the router for `clients`
     tools: address of the router to which any program on this computer may send
     sensors: address of the router for the measurements of the vehicle's emulated sensors; None: it has none
@@ -32,6 +41,7 @@ class Vehicle:
     serve: Address
     clients: tuple[Address, ...]
     tools: Address
+    ground: Link | None = None
     sensors: Address | None = None
     simulated: bool = True
     needs_operator: bool = False
@@ -91,6 +101,7 @@ def _vehicle(raw: Mapping[str, Any]) -> Vehicle:
         id=int(raw["id"]),
         local=_address(raw["link"]["local"]),
         remote=_address(raw["link"]["remote"]),
+        ground=_link(raw["ground"]) if raw.get("ground") is not None else None,
         serve=_address(raw["serve"]),
         clients=tuple(_address(c["address"]) for c in raw["clients"]),
         tools=_address(raw["tools"]),
@@ -99,6 +110,10 @@ def _vehicle(raw: Mapping[str, Any]) -> Vehicle:
         needs_operator=bool(raw.get("needs_operator", False)),
         radio=bool(raw.get("radio", True)),
     )
+
+
+def _link(raw: Mapping[str, Any]) -> Link:
+    return Link(local=_address(raw["local"]), remote=_address(raw["remote"]))
 
 
 def _address(raw: Any) -> Address:

@@ -56,7 +56,9 @@ class RouterShell:
         all_simulated = all(v.simulated for v in table.vehicles)
         self._world_s = self._world_time.page if self._world_time is not None else None
         self._backlog = Backlog(
-            self._sockets, self._router.links.values(), self._world_s if all_simulated else None
+            self._sockets,
+            {*self._router.links.values(), *self._router.ground_links.values()},
+            self._world_s if all_simulated else None,
         )
         self._loop = None if INTERPRETED else self._make_loop()
         self._ready = False

@@ -15,7 +15,7 @@ from arena.kernels.ordinary_datagrams import (
     address_number,
 )
 from arena.mavlink_router.datagrams import MAX_DATAGRAM_BYTES
-from arena.mavlink_router.endpoints import Counts, Destinations, Endpoint, Out, VehicleRoutes
+from arena.mavlink_router.endpoints import AutopilotLink, Counts, Destinations, Endpoint, Out, VehicleRoutes
 from arena.mavlink_router.vehicle_telemetry import LOCAL_POSITION_NED, STATUSTEXT, SYS_STATUS
 from arena.transport import Address
 from arena.wire.age_limits import SETPOINTS
@@ -42,24 +42,28 @@ class Shortcut:
         passes_setpoint: Callable[[int, float], bool],
     ) -> None:
         clients = [(i, endpoint) for i, v in enumerate(vehicles) for endpoint in v.clients.values()]
-        addresses = [v.vehicle.remote for v in vehicles] + [endpoint.address for _, endpoint in clients]
+        # the kernel gets the ground station links as further vehicles, which have no clients
+        links = [(v, v.main) for v in vehicles] + [(v, v.ground) for v in vehicles if v.ground is not None]
+        for number, (_, link) in enumerate(links):
+            link.number = number
+        addresses = [link.remote for _, link in links] + [endpoint.address for _, endpoint in clients]
         self._number_of_address = {address: address_number(*address) for address in addresses}
         self._client_of = {id(endpoint): k for k, (_, endpoint) in enumerate(clients)}
-        ids = [v.vehicle.id for v in vehicles]
-        number = self._number_of_address
+        ids = [v.vehicle.id for v, _ in links]
+        number_of = self._number_of_address
         self.ordinary = kernel(
             {
                 msgid: (_kind(msgid), seed, TARGETS.get(msgid, (-1, -1))[0])
                 for msgid, seed in CRC_EXTRA.items()
             },
             ids,
-            [(v.up[0][0], number[v.vehicle.remote]) for v in vehicles],
-            [(endpoint.socket, i, number[endpoint.address]) for i, endpoint in clients],
+            [(link.socket, number_of[link.remote]) for _, link in links],
+            [(endpoint.socket, i, number_of[endpoint.address]) for i, endpoint in clients],
             lambda v, now: passes_setpoint(ids[v], now),
             MAX_DATAGRAM_BYTES,
         )
         for v in vehicles:
-            self.ordinary.set_receivers(len(vehicles) + v.number, v.up_and_record)
+            self.ordinary.set_receivers(len(links) + v.number, v.up_and_record)
 
     def route(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out] | None:
         """Return the datagrams to send; None if the datagram is not ordinary. The arguments are those of `Router.on_datagram`."""
@@ -67,9 +71,9 @@ class Shortcut:
         found = self.ordinary.find(socket, number, data, 0, len(data), now)
         return [(data, self.ordinary.receivers[found])] if found >= 0 else None
 
-    def set_receivers(self, v: VehicleRoutes, receivers: Destinations) -> None:
-        """Set the receivers of those messages of a vehicle that are addressed to all; () until the router has found them."""
-        self.ordinary.set_receivers(v.number, receivers)
+    def set_receivers(self, link: AutopilotLink, receivers: Destinations) -> None:
+        """Set the receivers of those messages on a link that are addressed to all; () until the router has found them."""
+        self.ordinary.set_receivers(link.number, receivers)
 
     def set_senders(self, endpoint: Endpoint) -> None:
         """Process a change of the known senders of an endpoint. Do nothing if it is not a configured client of one vehicle."""

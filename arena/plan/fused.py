@@ -16,7 +16,7 @@ from arena.schema import Arena
 _MEMBERS = frozenset({"mocap", "forward", "router", "sensors", "recorder"})
 MODULE, SLICE = "arena.fused", "fused.json"
 # ports that are not opened for vehicles with the built-in autopilot
-_IN_MEMORY = ("router link", "vision link")
+_IN_MEMORY = ("router link", "vision link", "ground station link")
 # autopilots of vehicles whose other parts can share the world's process
 _MAY_SHARE = frozenset({"builtin", "px4"})
 REAL_TIME_FROM = 5

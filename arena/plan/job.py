@@ -59,15 +59,15 @@ def program_args(arena: Arena, v: Vehicle) -> tuple[str, ...]:
 
 
 def link_of(arena: Arena, vehicle: Vehicle, name: str) -> LinkPlan:
-    """Return the addresses of one MAVLink link of a vehicle. name: router, vision (to the pose forwarder) or
-    panic (to land-all).
+    """Return the addresses of one MAVLink link of a vehicle. name: router, vision (to the pose forwarder),
+    panic (to land-all) or ground (to the router, for ground stations).
     """
-    ports, partners = vehicle.ports, {"router": "router", "vision": "forwarder", "panic": "land_all"}
+    ports, partners = vehicle.ports, {"vision": "forwarder", "panic": "land_all"}
     return LinkPlan(
         autopilot_host=_autopilot_host(arena, vehicle),
         autopilot_port=getattr(ports, f"{name}_autopilot"),
         partner_host=arena.address,
-        partner_port=getattr(ports, f"{name}_{partners[name]}"),
+        partner_port=getattr(ports, f"{name}_{partners.get(name, 'router')}"),
     )
 
 
@@ -87,8 +87,9 @@ def flies_px4_sitl(arena: Arena, vehicle: Vehicle) -> bool:
 
 
 def autopilot_ends(arena: Arena, vehicle: Vehicle) -> Json:
-    """Return the addresses that an autopilot uses for its three links: link name -> local and remote address."""
-    links = {name: link_of(arena, vehicle, name) for name in ("router", "vision", "panic")}
+    """Return the addresses that an autopilot uses for its MAVLink links: link name -> local and remote address."""
+    names = ("router", "vision", "panic", *(("ground",) if vehicle.has_ground_link else ()))
+    links = {name: link_of(arena, vehicle, name) for name in names}
     return {
         name: {
             "local": [link.autopilot_host, link.autopilot_port],

@@ -161,6 +161,7 @@ def _slices(plan: Plan, settings: ReplaySettings) -> dict[str, dict[str, Any]]:
         del made[name]
     router = made["router.json"]
     router |= {"heartbeat": False, "faults": None}
+    router["vehicles"] = [{**v, "ground": None} for v in router["vehicles"]]
     router["gcs"] = [
         {**station, "also_from": ["127.0.0.1", station["address"][1]]}
         if station["name"] == "gcs"
@@ -236,7 +237,7 @@ def _process(world: ProcessSpec, arena: Arena, python: str) -> ProcessSpec:
 
 
 def _of_autopilot(port: Listen) -> bool:
-    return port.what.startswith(("panic link", "vision link", "simulator API"))
+    return port.what.startswith(("panic link", "vision link", "ground station link", "simulator API"))
 
 
 def _others(plan: Plan) -> list[ProcessSpec]:

@@ -266,6 +266,7 @@ def _routed(arena: Arena, v: Vehicle) -> Json:
         "needs_operator": _needs_operator(arena, v),
         "radio": v.radio == "required",
         "link": partner_end(link_of(arena, v, "router")),
+        "ground": partner_end(link_of(arena, v, "ground")) if v.has_ground_link else None,
         "serve": [here, ports.serve],
         "clients": clients,
         "tools": [here, ports.tools],

@@ -176,6 +176,8 @@ class Vehicle:
         """
         if port.key == "sensors_router" and not self.has_sensors:
             return None
+        if port.key in ("ground_autopilot", "ground_router") and not self.has_ground_link:
+            return None
         if port.key != "wire":
             return address, getattr(self.ports, port.key)
         wire = self.wire
@@ -185,6 +187,11 @@ class Vehicle:
     def has_sensors(self) -> bool:
         """True if the vehicle has an emulated relative sensor."""
         return bool(self.neighbours) or self.beacon_sensor is not None
+
+    @property
+    def has_ground_link(self) -> bool:
+        """True if the autopilot has a second MAVLink link, for ground stations only. A flight controller has one link for everything."""
+        return self.autopilot in ("builtin", "px4")
 
     @property
     def has_rc(self) -> bool:

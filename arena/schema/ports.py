@@ -14,6 +14,7 @@ from arena.constants import MONITOR_PORT
 PROGRAM_BASE = 16000
 SDK_ABOVE = 6000
 LINK_BASE = 24000
+GROUND_BASE = 27000
 COPILOT, RECORDER, SENSORS = LINK_BASE + 1, LINK_BASE + 2, LINK_BASE + 3
 GROUND_STATION = 14550
 MOST_ID = 250
@@ -35,6 +36,8 @@ class VehiclePorts:
     sensors_router: int
     serve: int
     simulator: int
+    ground_autopilot: int
+    ground_router: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +64,7 @@ class Port:
     owner: name of the program that binds the port, for people.
     use: what the port is for.
     per_vehicle: whether each vehicle has such a port; false: the arena has one.
-    offset: number - (24000 + 10 id); None if the number follows another rule.
+    base, step: number = base + step * id; None if the number follows another rule.
     binders: arena's processes that bind the port; () if a program outside the arena binds it.
     """
 
@@ -71,7 +74,8 @@ class Port:
     owner: str
     use: str
     per_vehicle: bool = True
-    offset: int | None = None
+    base: int | None = None
+    step: int = 10
     protocol: Literal["udp", "tcp"] = "udp"
     binders: tuple[Binder, ...] = ()
 
@@ -93,7 +97,22 @@ _ANY_SENDER = "any sender, because PX4 binds its links on every address; block t
 
 def _link(offset: int, key: str, owner: str, name: str, *binders: Binder, use: str = "") -> Port:
     rule = f"24000 + 10 id{f' + {offset}' if offset else ''}"
-    return Port(key=key, rule=rule, name=name, owner=owner, use=use or name, offset=offset, binders=binders)
+    return Port(
+        key=key, rule=rule, name=name, owner=owner, use=use or name, base=LINK_BASE + offset, binders=binders
+    )
+
+
+def _ground_link(offset: int, key: str, owner: str, use: str, *binders: Binder) -> Port:
+    return Port(
+        key=key,
+        rule=f"27000 + 2 id{f' + {offset}' if offset else ''}",
+        name="ground station link",
+        owner=owner,
+        use=use,
+        base=GROUND_BASE + offset,
+        step=2,
+        binders=binders,
+    )
 
 
 def _autopilot_end(offset: int, key: str, name: str, *, link_answers: str = _PARTNER) -> Port:
@@ -156,9 +175,24 @@ PORTS: tuple[Port, ...] = (
         name="simulator API",
         owner="the world",
         use="PX4's simulator API, TCP",
-        offset=9,
+        base=LINK_BASE + 9,
         protocol="tcp",
         binders=(Binder(kind="world", answers=f"PX4s of {_THIS_COMPUTER}", autopilots=("px4", "hitl")),),
+    ),
+    _ground_link(
+        0,
+        "ground_autopilot",
+        "the autopilot",
+        "second MAVLink link of a simulated vehicle, with PX4's streams for ground stations",
+        Binder(kind="world", answers=_COMMANDS, autopilots=("builtin",)),
+        Binder(kind="px4", answers=_ANY_SENDER),
+    ),
+    _ground_link(
+        1,
+        "ground_router",
+        "the router",
+        "the router's end of this link",
+        Binder(kind="router", answers=_PARTNER),
     ),
     Port(
         key="wire",
@@ -242,6 +276,5 @@ PORTS: tuple[Port, ...] = (
 def vehicle_ports(vehicle_id: int, port: int | None = None) -> VehiclePorts:
     """Return the ports of a vehicle by the rules of `PORTS`. port: the vehicle's `port` in the YAML, or None."""
     program = PROGRAM_BASE + vehicle_id if port is None else port
-    base = LINK_BASE + 10 * vehicle_id
-    by_rule = {row.key: base + row.offset for row in PORTS if row.offset is not None}
+    by_rule = {row.key: row.base + row.step * vehicle_id for row in PORTS if row.base is not None}
     return VehiclePorts(program=program, sdk=program + SDK_ABOVE, **by_rule)

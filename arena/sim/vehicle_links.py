@@ -21,7 +21,7 @@ from typing import Any, Protocol
 from arena.errors import InputError, RunError
 from arena.transport import open_udp
 
-LINKS = ("panic", "vision", "router")
+LINKS = ("panic", "vision", "router", "ground")
 _PER_TURN = 4  # datagrams of one link before the next link is read
 _PER_STEP = 64  # datagrams of one link in one step
 _MAX_BYTES = 65_536

@@ -47,6 +47,7 @@ def all_cases() -> dict[str, Case]:
         commands,
         failing,
         flying,
+        ground_link,
         ground_stations,
         link,
         offboard,

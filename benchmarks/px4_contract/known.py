@@ -10,6 +10,7 @@ _AFTER = "safer: the mode after landing and disarming is HOLD; PX4 returns to th
 _THRUST = "safer: an attitude without a valid thrust is refused; PX4 v1.16 flies it with thrust 0 and falls"
 _RANGE = "safer: a value that is not finite or out of range is refused, the reply holds the old one; PX4 v1.16 accepts any value"
 _STREAMS = "not available: remote id, link statistics, time to target"
+_SILENT = "only HEARTBEAT is sent until a ground station has sent a message; PX4 sends all streams to its partner from the start"
 _FIX = "a satellite fix is reported, because SDKs wait for one before they fly to a global position; PX4 without GPS reports none"
 _ALTITUDE = "the origin has the altitude of the YAML; PX4 gets an origin at altitude 0, because its estimator would jump"
 _CALIBRATION = "refused, with a text in PX4's form: the simulated sensors need no calibration"
@@ -70,6 +71,10 @@ KNOWN: dict[str, str] = {
     "parameter write: nan*": _RANGE,
     "parameter write: infinite*": _RANGE,
     "parameter write: huge*": _RANGE,
+    "ground station link, rates*: id [38]*": _STREAMS,
+    "ground station link, rates*: OPEN_DRONE_ID*": _STREAMS,
+    "ground station link, rates*: GPS_RAW_INT": _FIX,
+    "ground station link, silent: streams": _SILENT,
     "rates, disarmed: id 8 *": _STREAMS,
     "rates, disarmed: id 380 *": _STREAMS,
     "rates, disarmed: OPEN_DRONE_ID*": _STREAMS,

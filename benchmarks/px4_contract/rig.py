@@ -41,6 +41,7 @@ from arena.wire.px4_mode import mode_words
 from arena.wire.truth_page import Truth, TruthReader
 
 ME = (191, 18)  # component, MAV_TYPE
+GROUND_STATION = (255, 190)  # system, component
 TICK_S = 0.02
 DELAY_S = 0.010
 FAULTS = "faults"
@@ -99,13 +100,13 @@ class Setup:
 class Link:
     """The script's end of one MAVLink link."""
 
-    def __init__(self, settings: Mapping[str, Any], system: int) -> None:
+    def __init__(self, settings: Mapping[str, Any], system: int, component: int = ME[0]) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         self.socket.setblocking(False)
         self.socket.bind(tuple(settings["remote"]))
         self.remote = tuple(settings["local"])
-        self.voice = mavlink.MAVLink(None, srcSystem=system, srcComponent=ME[0])
+        self.voice = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
 
     def send(self, message: Any) -> None:
         with contextlib.suppress(OSError):
@@ -124,6 +125,8 @@ class Rig:
     """A booted vehicle and the script's connections to it.
 
     received: all messages received on the router link since `clear`
+    on_ground_link: the same for the ground station link
+    station: whether the script sends the heartbeats of a ground station on the ground station link
     state: newest message of each kind
     """
 
@@ -138,9 +141,12 @@ class Rig:
     ) -> None:
         self._faults = faults
         self.id, self.clock, self._truth = system, clock, truth
-        self.links = {name: Link(link, system) for name, link in links.items()}
+        senders = {"ground": GROUND_STATION}
+        self.links = {name: Link(link, *senders.get(name, (system,))) for name, link in links.items()}
         self.counted: dict[str, Counter[str]] = {name: Counter() for name in links}
         self.received: list[Received] = []
+        self.on_ground_link: list[Received] = []
+        self.station = False
         self.state: dict[str, Any] = {}
         self.each: list[Each] = []
         self.poses = True
@@ -168,6 +174,8 @@ class Rig:
             self._next_beat = now + 0.5
             if self.gcs:  # PX4 sends STATUSTEXT where it has heard a ground station
                 self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
+            if self.station:
+                self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3), "ground")
         if self.sticks:  # PX4 takes these as its radio's
             self.send(mavlink.MAVLink_rc_channels_override_message(self.id, 1, *(1500,) * 8))
         self._see(now)
@@ -261,6 +269,7 @@ class Rig:
 
     def clear(self) -> None:
         self.received.clear()
+        self.on_ground_link.clear()
         for counted in self.counted.values():
             counted.clear()
 
@@ -316,13 +325,17 @@ class Rig:
             known = mavlink.mavlink_map.get(frame.msgid)
             name = known.msgname if known else f"id {frame.msgid}"
             self.counted[link][name] += 1
-            if link != "router":
+            if link not in ("router", "ground"):
                 continue
             m: Any = data[frame.payload : frame.payload + frame.size]
             if known:
                 with contextlib.suppress(mavlink.MAVError, ValueError):
                     m = self.links[link].voice.decode(bytearray(data[frame.start : frame.end]))
-                    self.state[name] = m
+            if link == "ground":
+                self.on_ground_link.append(Received(now, frame.msgid, name, m))
+                continue
+            if known and not isinstance(m, bytes):
+                self.state[name] = m
             if name == "HEARTBEAT" and known:
                 self._custom_mode = m.custom_mode
             elif frame.msgid == 436:

@@ -102,6 +102,26 @@ def test_ground_station_receives_every_vehicle(flying: Flight, client: Any) -> N
     assert {m.get_srcSystem() for m in station.received if m.get_type() == "PARAM_VALUE"} == {2}
 
 
+def test_ground_station_gets_its_own_streams_and_each_reply_once(flying: Flight, client: Any) -> None:
+    station = client(GROUND_STATION_PORT, ROUTER_TO_STATIONS, 190)
+    station.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
+    station.until_heard("ATTITUDE", {1, 2})
+    version = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+    for number, parameters in ((511, (30, -1)), (512, (version,))):
+        values = [*parameters, *[0] * 7][:7]
+        station.send(mavlink.MAVLink_command_long_message(1, 1, number, 0, *values))
+    station.until_heard("AUTOPILOT_VERSION", {1})
+    station.send(mavlink.MAVLink_ping_message(0, 1, 0, 0))
+    station.until_heard("PING", {1, 2})  # a second reply would have arrived before
+    station.until_heard("VIBRATION", {1, 2})  # 0.1 Hz, so that nothing else is on its way
+    names = {m.get_type() for m in station.received}
+    assert not names & {"HIGHRES_IMU", "ODOMETRY", "TIMESYNC"}
+    acknowledged = [m.command for m in station.received if m.get_type() == "COMMAND_ACK"]
+    assert sorted(acknowledged) == [511, 512]
+    serve = flying.json("slices/router.json")["vehicles"][0]["serve"][1]
+    client(SDK_PORT + 1, serve, 190).until_heard("ATTITUDE", {1})
+
+
 def test_mavsdk_connects_and_reads_a_parameter(flying: Flight) -> None:
     pytest.importorskip("mavsdk.asyncio", reason="mavsdk 4 is not installed: pip install 'flying-arena[sdk]'")
     command = [sys.executable, str(PROGRAMS / "sdk.py"), f"udpin://{flying.address}:{SDK_PORT + 2}"]

@@ -22,6 +22,7 @@ def slice_of(
     real=(),
     needs_operator=(),
     recorder=None,
+    ground=(),
 ):
     client_host = client_host or host
     vehicles = [
@@ -31,6 +32,9 @@ def slice_of(
             **({"simulated": False} if k in real else {}),
             "needs_operator": k in needs_operator,
             "link": {"local": [host, base + 10 * k + 1], "remote": [client_host, base + 10 * k]},
+            "ground": {"local": [host, 27001 + 2 * k], "remote": [client_host, 27000 + 2 * k]}
+            if k in ground
+            else None,
             "serve": [host, base + 10 * k + 8],
             "clients": [
                 {"name": "program", "address": [client_host, 16000 + k]},
@@ -53,15 +57,16 @@ def slice_of(
 
 class Fleet:
     """A router with vehicles 1 and 2. Senders and receivers have names: "autopilot1", "program2", "gcs", "tool".
+    "ground1" is the autopilot's end of the link for ground stations, which the vehicles in `ground` have.
 
     The results do not contain the recorder's copies of messages to vehicles.
     """
 
-    def __init__(self, ids=(1, 2), real=(), needs_operator=()):
+    def __init__(self, ids=(1, 2), real=(), needs_operator=(), ground=(), **router):
         self.table = Table.from_slice(
-            slice_of(ids, real=real, needs_operator=needs_operator, recorder=RECORDER)
+            slice_of(ids, real=real, needs_operator=needs_operator, recorder=RECORDER, ground=ground)
         )
-        self.router = Router(self.table)
+        self.router = Router(self.table, **router)
         self.now = 100.0
         self.names = {GCS: "gcs", RECORDER: "recorder"}
         for v in self.table.vehicles:
@@ -71,6 +76,8 @@ class Fleet:
                 program: f"program{v.id}",
                 sdk: f"sdk{v.id}",
             }
+            if v.ground is not None:
+                self.names[v.ground.remote] = f"ground{v.id}"
         self.address = {name: address for address, name in self.names.items()}
 
     def socket(self, address):
@@ -86,6 +93,8 @@ class Fleet:
         else:
             v = self.vehicle(int(who[-1]))
             socket = v.local if who.startswith("autopilot") else v.serve
+            if who.startswith("ground"):
+                socket = v.ground.local
         return self.send(self.address[who], at or socket, data)
 
     def tool(self, data, k=1, address=TOOL):

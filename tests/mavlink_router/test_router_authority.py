@@ -33,10 +33,14 @@ def texts(data):
     return [m.text for m in READER.parse(data) if m.get_type() == "STATUSTEXT"]
 
 
-@pytest.fixture
-def fleet():
-    """Return a router with the simulated vehicle 1 and the real vehicle 2, which their programs fly in OFFBOARD."""
-    fleet = Fleet(real=(2,))
+@pytest.fixture(params=[(), (1,)], ids=["one link", "ground station link"])
+def fleet(request):
+    """Return a router with the simulated vehicle 1 and the real vehicle 2, which their programs fly in OFFBOARD.
+
+    Both links of a vehicle with a ground station link are called "autopilot1": a command may not pass on either of them.
+    """
+    fleet = Fleet(real=(2,), ground=request.param)
+    fleet.names |= {v.ground.remote: f"autopilot{v.id}" for v in fleet.table.vehicles if v.ground}
     for k in (1, 2):
         fleet.send_as(f"program{k}", set_mode(OFFBOARD, (k, 191), k) + command(k, (k, 191)))
         fleet.send_as(f"autopilot{k}", heartbeat(k, armed=True))

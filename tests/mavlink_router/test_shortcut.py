@@ -115,6 +115,8 @@ def traffic(rng, table, routers):
     if rng.random() < 0.5:
         frames = [frame_from_vehicle(rng, v.id) for _ in range(count)]
         place, sender = v.local, v.remote
+        if v.ground is not None and rng.random() < 0.4:
+            place, sender = v.ground.local, v.ground.remote
     else:
         mavlink_id = (v.id, rng.choice((191, 191, 191, 192, rng.randrange(2, 256))))
         place, sender = v.serve, rng.choice(v.clients)
@@ -150,7 +152,7 @@ def state(router):
 @pytest.mark.parametrize("seed", range(4))
 def test_random_traffic_is_routed_alike_with_and_without_the_shortcut(seed):
     rng = random.Random(seed)
-    raw = slice_of((1, 2))
+    raw = slice_of((1, 2), ground=(2,))
     raw["vehicles"][0]["clients"].append({"name": "far", "address": [FAR, 16101]})
     table = Table.from_slice(raw)
     kernels = [

@@ -62,8 +62,10 @@ def test_fused_plan_with_px4_keeps_its_sockets_and_needs(tmp_path):
 def test_fused_plan_keeps_ports_slices_and_needs(tmp_path):
     many, one = plan_of(tmp_path), plan_of(tmp_path, TWO, "sim.processes=one")
     of_many = {x for p in many.processes for x in p.listens}
-    in_memory = {x for x in of_many if x.what.startswith(("router link", "vision link"))}
-    assert {x for p in one.processes for x in p.listens} == of_many - in_memory and len(in_memory) == 8
+    in_memory = {
+        x for x in of_many if x.what.startswith(("router link", "vision link", "ground station link"))
+    }
+    assert {x for p in one.processes for x in p.listens} == of_many - in_memory and len(in_memory) == 12
     world, program = one.processes[0], one.processes[1]
     joined = [p.name for p in many.processes if p.name not in ("world", "program.uav1")]
     assert [m.name for m in world.members] == joined

@@ -158,11 +158,14 @@ def test_ports_are_those_of_the_architecture_page(plan: Plan) -> None:
     """Written out: the table in docs/architecture.md, not the code's own."""
     ports = {p.name: sorted(x.port for x in p.listens) for p in plan.processes}
     assert ports == {
-        "world": [24010, 24012, 24014, 24020, 24022, 24024, 24030, 24032, 24034],
+        "world": [24010, 24012, 24014, 24020, 24022, 24024, 24030, 24032, 24034, 27002, 27004, 27006],
         "mocap": [1510],
         "forward.uav1": [24013],
         "forward.uav2": [24023],
-        "router": [24000, 24011, 24016, 24017, 24018, 24021, 24026, 24028, 24031, 24036, 24038],
+        "router": [
+            *(24000, 24011, 24016, 24017, 24018, 24021, 24026, 24028, 24031, 24036, 24038),
+            *(27003, 27005, 27007),
+        ],
         "sensors": [24003],
         "recorder": [24002],
         "program.uav1": [16001],
@@ -186,12 +189,16 @@ def test_no_port_has_two_owners_in_the_largest_arena(tmp_path: Path) -> None:
     plan = make_plan(load_arena(tmp_path / "a.yaml", ["sim.processes=many"]), "py")
     claimed = [x.port for p in (*plan.processes, plan.land) if p for x in p.listens]
     claimed += [p for v in plan.vehicles for p in (v.port, v.sdk_port)] + [1511, 14550]
-    assert len(claimed) == len(set(claimed)) == 250 * 10 + 5
+    assert len(claimed) == len(set(claimed)) == 250 * 12 + 5
 
 
 def test_two_ends_of_a_link_match(plan: Plan) -> None:
     world = {v["name"]: v["links"] for v in plan.slices["world.json"]["vehicles"]}
-    routed = {v["name"]: v["link"] for v in plan.slices["router.json"]["vehicles"]}
+    rows = plan.slices["router.json"]["vehicles"]
+    routed = {v["name"]: v["link"] for v in rows}
+    for row in rows:
+        ground = world[row["name"]]["ground"]
+        assert (ground["local"], ground["remote"]) == (row["ground"]["remote"], row["ground"]["local"])
     for v in plan.vehicles:
         assert world[v.name]["router"] == {
             "local": routed[v.name]["remote"],

@@ -48,9 +48,11 @@ def test_every_binder_names_the_senders_it_answers() -> None:
 def test_ports_of_vehicles_follow_the_rules_of_the_table() -> None:
     ports = vehicle_ports(3)
     for port in PORTS:
-        if port.offset is not None:
-            assert getattr(ports, port.key) == 24030 + port.offset
-            assert port.rule == "24000 + 10 id" + (f" + {port.offset}" if port.offset else "")
+        if port.base is not None:
+            first = 24000 if port.step == 10 else 27000
+            offset = port.base - first
+            assert getattr(ports, port.key) == first + 3 * port.step + offset
+            assert port.rule == f"{first} + {port.step} id" + (f" + {offset}" if offset else "")
 
 
 def test_process_kind_is_added_by_one_row_and_one_port(arena: Arena, monkeypatch: pytest.MonkeyPatch) -> None:

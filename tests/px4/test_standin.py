@@ -68,7 +68,7 @@ def test_stand_in_reads_the_plans_scripts(tmp_path: Path) -> None:
     }
     assert {link.name: [link.local, list(link.remote)] for link in found.links} == {
         name: [made["links"][name]["local"][1], made["links"][name]["remote"]]
-        for name in ("router", "vision", "panic")
+        for name in ("router", "vision", "panic", "ground")
     }
 
 

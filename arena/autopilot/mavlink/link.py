@@ -13,6 +13,7 @@ from arena.kernels.stream_schedule import StreamSchedule
 from arena.wire.mavlink_codec import Codec
 
 _QUEUE_LIMIT = 256  # entries
+_TEXT_BYTES = 50  # of one STATUSTEXT
 Sequences = NDArray[np.int64]
 
 
@@ -49,10 +50,12 @@ class LinkStreams:
 class MavlinkLink:
     """MAVLink link of a vehicle: the frames to send, and its streams.
 
-    name: `router` (to the MAVLink router), `vision` (to the pose forwarder) or `panic` (reserved for land-all, kill-all and
-        the copilot)
+    name: `router` (to the MAVLink router), `vision` (to the pose forwarder), `panic` (reserved for land-all, kill-all and
+        the copilot) or `ground` (to the MAVLink router, for ground stations)
     queue: frames to send; an entry may contain several
     gcs_heartbeat_at: time of the last ground station heartbeat on this link [s]
+    waiting: no message has arrived yet, and the link sends only HEARTBEAT until then
+    pings, text_id: number of the last PING and of the last text
     """
 
     def __init__(
@@ -63,11 +66,22 @@ class MavlinkLink:
         self.codec = Codec(system_id, 1, _Sender(system_id, sequences, row))
         self.queue: list[bytes] = []
         self.gcs_heartbeat_at = -1e9
+        self.waiting = False
+        self.pings = self.text_id = 0
 
     def send(self, message: Any) -> None:
-        """Queue a message, or drop it if the queue is full. If `message` is None, do nothing."""
-        if message is not None and len(self.queue) < _QUEUE_LIMIT:
+        """Queue a message, or drop it if the queue is full or the link is waiting. If `message` is None, do nothing."""
+        if message is not None and not self.waiting and len(self.queue) < _QUEUE_LIMIT:
             self.queue.append(self.codec.pack(message))
+
+    def send_text(self, severity: int, text: str) -> None:
+        """Queue a text as STATUSTEXT, split into numbered chunks if the text is too long for one message. severity: MAV_SEVERITY"""
+        raw = text.encode(errors="replace")
+        chunks = [raw[k : k + _TEXT_BYTES] for k in range(0, len(raw), _TEXT_BYTES)]
+        self.text_id = self.text_id % 65535 + 1
+        number = self.text_id if len(chunks) > 1 else 0
+        for k, chunk in enumerate(chunks):
+            self.send(mavlink.MAVLink_statustext_message(severity, chunk, number, k))
 
     def send_frames(self, count: int, pack: Callable[[int], bytes]) -> None:
         """Queue several frames, or drop them if the queue is full.

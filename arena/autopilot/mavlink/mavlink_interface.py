@@ -42,12 +42,11 @@ from arena.wire.mavlink_frame import Frame
 from arena.wire.px4_mode import split_mode
 from arena.wire.sticks import sticks_from_channels, sticks_from_manual_control
 
-_TEXT_BYTES = 50  # of one STATUSTEXT
 _GCS_TEXT_TIMEOUT_S = 10.0  # STATUSTEXT goes to links with a ground station only, as on PX4
 
 
 class MavlinkInterface:
-    """Receives and sends the MAVLink messages of one vehicle on its links `router`, `vision` and `panic` (see `MavlinkLink`).
+    """Receives and sends the MAVLink messages of one vehicle on its links `router`, `vision`, `panic` and `ground` (see `MavlinkLink`).
 
     telemetry: streams of all vehicles, and the state that their messages contain
     gate: decides who may command the vehicle; None obeys every sender, as PX4 does
@@ -73,8 +72,6 @@ class MavlinkInterface:
         files = VehicleFiles(vehicle.commander.name, library)
         self.file_server, self.log_server = FileServer(files), LogServer(files, boot_unix_s)
         self._servers = (self.param_server, self.file_server, self.log_server)
-        self._text_id = 0
-        self._pings = 0
         self.links = telemetry.links(vehicle)
 
     # -- receiving -------------------------------------------------------------------------------------------
@@ -88,6 +85,9 @@ class MavlinkInterface:
         link = self.links[link_name]
         self.vehicle.now = now
         for frame in link.codec.frames(data):
+            if link.waiting:
+                link.waiting = False
+                self._telemetry.start_streams(link, now)
             if frame.msgid in _DECODED_FAST:
                 self._receive_fast(data, frame)
             elif frame.msgid in MESSAGES and self._refuses(link, data, frame):
@@ -318,8 +318,8 @@ class MavlinkInterface:
     def _send_rare(self, link: MavlinkLink, msgid: int, state: TelemetryState) -> bool:
         """Queue a message that pymavlink encodes. Return False if it is not supported or has no valid content."""
         if msgid == mavlink.MAVLINK_MSG_ID_PING:
-            self._pings += 1
-            link.send(mavlink.MAVLink_ping_message(state.us, self._pings, 0, 0))
+            link.pings += 1
+            link.send(mavlink.MAVLink_ping_message(state.us, link.pings, 0, 0))
             return True
         builder = streams.BUILDERS.get(msgid)
         message = builder(self.vehicle, state) if builder else None
@@ -333,16 +333,7 @@ class MavlinkInterface:
         for link in self.links.values():
             if now - link.gcs_heartbeat_at < _GCS_TEXT_TIMEOUT_S:
                 for severity, text in texts:
-                    self._send_text(link, severity, text)
-
-    def _send_text(self, link: MavlinkLink, severity: int, text: str) -> None:
-        """Send a text as STATUSTEXT, split into numbered chunks if the text is too long for one message."""
-        raw = text.encode(errors="replace")
-        chunks = [raw[k : k + _TEXT_BYTES] for k in range(0, len(raw), _TEXT_BYTES)]
-        self._text_id = self._text_id % 65535 + 1
-        text_id = self._text_id if len(chunks) > 1 else 0
-        for k, chunk in enumerate(chunks):
-            link.send(mavlink.MAVLink_statustext_message(severity, chunk, text_id, k))
+                    link.send_text(severity, text)
 
     def received_counts(self) -> Counter[str]:
         """Return the number of received and refused messages, by kind, over all links."""

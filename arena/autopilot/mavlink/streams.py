@@ -1,6 +1,6 @@
 """Telemetry streams: default rate of each message on each link, and functions that build the rare messages.
 
-The rates are those of PX4's onboard link, measured on v1.16 SITL in simulation time. `telemetry_packer`
+The rates are those of PX4's modes ONBOARD and NORMAL, measured on v1.16 SITL in simulation time. `telemetry_packer`
 packs the frequent messages. Each function here builds the message of one vehicle;
 it returns None if the vehicle has no valid content for it.
 """
@@ -240,10 +240,43 @@ _ONBOARD = _SLOW | {
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 5.0,
 }
 
+_NORMAL = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 15.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 10.0,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 5.0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 5.0,
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: 5.0,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 4.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: 2.0,
+    mavlink.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: 2.0,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 1.5,
+    mavlink.MAVLINK_MSG_ID_ALTITUDE: 1.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 1.0,
+    mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: 1.0,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: 1.0,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: 1.0,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    ESC_INFO: 1.0,
+    ESC_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 0.5,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+    CURRENT_MODE: 0.5,
+    CURRENT_EVENT_SEQUENCE: 1.0 / 3.0,
+    mavlink.MAVLINK_MSG_ID_PING: 0.1,
+    mavlink.MAVLINK_MSG_ID_VIBRATION: 0.1,
+}
+
 # Messages per second, by link and message id. The vision and panic links carry only what their one partner
 # needs.
+GROUND = "ground"
+"""Name of the link for ground stations."""
 LINK_RATES: dict[str, dict[int, float]] = {
     "router": _ONBOARD,
+    GROUND: _NORMAL,
     "vision": _SLOW
     | {mavlink.MAVLINK_MSG_ID_HOME_POSITION: 1.0, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0},
     "panic": _SLOW | {mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 1.0},

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.mavlink import streams
 from arena.autopilot.mavlink.link import LinkStreams, MavlinkLink
@@ -20,6 +21,7 @@ from arena.kernels.stream_sender import StreamSender
 _PHASE_S, _PHASES = 0.004, 5  # phase shift between the streams of neighbouring vehicles
 _IDS = sorted(streams.SUPPORTED)
 _COLUMNS = {msgid: column for column, msgid in enumerate(_IDS)}
+_HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _LINKS = list(streams.LINK_RATES)
 _HAS_CONTENT = {_COLUMNS[msgid]: test for msgid, test in {**HAS_CONTENT, **RARE_HAS_CONTENT}.items()}
 
@@ -58,7 +60,7 @@ class Telemetry:
         self._copied: list[object] = [None] * len(vehicles)
 
     def links(self, v: Vehicle) -> dict[str, MavlinkLink]:
-        """Return the links of a vehicle, with the default rates of their streams."""
+        """Return the links of a vehicle, with the default rates of their streams. The link for ground stations waits for a message."""
         # All streams of one vehicle are in phase, so that they share datagrams; those of different vehicles are not.
         first_s = _PHASE_S * (v.row % _PHASES)
         links = {}
@@ -67,10 +69,19 @@ class Telemetry:
             link = MavlinkLink(
                 name, v.system_id, LinkStreams(self._schedule, row, _COLUMNS), self._sequence, row
             )
-            for msgid, hz in streams.LINK_RATES[name].items():
-                link.streams.set_interval(msgid, 1.0 / hz, first_s)
+            link.waiting = name == streams.GROUND
+            if link.waiting:
+                link.streams.set_interval(_HEARTBEAT, 1.0 / streams.LINK_RATES[name][_HEARTBEAT], first_s)
+            else:
+                self.start_streams(link, first_s)
             links[name] = link
         return links
+
+    def start_streams(self, link: MavlinkLink, first_s: float) -> None:
+        """Start the streams of a link that are not sent yet, with their default rates. first_s: time of the first messages [s]"""
+        for msgid, hz in streams.LINK_RATES[link.name].items():
+            if not link.streams.interval(msgid):
+                link.streams.set_interval(msgid, 1.0 / hz, first_s)
 
     def begin(self) -> TelemetryState | None:
         """Read the state of the last step for the messages that are sent next. Return None before the first step."""

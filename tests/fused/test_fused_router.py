@@ -1,0 +1,84 @@
+"""The router of the fused arena: messages of ground stations and built-in autopilots pass in memory on the link for ground stations."""
+
+from __future__ import annotations
+
+import socket
+from types import SimpleNamespace
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.fused.router import FusedRouter
+
+HOST, STATION = "127.56.0.1", ("127.56.0.1", 14550)
+
+
+def packed(message, system, component):
+    return bytes(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=component)))
+
+
+@pytest.fixture
+def station():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
+        made.bind(STATION)
+        made.settimeout(5.0)
+        yield made
+
+
+@pytest.fixture
+def routed(station):
+    """Return a router of one built-in autopilot, and the inbox of the autopilot."""
+    vehicle = {
+        "name": "uav1",
+        "id": 1,
+        "link": {"local": [HOST, 24011], "remote": [HOST, 24010]},
+        "ground": {"local": [HOST, 27003], "remote": [HOST, 27002]},
+        "serve": [HOST, 24018],
+        "clients": [{"name": "program", "address": [HOST, 16001]}],
+        "tools": [HOST, 24016],
+    }
+    settings = {
+        "vehicles": [vehicle],
+        "gcs_local": [HOST, 24000],
+        "gcs": [{"name": "gcs", "address": list(STATION)}],
+        "recorder": None,
+        "heartbeat": True,
+        "simulated": True,
+        "seed": 1,
+    }
+    inbox = []
+    router = FusedRouter(SimpleNamespace(settings=settings), lambda: 1.0, {0}, inbox)
+    yield router, inbox
+    router.close()
+
+
+def test_command_of_a_ground_station_reaches_the_autopilot_on_the_ground_station_link_only(station, routed):
+    router, inbox = routed
+    data = packed(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0), 255, 190)
+    station.sendto(data, (HOST, 24000))
+    router.drain(1.0)
+    assert inbox == [(0, "ground", data)]
+
+
+def test_streams_of_the_ground_station_link_reach_the_ground_station_those_of_the_router_link_do_not(
+    station, routed
+):
+    router, _ = routed
+    for link, roll in (("router", 0.1), ("ground", 0.2)):
+        message = mavlink.MAVLink_attitude_message(5, roll, 0, 0, 0, 0, 0)
+        router.from_vehicle(0, packed(message, 1, 1), 1.0, link)
+    (received,) = mavlink.MAVLink(None).parse_buffer(station.recv(1000))
+    assert received.roll == pytest.approx(0.2)
+    station.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        station.recv(1000)
+
+
+def test_program_reaches_the_autopilot_on_the_router_link(station, routed):
+    router, inbox = routed
+    data = packed(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3), 1, 191)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program:
+        program.bind((HOST, 16001))
+        program.sendto(data, (HOST, 24018))
+        router.drain(1.0)
+    assert inbox == [(0, "router", data)]
