@@ -329,7 +329,7 @@ def test_real_px4_estimator_fuses_external_vision(example: Example, system: int)
     held = mavlink.ESTIMATOR_ATTITUDE | mavlink.ESTIMATOR_VELOCITY_HORIZ | mavlink.ESTIMATOR_VELOCITY_VERT
     held |= mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_POS_VERT_ABS
     told = station.in_the_air[system]
-    assert len(told) > 15
+    assert len(told) > 7  # sent every 2 s
     for status in told:
         assert status.flags & held == held and not status.flags & mavlink.ESTIMATOR_CONST_POS_MODE, status
         assert 0.0 < status.pos_horiz_ratio < 1.0 and status.pos_horiz_accuracy < 0.1, status
