@@ -52,7 +52,7 @@ def routed(station):
     router.close()
 
 
-def test_command_of_a_ground_station_reaches_the_autopilot_on_the_ground_station_link_only(station, routed):
+def test_command_of_a_ground_station_arrives_on_its_link_only(station, routed):
     router, inbox = routed
     data = packed(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0), 255, 190)
     station.sendto(data, (HOST, 24000))
@@ -60,9 +60,7 @@ def test_command_of_a_ground_station_reaches_the_autopilot_on_the_ground_station
     assert inbox == [(0, "ground", data)]
 
 
-def test_streams_of_the_ground_station_link_reach_the_ground_station_those_of_the_router_link_do_not(
-    station, routed
-):
+def test_ground_station_receives_the_streams_of_its_link_only(station, routed):
     router, _ = routed
     for link, roll in (("router", 0.1), ("ground", 0.2)):
         message = mavlink.MAVLink_attitude_message(5, roll, 0, 0, 0, 0, 0)

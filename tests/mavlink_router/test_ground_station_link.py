@@ -121,7 +121,7 @@ def test_status_of_the_vehicle_comes_from_the_router_link(fleet):
     assert fleet.router.changed_facts() == {} and fleet.router.armed(simulated=True) == ["uav1"]
 
 
-def test_heartbeat_of_the_router_enters_the_ground_station_link_once_a_station_was_received(fleet):
+def test_routers_heartbeat_enters_the_link_once_a_station_was_received(fleet):
     beat = heartbeat(254, 190)
     assert set(fleet.named(fleet.router.heartbeat(beat))) - {"recorder"} == {"autopilot1", "autopilot2"}
     fleet.send_as("gcs", heartbeat(*STATION))
