@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import socket
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
@@ -14,6 +16,7 @@ from arena.errors import RunError
 from arena.fcu_link.core import FcuLink
 from arena.transport import (
     MAX_DATAGRAMS_PER_READ,
+    Address,
     ConnectionUrl,
     SerialPort,
     Source,
@@ -25,6 +28,9 @@ from arena.transport import (
 from arena.wire.mavlink_frame import Buffer, ParsedFrames, Stream, parse_frames
 
 _REOPEN_S = 1.0
+_RELEASE_TIMEOUT_S = 2.0
+"""Longest wait until land-all, which has served the vehicle while no link process ran, releases the UDP port [s]."""
+_RELEASE_POLL_S = 0.02
 _QUEUE_S = 0.01  # data that the serial driver may hold: a more urgent frame cannot overtake it
 _MIN_QUEUE_BYTES = 300
 
@@ -94,7 +100,7 @@ class UdpTransport:
         self._kind, self._core = connection.kind, core
         self._fixed = connection.address if connection.kind == "udpout" else None
         try:
-            self._socket = open_udp(None if self._fixed else connection.address)
+            self._socket = open_udp(None) if self._fixed else _open_when_released(connection.address)
         except OSError as error:
             in_use = error.errno == errno.EADDRINUSE
             hint = " Does a ground station or another arena listen there?" if in_use else ""
@@ -146,6 +152,18 @@ class UdpTransport:
 
     def close(self) -> None:
         self._socket.close()
+
+
+def _open_when_released(local: Address) -> socket.socket:
+    """Open a UDP socket. If another process uses the port, try again for _RELEASE_TIMEOUT_S. Raises OSError."""
+    end = time.monotonic() + _RELEASE_TIMEOUT_S
+    while True:
+        try:
+            return open_udp(local)
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE or time.monotonic() >= end:
+                raise
+        time.sleep(_RELEASE_POLL_S)
 
 
 class SerialTransport:

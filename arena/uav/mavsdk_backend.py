@@ -11,6 +11,7 @@ import json
 import sys
 import threading
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -40,13 +41,13 @@ _RESULT_TIMEOUT_S = 1.0  # wall time from the received acknowledgement to MAVSDK
 
 
 class _Channels:
-    """MAVLink channels of this process. MAVSDK has 32, and each connection needs one.
+    """MAVLink channels of this process. Each connection needs one.
 
-    Without a free channel MAVSDK uses channel 0 for several connections. Their threads then write to the same buffer without a
-    lock: a program with 48 vehicles was aborted by the C library (MAVSDK 4.1).
+    MAVSDK 4.1 gives out 32 channels, but MAVLink's C code has buffers for 16. With 20 connections or more, the C library aborted
+    each process at its end, because other memory had been overwritten.
     """
 
-    LIMIT = 32
+    LIMIT = 16
 
     def __init__(self) -> None:
         self._free = threading.BoundedSemaphore(self.LIMIT)
@@ -55,7 +56,7 @@ class _Channels:
         """Reserve a channel. Raises InputError if none is free."""
         if not self._free.acquire(blocking=False):
             raise InputError(
-                f"backend mavsdk: at most {self.LIMIT} vehicles in one process (MAVSDK has {self.LIMIT} MAVLink channels). "
+                f"backend mavsdk: at most {self.LIMIT} vehicles in one process (MAVSDK has buffers for {self.LIMIT} connections). "
                 "Use `backend: mavlink`, or divide the group"
             )
 
@@ -178,7 +179,7 @@ class MavsdkBackend:
     def __init__(self, wire: Wire) -> None:
         self._wire, self._gate = wire, _Gate(wire)
         _CHANNELS.take()
-        mavsdk.log_subscribe(_log)
+        _subscribe_to_errors()
         self._mavsdk = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(wire.system_id, COMPONENT, False))
         self._mavsdk.add_any_connection("raw://")
         self._mavsdk.subscribe_raw_bytes_to_be_sent(self._gate.on_bytes)
@@ -227,6 +228,15 @@ def _same_command(asked: Any, sent: Any) -> bool:
     wanted = (asked.command, *(getattr(asked, f"param{i}") for i in range(1, 8)))
     found = (sent.command, *(getattr(sent, f"param{i}") for i in range(1, 8)))
     return all(abs(a - b) < 1e-4 * (1.0 + abs(a)) for a, b in zip(wanted, found, strict=True))
+
+
+@cache
+def _subscribe_to_errors() -> None:
+    """Print the errors of MAVSDK. Called once per process, before MAVSDK has threads.
+
+    A second subscription frees the C function of the first one while a thread of MAVSDK may call it (mavsdk 4.1.0).
+    """
+    mavsdk.log_subscribe(_log)
 
 
 def _log(level: mavsdk.LogLevel, message: str, _file: str | None, _line: int) -> bool:

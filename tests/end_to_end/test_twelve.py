@@ -61,13 +61,14 @@ def test_ports_and_ids_are_unique(plan: Plan) -> None:
 
 def test_both_ends_of_every_link_match(plan: Plan) -> None:
     """Each end of a link sends to the address that the other end binds."""
-    routed = {v["name"]: v["link"] for v in plan.slices["router.json"]["vehicles"]}
+    routed = {v["name"]: v for v in plan.slices["router.json"]["vehicles"]}
     ends = []
     for name in NAMES:
         links = plan.slices[f"px4.{name}.json"]["links"]
         for link, partner in (
             (links["vision"], plan.slices[f"forward.{name}.json"]["link"]),
-            (links["router"], routed[name]),
+            (links["router"], routed[name]["link"]),
+            (links["ground"], routed[name]["ground"]),
         ):
             assert (link["local"], link["remote"]) == (partner["remote"], partner["local"]), name
         ends += [tuple(link[end]) for link in links.values() for end in ("local", "remote")]
@@ -76,7 +77,7 @@ def test_both_ends_of_every_link_match(plan: Plan) -> None:
             == plan.slices[f"forward.{name}.json"]["capture"]["bodies"][0]
             == name
         )
-    assert len(set(ends)) == len(ends) == 12 * 6
+    assert len(set(ends)) == len(ends) == 12 * 8
 
 
 def position_and_yaw(station: GroundStation, system: int) -> tuple[Any, float] | None:
@@ -95,7 +96,7 @@ def assert_at_home(flight: Flight, station: GroundStation) -> None:
 
 
 def assert_loopback_only(flight: Flight) -> None:
-    """Check that PX4 opens only the three planned links and the simulator connection."""
+    """Check that PX4 opens only the four planned links and the simulator connection."""
     for k, name in enumerate(NAMES):
         sockets = px4_process(flight, name).net_connections("inet")
         links = flight.json(f"slices/px4.{name}.json")["links"]

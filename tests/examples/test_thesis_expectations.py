@@ -106,8 +106,8 @@ def test_refusal_of_a_backend_is_found_in_the_output(
     monkeypatch.setattr(sys, "path", [*sys.path])
     fly = load("fly")
     variant = fly.Variant(autopilot="builtin", backend="mavsdk")
-    output = "started\ngroup.show: ended (arena.errors.InputError: backend mavsdk: at most 32 (MAVSDK) here)\nend\n"
-    assert fly.refusal(output, variant) == "backend mavsdk: at most 32 (MAVSDK) here"
+    output = "started\ngroup.show: ended (arena.errors.InputError: backend mavsdk: at most 16 (MAVSDK) here)\nend\n"
+    assert fly.refusal(output, variant) == "backend mavsdk: at most 16 (MAVSDK) here"
     assert fly.refusal("NotConfirmedError: backend mavsdk: no heartbeat\n", variant) is None
 
 

@@ -20,6 +20,7 @@ from .conftest import free_address, make_uav
 
 pytest.importorskip("mavsdk.plugins.mavlink_direct", reason="mavsdk is not installed")
 
+from arena.uav import mavsdk_backend
 from arena.uav.mavsdk_backend import MavsdkBackend
 from arena.uav.mavsdk_setpoints import same_setpoint
 
@@ -88,14 +89,24 @@ def test_setpoint_equals_that_of_pymavlink(sent, asked):
 def test_backends_without_a_channel_of_their_own_are_refused():
     made = []
     try:
-        with pytest.raises(InputError, match="at most 32 vehicles in one process"):
-            made.extend(Sent(heartbeat=False) for _ in range(33))
-        assert len(made) == 32
+        with pytest.raises(InputError, match="at most 16 vehicles in one process"):
+            made.extend(Sent(heartbeat=False) for _ in range(17))
+        assert len(made) == 16
         made.pop().backend.close()
         made.append(Sent(heartbeat=False))
     finally:
         for one in made:
             one.backend.close()
+
+
+def test_errors_of_mavsdk_are_subscribed_once_per_process(monkeypatch):
+    """A second subscription frees the function of the first one, which a thread of MAVSDK may call at this moment."""
+    calls = []
+    monkeypatch.setattr(mavsdk_backend.mavsdk, "log_subscribe", calls.append)
+    mavsdk_backend._subscribe_to_errors.cache_clear()
+    for one in [Sent(heartbeat=False) for _ in range(3)]:
+        one.backend.close()
+    assert len(calls) == 1
 
 
 def test_repetitions_of_mavsdk_are_dropped(sent):
