@@ -45,6 +45,7 @@ from typing import Any, Protocol
 
 from arena.background_writer import BackgroundWriter, write_all
 from arena.errors import ArenaError, InputError
+from arena.process_title import set_title
 
 SOCKET_VARIABLE = "ARENA_FD"
 """Environment variable with the number of the socket to the supervisor."""
@@ -92,7 +93,7 @@ class ProcessContext:
         context = cls(str(settings["name"]), settings, supervisor_socket())
         if context.supervised:
             _write_output_in_background()
-        _set_title(f"arena:{context.name}")
+        set_title(f"arena:{context.name}")
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, context._stop)
         context.send({"entered": True})
@@ -334,11 +335,3 @@ def _write_output_in_background() -> None:
     for name, number in (("stdout", 1), ("stderr", 2)):
         raw = io.BufferedWriter(_LogFile(number, writer))
         setattr(sys, name, io.TextIOWrapper(raw, errors="backslashreplace", line_buffering=True))
-
-
-def _set_title(title: str) -> None:
-    try:
-        import setproctitle
-    except ImportError:  # the title is only for `ps`
-        return
-    setproctitle.setproctitle(title)

@@ -25,6 +25,7 @@ from arena.errors import EXIT_FAILED, EXIT_OK, InputError, RunError
 from arena.kernels import INTERPRETED
 from arena.plan.model import Plan
 from arena.plan.open_ports import open_lines
+from arena.process_title import set_title
 from arena.supervisor import (
     JsonLines,
     Level,
@@ -262,7 +263,7 @@ def run_plan(
     if forks is not None and not all(v.simulated for v in plan.vehicles):
         forks.close()
         forks = None
-    _set_title(plan)
+    set_title(f"arena:up {plan.name}")
     show.say(Message(text=f"{plan.name}: starting {len(plan.processes)} processes, run folder {folder.path}"))
     try:
         code = Supervisor(plan, folder, show, options, forks).run()
@@ -364,13 +365,6 @@ def _become_daemon(log: Path) -> None:
     )
     for fd, target in ((nowhere, 0), (file, 1), (file, 2)):
         os.dup2(fd, target)
-
-
-def _set_title(plan: Plan) -> None:
-    with contextlib.suppress(ImportError):
-        import setproctitle
-
-        setproctitle.setproctitle(f"arena:up {plan.name}")
 
 
 def _say(text: str) -> None:

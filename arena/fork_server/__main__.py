@@ -25,6 +25,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from arena.fork_server.forked_process import DESCRIPTORS, Request, start_work
+from arena.process_title import set_title
 
 PRELOADED = (
     "arena.fused.__main__",  # imports world, autopilots, motion capture, forwarder, router, sensors and recorder
@@ -46,7 +47,7 @@ def main(argv: list[str]) -> int:
     """Serve requests until the supervisor closes the socket. Return an exit code: that of the server, or in a forked process that
     of its work.
     """
-    _set_title()
+    set_title("arena:fork-server")
     channel = socket.socket(fileno=int(argv[1]))
     preload()
     work = _serve(channel)
@@ -99,13 +100,6 @@ def _fork_twice() -> int:
         pid = int(pipe.read())
     os.waitpid(between, 0)  # its child has now another parent, the supervisor
     return pid
-
-
-def _set_title() -> None:
-    with contextlib.suppress(ImportError):
-        import setproctitle
-
-        setproctitle.setproctitle("arena:fork-server")
 
 
 if __name__ == "__main__":
