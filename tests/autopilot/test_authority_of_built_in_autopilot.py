@@ -74,3 +74,23 @@ def test_program_flies_and_lands_and_flies_again_without_release(flight):
 def test_stand_in_for_px4_obeys_every_sender(flight):
     f = Flight()
     assert f.pilots.gates == [] and f.pilots.interfaces[0].gate is None
+
+
+@pytest.mark.parametrize("target", [1, 0], ids=["own id", "all"])
+@pytest.mark.parametrize("link", ["router", "ground"])
+def test_setpoint_of_a_ground_station_does_not_mix_with_those_of_the_program(flight, link, target):
+    station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    away = (3.0, 0.0, -3.0, 0, 0, 0, 0, 0, 0)
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, target, 1, 1, 0b100111111000, *away, 0, 0
+    )
+    before = flight.pilots.vehicles[0].offboard_setpoint
+    flight.pilots.receive(0, link, message.pack(station))
+    assert flight.pilots.vehicles[0].offboard_setpoint is before
+
+
+def test_setpoint_after_land_all_is_refused(flight):
+    land_all(flight)
+    before = flight.pilots.vehicles[0].offboard_setpoint
+    flight.setpoint(0, (3.0, 0.0, -3.0))
+    assert flight.pilots.vehicles[0].offboard_setpoint is before

@@ -15,7 +15,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.authority import MESSAGES, CommandGate, role_on_link
+from arena.authority import MESSAGES, CommandGate, Role, role_on_link
 from arena.autopilot.commander import CRITICAL, WARNING
 from arena.autopilot.control.setpoints import OffboardSetpoint
 from arena.autopilot.mavlink import (
@@ -38,6 +38,7 @@ from arena.autopilot.mavlink.vehicle_files import VehicleFiles
 from arena.autopilot.stored_logs import LogLibrary
 from arena.autopilot.vehicle import Vehicle
 from arena.wire import mavlink_records, px4_messages
+from arena.wire.age_limits import MANUAL_INPUTS, SETPOINTS
 from arena.wire.mavlink_frame import Frame
 from arena.wire.px4_mode import split_mode
 from arena.wire.sticks import sticks_from_channels, sticks_from_manual_control
@@ -88,10 +89,10 @@ class MavlinkInterface:
             if link.waiting:
                 link.waiting = False
                 self._telemetry.start_streams(link, now)
-            if frame.msgid in _DECODED_FAST:
-                self._receive_fast(data, frame)
-            elif frame.msgid in MESSAGES and self._refuses(link, data, frame):
+            if frame.msgid in MESSAGES and self._refuses(link, data, frame):
                 self.counts["refused: another has control"] += 1
+            elif frame.msgid in _DECODED_FAST:
+                self._receive_fast(data, frame)
             elif frame.msgid == px4_messages.REQUEST_EVENT:
                 self._on_event_request(link, data, frame)
             elif (message := link.codec.decode(data, frame)) is not None:
@@ -102,9 +103,15 @@ class MavlinkInterface:
         reply to a refused command.
         """
         own = self.vehicle.system_id
-        if self.gate is None or frame.target_sys != own or frame.target_comp not in (0, 1):
+        named = frame.target_sys == own or (
+            frame.target_sys == 0 and frame.msgid in SETPOINTS | MANUAL_INPUTS
+        )
+        if self.gate is None or not named or frame.target_comp not in (0, 1):
             return False
         role = role_on_link(link.name, frame.sysid, own)
+        is_setpoint = role is Role.PROGRAM and frame.msgid in SETPOINTS
+        if is_setpoint and self.gate.authority.passes_program_setpoint(self.vehicle.now):
+            return False
         refusal = self.gate.refusal(role, data, frame, self.vehicle.now)
         if refusal is None:
             return False
