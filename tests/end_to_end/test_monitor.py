@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import psutil
 import pytest
 from browser import chromium, open_page
 
@@ -26,6 +28,14 @@ VEHICLES = {"uav1": "hovers", "uav2": "hovers"}
 @contextlib.contextmanager
 def monitor(hangar: Hangar) -> Iterator[str]:
     """Start `arena monitor` on a free port, and give the URL of its page."""
+    with monitor_process(hangar) as (url, process):
+        yield url
+    assert process.returncode == 0
+
+
+@contextlib.contextmanager
+def monitor_process(hangar: Hangar) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Start `arena monitor` on a free port, and give the URL of its page and the process."""
     with subprocess.Popen(
         [sys.executable, "-m", "arena.monitor", "--port", "0"],
         stdout=subprocess.PIPE,
@@ -35,10 +45,10 @@ def monitor(hangar: Hangar) -> Iterator[str]:
     ) as process:
         assert process.stdout is not None
         try:
-            yield process.stdout.readline().split()[-1]
+            yield process.stdout.readline().split()[-1], process
         finally:
             process.terminate()
-        assert process.wait(30) == 0
+            process.wait(30)
 
 
 def text_of(page: Any) -> str:
@@ -161,6 +171,52 @@ def test_hold_and_kill_all_show_their_confirmation(hangar):
         picture(page, "killed")
         assert_down(flight)
         flight.cli("down", "--now")
+
+
+def browser_processes() -> list[psutil.Process]:
+    """Return the browser processes that this test has started."""
+    return [p for p in psutil.Process().children(recursive=True) if "chrom" in p.name()]
+
+
+def assert_hovers(flight: Flight, for_s: float) -> None:
+    """Check that the simulation goes on, and that the vehicle keeps its place and mode. for_s: simulated time [s]."""
+    begun = flight.truth()
+
+    def is_over() -> bool:
+        now = flight.truth()
+        assert np.linalg.norm(now.p_n[0] - begun.p_n[0]) < 0.1
+        return bool(now.time_s > begun.time_s + for_s)
+
+    eventually(is_over, 10.0 * for_s, "the simulation goes on", flight.said)
+    assert flight.fact("uav1.armed") and flight.fact("uav1.mode") == "OFFBOARD"
+
+
+def test_hung_browser_and_killed_monitor_touch_no_vehicle(hangar):
+    chromium()
+    from playwright.sync_api import Error  # of a browser that has ended
+
+    flight = hangar.fly({"uav1": "hovers"})
+    flight.truth()  # the heights are counted from here
+    flight.until_up(0.8)
+    eventually(lambda: abs(flight.truth().v_n[0, 2]) < 0.05, 20, "hovers")
+    with monitor_process(hangar) as (url, server):
+        with contextlib.suppress(Error), open_page(url, width=1000, height=640) as page:
+            until_shown(page, r"uav1\s+OFFBOARD", 60)
+            hung = browser_processes()
+            assert len(hung) > 2
+            for process in hung:
+                process.suspend()
+            assert_hovers(flight, 6.0)
+            for process in hung:
+                process.kill()
+        assert not psutil.wait_procs(hung, 10)[1]
+        assert_hovers(flight, 1.0)
+        with open_page(url, width=1000, height=640) as page:
+            until_shown(page, r"uav1\s+OFFBOARD", 60)
+            server.kill()
+            assert_hovers(flight, 3.0)
+    flight.cli("down")
+    assert flight.wait() == 0
 
 
 def test_time_bar_of_a_replay_is_moved_by_mouse_and_keyboard(hangar):
