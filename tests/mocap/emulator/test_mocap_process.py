@@ -203,9 +203,8 @@ def test_our_receiver_gets_180_frames_a_second_in_ned(tmp_path, version, transpo
             frames += capture.poll(time.monotonic())
         capture.close()
     span = frames[-1].number - frames[0].number
-    assert span <= 240, (
-        f"{len(frames)} frames of {span}: {capture.counts}"
-    )  # a busy machine skips some, and says so
+    # the emulator skips frames on a busy machine: at least half of them must arrive
+    assert span <= 2 * len(frames), f"{len(frames)} frames of {span}: {capture.counts}"
     poses = {p.body: p for p in frames[-1].poses}
     assert np.allclose(poses["uav1"].p_n, World.P_N[0], atol=0.003)
     assert np.allclose(poses["uav1"].q_nb, World.Q_NB[0], atol=0.005)
