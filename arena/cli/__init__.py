@@ -176,11 +176,16 @@ def _fork_server(arguments: Sequence[str]) -> Iterator[ForkClient | None]:
         return
     from arena.supervisor.fork_client import ForkClient
 
-    forks = ForkClient()
+    forks = None
+    with contextlib.suppress(
+        OSError
+    ):  # no further process or file: without it, interpreters start the arena, or report the error
+        forks = ForkClient()
     try:
         yield forks
     finally:
-        forks.close()
+        if forks is not None:
+            forks.close()
 
 
 def _run(app: typer.Typer, arguments: list[str], forks: ForkClient | None) -> int:

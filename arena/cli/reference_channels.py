@@ -15,7 +15,7 @@ _HEAD = """\
 were; arena's own tools read only these. The channels for viewers contain the same flight as messages that Foxglove and PlotJuggler show.
 With `arena up --foxglove` all channels are also sent live. [Open a flight in Foxglove](../howto/foxglove.md) explains both.
 
-`VEHICLE` is the name of a vehicle. Every log time is a time of one clock: simulation time, or Unix time as soon as one vehicle is real.
+`VEHICLE` is the name of a vehicle. Every log time is a time of one clock: simulation time, or Unix time if a vehicle is real.
 """
 _RAW: Mapping[str, tuple[str, str]] = {
     flight_record.down_topic(_VEHICLE): (

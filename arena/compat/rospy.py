@@ -56,7 +56,7 @@ class Rate:
         self._rate = thread_clocks.clock().rate(float(hz))
 
     def sleep(self) -> None:
-        """Sleep until the next deadline."""
+        """Sleep until the end of the present period."""
         self._rate.sleep()
 
 

@@ -41,7 +41,7 @@ class FlightLimits:
 def limits_of(
     room: Settings, vehicle: VehicleSettings, speeds: tuple[float, float, float, float]
 ) -> FlightLimits:
-    """Return the limits of a vehicle in its room: the geofence, or without one the room minus the size of the vehicle.
+    """Return the limits of a vehicle in its room: the geofence; if there is none, the room minus the size of the vehicle.
 
     speeds: horizontal speed, climb rate, sink rate [m/s] and acceleration [m/s2] of the vehicle
     """

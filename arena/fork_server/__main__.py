@@ -61,7 +61,8 @@ def preload() -> None:
     for name in PRELOADED:
         with contextlib.suppress(Exception):
             importlib.import_module(name)
-        sys.modules.pop(name) if name.endswith(".__main__") else None
+        if name.endswith(".__main__"):
+            sys.modules.pop(name, None)
     gc.freeze()  # a collection in a forked process does not touch, and so does not copy, these objects
     gc.set_threshold(*thresholds)
 

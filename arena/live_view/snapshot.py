@@ -160,7 +160,7 @@ class EventList:
         return tuple(self._events)
 
     def on_lines(self, lines: Iterable[bytes]) -> None:
-        """Add the events in lines of events.jsonl.
+        """Add new lines of events.jsonl to the list of events.
 
         Requests to vehicles (entries `audit`, for `arena audit`) and lines that cannot be read are left out.
         """

@@ -14,7 +14,7 @@ class MissingRanges:
     """
 
     def __init__(self, size: int, ranges: Iterable[Range] | None = None) -> None:
-        """Begin with these missing ranges; None: the whole file is missing."""
+        """Create the list of missing ranges. ranges: what is missing of a file that exists in part; None if the whole file is missing."""
         self.size = size
         whole = [(0, size)] if ranges is None else sorted(ranges)
         self._ranges: list[Range] = [(max(a, 0), min(b, size)) for a, b in whole if a < min(b, size)]

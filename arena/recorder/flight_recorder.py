@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 FLUSH_PERIOD_S = 0.5
 """Time between two writes to the disk [s]: a loss of power loses at most the data of this time and of one wake-up."""
 REPORT_PERIOD_S = 1.0
+SILENT_S = 60.0
+"""Time without a datagram after which no vehicle counts as armed [s]."""
 # Both clocks are read this often, and so many readings are kept: an event is read from the disk up to 1.5 s after its time.
 _CLOCK_PERIOD_S = 0.02
 _CLOCK_READINGS = 128
@@ -79,6 +81,7 @@ class FlightRecorder:
         self._events = EventTail(folder / "events.jsonl") if own_events else None
         self._clock = RunClock(now_s, time.monotonic(), _CLOCK_READINGS)
         self._last_event_s = -math.inf
+        self._has_received, self._received_s, self._ticked_s = False, math.inf, 0.0
         self._next_reading = self._next_flush = self._next_report = 0.0
         self._failure = ""
         self._server = self._open_viewers(folder)
@@ -92,11 +95,17 @@ class FlightRecorder:
 
     @property
     def armed(self) -> list[str]:
-        """Return the names of the armed vehicles."""
+        """Return the names of the armed vehicles; none after SILENT_S without a datagram.
+
+        Without the router, which may have died, the recorder does not receive the disarming, and would wait for it for ever.
+        """
+        if self._ticked_s - self._received_s > SILENT_S:
+            return []
         return [name for name, watch in self._watches.items() if watch.armed]
 
     def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
         """Record a MAVLink datagram from a vehicle, or to it (`up`). time_s: time of reception by the run's clock [s]."""
+        self._has_received = True
         if self._watches[vehicle].on_datagram(up, data, time_s):
             self._report_airborne(vehicle)
         self._left_out += self.behind
@@ -136,6 +145,9 @@ class FlightRecorder:
 
         now_s, monotonic_s: present time by the run's clock and monotonic [s].
         """
+        self._ticked_s = monotonic_s
+        if self._has_received:
+            self._received_s, self._has_received = monotonic_s, False
         if self._server is not None:
             self._server.pass_time(now_s)
         if monotonic_s >= self._next_reading:

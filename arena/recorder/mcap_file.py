@@ -189,7 +189,7 @@ class _Writer:
         self._writer.write_metadata(name, dict(metadata))
 
     def flush(self) -> bytes:
-        """Finish the chunk of the messages since the last call. Return the bytes since the last call."""
+        """End the present chunk. Return the new bytes of the file since the last call."""
         self._writer.flush()
         return self._buffer.take()
 

@@ -1,4 +1,4 @@
-"""Clocks by which the recorder wakes and stamps: simulation time, or Unix time as soon as one vehicle is real."""
+"""Clocks by which the recorder wakes and stamps: simulation time, or Unix time if a vehicle is real."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def vehicle_colours(count: int) -> tuple[Colour, ...]:
 
 
 def paint_colour(paint: Paint, vehicle: Colour) -> Colour:
-    """Return the colour of a face under full light. vehicle: colour of the vehicle, for its canopy, front arms and discs."""
+    """Return the colour of a face under full light. vehicle: colour of the vehicle, which its canopy, front arms and rotor discs have."""
     return _PAINTS.get(paint, vehicle)
 
 

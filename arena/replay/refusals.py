@@ -46,7 +46,7 @@ class Refusals:
         return [reply for reply in replies if reply]
 
     def take_events(self) -> list[str]:
-        """Return the texts to report since the last call. Each kind of request is reported once per vehicle."""
+        """Return the new events, for the event log. Each kind of refused request is reported once per vehicle."""
         found, self._events = self._events, []
         return found
 

@@ -182,7 +182,7 @@ def difference(pair: Pair) -> Difference:
 
 
 def _end(side: Side) -> float:
-    """Return the time at which the comparison of a flight ends [s]: its last row in OFFBOARD, or of its log without OFFBOARD."""
+    """Return the time at which the comparison of a flight ends [s]: the last row in OFFBOARD, or the last row if none is in OFFBOARD."""
     rows = np.flatnonzero(side.flight.offboard)
     return float(side.t[rows[-1]] if rows.size else side.t[-1])
 

@@ -102,7 +102,7 @@ def together(found: Iterable[Happening], within_s: float) -> list[list[Happening
 
 
 def without_names(h: Happening) -> str:
-    """Return the text of an entry with `*` instead of the names of its vehicles."""
+    """Return the text of an entry, in which each name of a vehicle is replaced by `*`. Entries with equal results can share a row."""
     text = h.text
     for name in sorted(h.vehicles, key=len, reverse=True):
         text = re.sub(rf"(?<![\w-]){re.escape(name)}(?![\w-])", "*", text)

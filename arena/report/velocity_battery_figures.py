@@ -11,7 +11,7 @@ from arena.geometry import Array
 from arena.report.figures import Curve, Drawn, Figure, Panel, column, desired, over_time
 
 _THRESHOLDS = {"BAT_LOW_THR": "#b45309", "BAT_CRIT_THR": "#c0182b", "BAT_EMERGEN_THR": "#7a0c1c"}
-"""PX4's parameters with the thresholds of the charge (0..1), and the colours of their lines."""
+"""Name of PX4's parameter -> colour of its line. These parameters are thresholds of the battery charge [-] (0 to 1)."""
 
 
 def velocity(vehicles: Sequence[Drawn]) -> Figure:

@@ -193,7 +193,7 @@ class Bridge:
         }
 
     def events(self) -> list[str]:
-        """Return the texts to report since the last call."""
+        """Return the new events, which the caller reports to the supervisor. Each event is returned once."""
         found = [text for v in self.vehicles for text in v.incoming.events]
         for v in self.vehicles:
             v.incoming.events.clear()

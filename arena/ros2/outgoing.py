@@ -143,7 +143,7 @@ class Outgoing:
             self._publish("mocap/pose", self._pose(p_n, q_nb, now))
 
     def on_ack(self, command: int, result: int, target: tuple[int, int], now: float) -> None:
-        """Publish the reply to a command."""
+        """Publish the vehicle's reply to a command, as VehicleCommandAck."""
         made = message(
             "px4_msgs/VehicleCommandAck",
             timestamp=_us(now),

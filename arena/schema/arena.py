@@ -291,6 +291,6 @@ class Arena:
 
     @property
     def foxglove(self) -> tuple[str, int] | None:
-        """Address (host, port number) of the WebSocket for Foxglove; None without one."""
+        """Address (host, port number) of the WebSocket for Foxglove; None if the YAML has no `log.foxglove`."""
         shown = self.log.foxglove
         return None if shown is None else (shown.address or self.address, shown.port)

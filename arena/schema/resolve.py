@@ -61,15 +61,10 @@ def resolve(
     drawn, fence = model.geofence, fence_of(model)
     if drawn is not None:
         for key in ("north", "east", "up"):
-            words = (
-                source.origin(("geofence", key)) if source.given(("geofence", key)) else "default: the room's"
-            )
-            _note(
-                origins,
-                f"geofence.{key}",
-                getattr(fence, key),
-                words + (", less margin_m" if drawn.margin_m else ""),
-            )
+            place = ("geofence", key)
+            words = source.origin(place) if source.given(place) else "default: the room's"
+            words += ", less margin_m" if drawn.margin_m else ""
+            _note(origins, f"geofence.{key}", getattr(fence, key), words)
     ids = _ids(model.vehicles)
     wanted = {v.autopilot or model.defaults.autopilot or "auto" for v in model.vehicles.values()}
     px4 = find_px4(_home(model, folder)) if wanted & {"auto", "px4"} else None

@@ -65,7 +65,7 @@ class Ros2(Strict):
     setpoints: bool = False
     """true: nodes of the domain may send setpoints and commands, with the authority of a program."""
     px4_msgs: bool = True
-    """true: also topics of px4_msgs. Vehicles with PX4 SITL have none from the bridge if `tools.microxrce` runs."""
+    """Publish also topics of px4_msgs. If `tools.microxrce` runs, PX4 SITL publishes these topics itself, and the bridge does not."""
 
 
 class Microxrce(Strict):

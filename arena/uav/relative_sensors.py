@@ -170,7 +170,7 @@ class EmulatedSensor:
 
     @property
     def age_s(self) -> float:
-        """Age of the oldest measurement [s]; infinite before each neighbour was measured."""
+        """Age of the oldest measurement [s]; infinite until every neighbour has been measured once."""
         return max((n.age_s for n in self._neighbours.values()), default=math.inf)
 
     @property

@@ -25,7 +25,7 @@ TAIL_METADATA, TAIL_START = "arena_tail", "after_bytes"
 FRAMES_TOPIC, EVENTS_TOPIC = "/mocap/frames", "/events"
 MAVLINK_ENCODING, CDR_ENCODING, JSON_ENCODING = "mavlink", "cdr", "json"
 SIMULATION_CLOCK, UNIX_CLOCK = "simulation", "unix"
-"""Values of `clock` in the metadata: `log_time` is simulation time, or Unix time (as soon as one vehicle is real)."""
+"""Values of `clock` in the metadata: `log_time` is simulation time, or Unix time if a vehicle is real."""
 
 
 def tail_path(record: Path) -> Path:

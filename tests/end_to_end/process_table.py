@@ -47,7 +47,7 @@ class End(StrEnum):
 
 
 class Fate(StrEnum):
-    """What happens to the killed or stopped process."""
+    """Result for the killed or stopped process."""
 
     AGAIN = "started again"
     ENDED = "not started again"

@@ -1,4 +1,4 @@
-"""Who may command a vehicle, at the router."""
+"""Authority at the router: which sender may command a vehicle."""
 
 import pytest
 from fleet import LAND, OFFBOARD, Fleet, ack, command, heartbeat, packed

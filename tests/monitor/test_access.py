@@ -1,4 +1,4 @@
-"""Who may open the page: on loopback programs of the same user, on other addresses who has the token."""
+"""Access to the page: on loopback for programs of the same user, on other addresses with the token."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from arena.mocap.client import CapturedFrame, Pose
 from arena.process_context import ProcessContext
 from arena.recorder import mcap_file
 from arena.recorder.channels import RawChannels
-from arena.recorder.flight_recorder import FlightRecorder
+from arena.recorder.flight_recorder import SILENT_S, FlightRecorder
 
 SETTINGS: dict[str, Any] = {
     "name": "recorder",
@@ -81,6 +81,21 @@ def test_metadata_and_all_data_are_in_the_file(tmp_path):
     ]
     assert [body.name for frame in record.frames() for body in frame.bodies] == ["b1", "b2"]
     assert record.truth("uav1").t.tolist() == [3.3]
+
+
+def test_no_vehicle_counts_as_armed_after_a_minute_without_a_datagram(tmp_path):
+    """The router may have died with its supervisor: then nobody reports the disarming, and the recorder must end."""
+    recorder = FlightRecorder(Process(tmp_path), 0.0)
+    recorder.on_datagram("uav1", False, message(armed=True), 1.0)
+    found = []
+    for at in (100.0, 100.0 + SILENT_S - 1.0, 100.0 + SILENT_S + 1.0):
+        recorder.tick(1.0, at)
+        found.append(recorder.armed)
+    assert found == [["uav1"], ["uav1"], []]
+    recorder.on_datagram("uav1", False, message(armed=True), 2.0)
+    recorder.tick(2.0, 100.0 + SILENT_S + 2.0)
+    assert recorder.armed == ["uav1"]
+    recorder.close(3.0)
 
 
 def test_event_is_not_recorded_before_the_line_above_it(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""What a picture shows: vehicles where the camera sees them, faces in the right order, labels that do not overlap."""
+"""Content of a picture: vehicles where the camera sees them, faces in the right order, labels that do not overlap."""
 
 from __future__ import annotations
 

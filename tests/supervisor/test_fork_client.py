@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from arena import cli
 from arena.constants import PROCESS_ENV
 from arena.plan.model import ProcessSpec
 from arena.supervisor import proc_fs
@@ -101,6 +102,15 @@ def test_fork_server_ends_when_all_processes_have_started(start, tmp_path):
     eventually(lambda: proc_fs.children(run.process.pid) == [run.state.processes["a"].pid])
     run.signal(signal.SIGINT)
     run.wait()
+
+
+def test_arena_up_continues_if_no_fork_server_can_be_started(monkeypatch):
+    def no_process(*args: Any, **more: Any) -> None:
+        raise BlockingIOError("Resource temporarily unavailable")
+
+    monkeypatch.setattr("arena.supervisor.fork_client.subprocess.Popen", no_process)
+    with cli._fork_server(["up"]) as forks:
+        assert forks is None
 
 
 def test_killed_fork_server_is_replaced_by_an_interpreter(start, tmp_path):
