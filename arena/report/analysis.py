@@ -12,7 +12,7 @@ from arena.flight_log.columns import RPY
 from arena.flight_log.flight import Flight
 from arena.geometry import Array
 from arena.report.happenings import estimated, tracked
-from arena.report.held_setpoints import constant_spans, setpoints
+from arena.report.held_setpoints import last_row_of_held_setpoint, setpoints
 from arena.report.landings import landing_drift, last_touchdown
 
 
@@ -64,10 +64,10 @@ def landing(flight: Flight, disarmed: bool) -> dict[str, Any]:
         "touchdown_s": None if touchdown is None else _round(flight.t[touchdown], 3),
         "error_m": None,
     }
-    flown, spans = np.flatnonzero(flight.offboard), constant_spans(flight)
-    if not flown.size or not spans or spans[-1][1] != flown[-1]:
+    held = last_row_of_held_setpoint(flight)
+    if held is None:
         return found
-    target = flight.group("pos_ref")[flown[-1], :2]
+    target = flight.group("pos_ref")[held, :2]
     error = float(np.linalg.norm(_last_place(flight) - target)) if flight.landed[-1] else math.nan
     return {**found, "error_m": _round(error), "target_ne": [_round(x, 3) for x in target]}
 

@@ -17,6 +17,8 @@ SETTLED_S, SETTLED_M_S = 3.0, 0.25
 """A vehicle counts as settled if it was in the air for so long with a setpoint [s], or is slower than this at its end [m/s]."""
 # POSITION_TARGET_LOCAL_NED comes 10 times per second: rows show the old reference until the next message.
 _BEFORE_CHANGE_S = 0.15
+# The autopilot can send the reference of the landing mode before the HEARTBEAT with this mode.
+_MODE_LATER_S = 1.1
 _SPEED_S = 0.25  # time over which the speed at the end of a held setpoint is measured
 
 
@@ -37,6 +39,26 @@ def constant_spans(flight: Flight) -> list[tuple[int, int]]:
     if first is not None:
         spans.append((first, flight.t.size - 1))
     return [(a, b) for a, b in spans if flight.t[b] - flight.t[a] >= HELD_S]
+
+
+def last_row_of_held_setpoint(flight: Flight) -> int | None:
+    """Return the last row of the setpoint that was held until OFFBOARD ended; None if the last setpoint was not held.
+
+    Rows at the end of OFFBOARD that already have the reference of the next mode do not count: the message with the reference
+    can come before the message with the mode.
+    """
+    flown, spans = np.flatnonzero(flight.offboard), constant_spans(flight)
+    if not flown.size or not spans:
+        return None
+    held, end = spans[-1][1], int(flown[-1])
+    after = int(np.searchsorted(flight.t, flight.t[end] + _BEFORE_CHANGE_S))
+    if held == end:
+        return held
+    if after >= flight.t.size or flight.t[end] - flight.t[held] > _MODE_LATER_S:
+        return None
+    ref = flight.group("pos_ref")
+    of_next_mode = np.isclose(ref[held + 1 : end + 1], ref[after], atol=_SAME_M, equal_nan=True)
+    return held if of_next_mode.all() else None
 
 
 def setpoints(flight: Flight) -> dict[str, Any]:

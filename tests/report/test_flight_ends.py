@@ -318,6 +318,17 @@ def test_landing_has_no_distance_to_a_setpoint_that_jumped_before(run):
     assert found["error_m"] is None and found["drift_m"] == pytest.approx(0.3, abs=0.01)
 
 
+@pytest.mark.parametrize("rows", [1, 5, 29])
+def test_reference_of_the_landing_that_comes_before_its_mode_is_no_jump(run, rows):
+    flight = landing_flight(run)
+    ref = {f"pos_ref.{axis}": flight.numbers[f"pos_ref.{axis}"].copy() for axis in ("north", "down")}
+    ref["pos_ref.north"][140:] += 0.005
+    ref["pos_ref.down"][140:] = np.nan
+    modes = tuple("OFFBOARD" if k < 140 + rows else "AUTO.LAND" for k in range(flight.t.size))
+    found = landing(replace(flight, numbers={**flight.numbers, **ref}, mode=modes), True)
+    assert found["error_m"] == pytest.approx(0.3, abs=0.01)
+
+
 @pytest.mark.parametrize("mode", ["OFFBOARD", "AUTO.RTL"])
 def test_flight_down_in_another_mode_has_no_drift_while_landing(run, mode):
     assert landing(landing_flight(run, mode=mode), True)["drift_m"] is None
