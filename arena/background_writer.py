@@ -29,8 +29,9 @@ class BackgroundWriter:
         self._lost = 0
 
     def submit(self, job: Job, *, replaces: str = "") -> None:
-        """Add a write to the queue. replaces: key of the write; a waiting write with the same key is removed, because
-        only the newest one matters.
+        """Add a write to the queue.
+
+        replaces: key of the write; a waiting write with the same key is removed, because only the newest one matters.
         """
         with self._changed:
             if replaces:

@@ -1,5 +1,4 @@
-"""Fault injection for simulated arenas: a scenario sends faults to running processes, one JSON object per
-datagram.
+"""Fault injection for simulated arenas: a scenario sends faults to running processes, one JSON object per datagram.
 
 The world, the motion capture emulator and the router can receive faults. Each has a local socket `<path>` in
 the run's private folder, and reads it before every step, frame or loop cycle. On a lockstep clock, a fault
@@ -96,8 +95,9 @@ class FaultReceiver:
 
 
 def inject(path: str | Path, fault: Fault) -> None:
-    """Send a fault to a process through its socket `path`. Raises RunError if no process has this socket,
-    or if the process reads nothing for one second.
+    """Send a fault to a process through its socket `path`.
+
+    Raises RunError if no process has this socket, or if the process reads nothing for one second.
     """
     with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as sender:
         sender.settimeout(_SEND_TIMEOUT_S)
@@ -122,9 +122,7 @@ def word(fault: Fault, key: str, choices: Collection[str]) -> str:
 
 
 def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple[str, ...]:
-    """Return the value of `key` in a fault if it is a list of `count` different words of `choices`, else raise
-    InputError.
-    """
+    """Return the value of `key` in a fault if it is a list of `count` different words of `choices`, else raise InputError."""
     found = fault.get(key)
     fits = (
         isinstance(found, list)

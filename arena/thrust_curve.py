@@ -60,8 +60,9 @@ class ThrustCurve:
         return self._newtons(np.clip(np.asarray(u, dtype=np.float64), 0.0, 1.0)) * self._share(speed_m_s)
 
     def command(self, newtons: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
-        """Return the command 0..1 [-] for a total thrust. For a thrust that the rotors cannot give, return
-        the command of the nearest possible thrust.
+        """Return the command 0..1 [-] for a total thrust.
+
+        For a thrust that the rotors cannot give, return the command of the nearest possible thrust.
 
         newtons: total thrust [N]
         speed_m_s: airspeed [m/s]

@@ -1,5 +1,4 @@
-"""Functions that open UDP sockets and serial devices, and that parse connection URLs such as
-`udpin:0.0.0.0:14540`.
+"""Functions that open UDP sockets and serial devices, and that parse connection URLs such as `udpin:0.0.0.0:14540`.
 
     udpin:HOST:PORT        listen on HOST:PORT; the vehicle sends to it
     udpout:HOST:PORT       send to HOST:PORT
@@ -82,8 +81,9 @@ class ConnectionUrl:
 
     @property
     def url(self) -> str:
-        """The connection URL as written in the YAML. It has no baud rate, because the YAML has a separate key
-        `baud`.
+        """The connection URL as written in the YAML.
+
+        It has no baud rate, because the YAML has a separate key `baud`.
         """
         return f"serial:{self.device}" if self.kind == "serial" else f"{self.kind}:{self.host}:{self.port}"
 
@@ -111,8 +111,7 @@ def parse_url(url: str, *, baud: int = DEFAULT_BAUD) -> ConnectionUrl:
 
 
 def url_from_json(raw: Mapping[str, Any]) -> ConnectionUrl:
-    """Return the connection in a process's JSON configuration (slice): {kind, address} or {kind, device,
-    baud}.
+    """Return the connection in a process's JSON configuration (slice): {kind, address} or {kind, device, baud}.
 
     Raises KeyError, TypeError or ValueError if the JSON has another form.
     """
@@ -133,8 +132,9 @@ def _parse_serial(rest: str, baud: int) -> ConnectionUrl:
 
 
 def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> ConnectionUrl:
-    """Return the parsed URL of a UDP connection to a numeric IPv4 address. Raises ValueError for a host name, and for a port that
-    is not between 1 and 65535.
+    """Return the parsed URL of a UDP connection to a numeric IPv4 address.
+
+    Raises ValueError for a host name, and for a port that is not between 1 and 65535.
 
     A host name is refused, because a name lookup could block or fail without a network.
     """
@@ -249,8 +249,10 @@ class StampAges:
 
 
 def receive_stamped(source: socket.socket) -> tuple[bytes, Address, float | None]:
-    """Receive one datagram. Return (datagram, sender, stamp). The stamp is the wall-clock time of reception
-    [s], None if the kernel gave none. Raises OSError.
+    """Receive one datagram.
+
+    Return (datagram, sender, stamp). The stamp is the wall-clock time of reception [s], None if the kernel gave none. Raises
+    OSError.
     """
     data, ancillary, _, sender = source.recvmsg(MAX_DATAGRAM_BYTES, _STAMP_SPACE)
     for level, kind, value in ancillary:
@@ -348,8 +350,9 @@ class SerialPort:
         return data
 
     def write(self, data: bytes) -> int:
-        """Write as many bytes as the driver accepts. Return the number of written bytes. Raises OSError if
-        the device was unplugged.
+        """Write as many bytes as the driver accepts.
+
+        Return the number of written bytes. Raises OSError if the device was unplugged.
         """
         try:
             return os.write(self._fd, data)

@@ -1,5 +1,7 @@
-"""Decides who may command one vehicle. `requests` reads the requests in MAVLink frames, `authority` decides whether
-they are allowed, and `command_gate` refuses frames and encodes the replies. Pure.
+"""Decides who may command one vehicle.
+
+`requests` reads the requests in MAVLink frames, `authority` decides whether they are allowed, and `command_gate` refuses
+frames and encodes the replies. Pure.
 
 Imports only the standard library and `wire`, because land-all uses it and must start fast.
 """

@@ -81,8 +81,10 @@ class Authority:
         return why
 
     def passes_program_setpoint(self, now: float) -> bool:
-        """Return whether a program's setpoint is certainly allowed, because no landing is latched. If so, remember its time.
-        If the result is False, call `refusal`, which decides. This test is fast, because setpoints are the most frequent requests.
+        """Return whether a program's setpoint is certainly allowed, because no landing is latched.
+
+        If so, remember its time. If the result is False, call `refusal`, which decides. This test is fast, because setpoints
+        are the most frequent requests.
 
         now: monotonic [s].
         """
@@ -196,8 +198,9 @@ class Authority:
             self._change(self._latched_role, f"{mode}, but no stick positions for {_INPUT_S:g} s", now)
 
     def on_manual_input(self, now: float) -> None:
-        """Record that stick positions of an RC transmitter or a joystick reach the vehicle. With `radio: none` in the YAML,
-        only stick positions show that a pilot has control.
+        """Record that stick positions of an RC transmitter or a joystick reach the vehicle.
+
+        With `radio: none` in the YAML, only stick positions show that a pilot has control.
         """
         self._input_at, self._heartbeats_since = now, 0
         unclear = self.holder is not Role.GROUND_STATION or self._obeyed
@@ -205,8 +208,9 @@ class Authority:
             self._change(Role.PILOT, self._mode, now)
 
     def _has_pilot(self, now: float) -> bool:
-        """Return whether a pilot has control of a vehicle in a manual mode that no command requested. With `radio: none` a pilot
-        has control only while stick positions reach the vehicle.
+        """Return whether a pilot has control of a vehicle in a manual mode that no command requested.
+
+        With `radio: none` a pilot has control only while stick positions reach the vehicle.
         """
         silent = self._heartbeats_since > _INPUT_HEARTBEATS and now - self._input_at > _INPUT_S
         return not (self._input_needed and silent)

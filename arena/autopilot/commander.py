@@ -267,8 +267,9 @@ class Commander:
             self._act_after_hold(_home_or_land(s) if returns else Mode.LAND, s, params, "battery")
 
     def _check_fence(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run the action of GF_ACTION once, when the vehicle leaves the geofence. The action is not repeated, so
-        that the pilot can then select another mode.
+        """Run the action of GF_ACTION once, when the vehicle leaves the geofence.
+
+        The action is not repeated, so that the pilot can then select another mode.
         """
         crossed, self._fence = s.fence and not self._fence, s.fence
         action = params.gf_action

@@ -79,8 +79,9 @@ def listed_values(setting: Setting) -> list[Value]:
 
 
 def drawn_values(sweep: Sweep) -> list[tuple[Value, ...]]:
-    """Return one tuple per random sample, with a value for each setting that is drawn at random. If no setting is drawn, return
-    one empty tuple.
+    """Return one tuple per random sample, with a value for each setting that is drawn at random.
+
+    If no setting is drawn, return one empty tuple.
     """
     settings = [s for s in sweep.settings.values() if is_drawn(s)]
     if not settings:

@@ -114,8 +114,9 @@ class Store:
             raise InputError(f"{path}: cannot be read: {error}. Choose another folder") from error
 
     def records(self) -> dict[str, Record]:
-        """Return id -> record of every flight that has a line in results.jsonl. A later line of the same flight replaces an
-        earlier one.
+        """Return id -> record of every flight that has a line in results.jsonl.
+
+        A later line of the same flight replaces an earlier one.
         """
         try:
             text = (self.folder / RESULTS).read_text(errors="replace")

@@ -143,8 +143,9 @@ class CopilotProcess:
             self._socket.sendto(data, to)
 
     def _report(self) -> bool:
-        """Report the copilot's counters to the supervisor; the first call also reports that the copilot is ready. Return
-        whether the process may end.
+        """Report the copilot's counters to the supervisor; the first call also reports that the copilot is ready.
+
+        Return whether the process may end.
 
         Called twice a second of wall time. `ShutdownPolicy` decides when the process may end.
         """

@@ -1,6 +1,4 @@
-"""Core of the copilot, without sockets or clocks: receives datagrams, poses and the time, returns datagrams
-and events.
-"""
+"""Core of the copilot, without sockets or clocks: receives datagrams, poses and the time, returns datagrams and events."""
 
 from __future__ import annotations
 
@@ -119,9 +117,7 @@ class Copilot:
 
     @property
     def flying(self) -> Mask:
-        """Mask of the vehicles that are armed and in the air according to their last message; false before
-        the first message.
-        """
+        """Mask of the vehicles that are armed and in the air according to their last message; false before the first message."""
         return np.array(
             [a is True and g is False for a, g in zip(self.states.armed, self.states.landed, strict=True)],
             np.bool_,

@@ -216,8 +216,10 @@ class Escalation:
                 return
 
     def _due(self, status: VehicleStatus, now: float) -> Step | None:
-        """Return the command to send now. Return None if the copilot has given no order, if the vehicle has
-        obeyed the order, or if the command was sent less than REPEAT_S ago.
+        """Return the command to send now.
+
+        Return None if the copilot has given no order, if the vehicle has obeyed the order, or if the command was sent less
+        than REPEAT_S ago.
 
         Without telemetry HOLD is repeated for a short time only, because the vehicle may already be landing.
         """
@@ -234,8 +236,9 @@ class Escalation:
         return order.step
 
     def _renewal_is_due(self, violations: Sequence[Violation], status: VehicleStatus, now: float) -> bool:
-        """Return whether to repeat the hold command to a vehicle that holds already. This keeps programs from taking control
-        while the violation lasts.
+        """Return whether to repeat the hold command to a vehicle that holds already.
+
+        This keeps programs from taking control while the violation lasts.
         """
         order = self.order
         if order is None or order.step != "hold" or order.obeyed_at is None or not status.fresh:

@@ -1,5 +1,6 @@
-"""Rules of the copilot: find the violations in a fleet state. Pure; a rule with a duration stores when its
-condition began.
+"""Rules of the copilot: find the violations in a fleet state.
+
+Pure; a rule with a duration stores when its condition began.
 
 An unknown value never violates a rule, because every comparison is combined with the mask of known values.
 """
@@ -120,8 +121,7 @@ class RuleChecker:
             yield Violation(row=int(row), rule="program", why=why)
 
     def _lasting(self, m: FleetState, rule: str, now_so: Mask) -> list[int]:
-        """Return the indices of the flying vehicles for which a condition has been true for at least the
-        rule's `for_s`.
+        """Return the indices of the flying vehicles for which a condition has been true for at least the rule's `for_s`.
 
         now_so: whether it is true now.
         """

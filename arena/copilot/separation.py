@@ -1,5 +1,6 @@
-"""Separation of vehicles: predicts the closest approach of each pair, and selects which vehicle of the pair
-yields. Pure.
+"""Separation of vehicles: predicts the closest approach of each pair, and selects which vehicle of the pair yields.
+
+Pure.
 
 The prediction is that a vehicle keeps its velocity, or flies to its fixed target, but does not stop earlier
 than it can. A vehicle under the order to hold is predicted to stop. If two vehicles come closer than `at_m`,

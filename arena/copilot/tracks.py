@@ -1,4 +1,5 @@
 """Tracks of the captured bodies: newest position, attitude, age and velocity, as arrays over the N vehicles.
+
 Pure.
 
 The velocity is the least-squares slope of the last nine poses. At 180 Hz and 0.3 mm noise its error is about
@@ -26,8 +27,9 @@ _MEMORY_S = 0.5
 
 
 class Tracks:
-    """Recent poses of all bodies. bodies: names of the bodies; row i of each returned array belongs to
-    bodies[i].
+    """Recent poses of all bodies.
+
+    bodies: names of the bodies; row i of each returned array belongs to bodies[i].
     """
 
     def __init__(self, bodies: Sequence[str]) -> None:
@@ -92,9 +94,7 @@ class Tracks:
         return found
 
     def velocities(self) -> tuple[Array, Mask]:
-        """Return the velocities [m/s] [NED] (N, 3), zero if unknown, and a mask (N,), true if the velocity is
-        known.
-        """
+        """Return the velocities [m/s] [NED] (N, 3), zero if unknown, and a mask (N,), true if the velocity is known."""
         has = np.isfinite(self._times)
         count = has.sum(1)
         t = np.where(has, self._times, 0.0)

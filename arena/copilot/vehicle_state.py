@@ -1,4 +1,5 @@
 """States of the vehicles, from their telemetry and their programs' heartbeats, as arrays over the N vehicles.
+
 Pure.
 
 Only the needed bytes of each MAVLink frame are read, because fifty vehicles send thousands of frames per
@@ -110,8 +111,9 @@ class VehicleStates:
 
 
 def _xyz(data: Buffer, frame: Frame, offset: int) -> Array:
-    """Return three floats of the payload. Missing bytes count as zero, because MAVLink 2 truncates trailing
-    zeros.
+    """Return three floats of the payload.
+
+    Missing bytes count as zero, because MAVLink 2 truncates trailing zeros.
     """
     start = frame.payload + offset
     raw = bytes(data[start : min(start + 12, frame.payload + frame.size)])

@@ -1,5 +1,6 @@
-"""The commands land-all and kill-all. They work without a running supervisor, router, motion capture or
-copilot.
+"""The commands land-all and kill-all.
+
+They work without a running supervisor, router, motion capture or copilot.
 
 Only modules that import fast are used here (no numpy, no schema), because the first command must be sent well
 within one second.

@@ -227,8 +227,9 @@ class DirectLink:
         self._print(f"{self._process_name} runs again; {self._address.connection} is released for it")
 
     def _on_opened(self) -> None:
-        """Load the signing key of the vehicle. Warn if no hardware uid is recorded, because the identity of the
-        vehicle cannot be checked then.
+        """Load the signing key of the vehicle.
+
+        Warn if no hardware uid is recorded, because the identity of the vehicle cannot be checked then.
         """
         if self._address.key_file and self._signing is None:
             self._signing = DirectSigning(self._address.key_file, self._print)

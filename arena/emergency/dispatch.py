@@ -276,9 +276,7 @@ def _open_panic_link(target: Target) -> socket.socket | None:
 
 
 def _raise_file_limit() -> None:
-    """Raise the limit of open files to the system's maximum, because three sockets per vehicle exceed the
-    limit of some shells.
-    """
+    """Raise the limit of open files to the system's maximum, because three sockets per vehicle exceed the limit of some shells."""
     with contextlib.suppress(OSError, ValueError):
         _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

@@ -31,8 +31,9 @@ _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessIdentity:
-    """Identity of a process, from state.json. The start time start_s [s since boot] distinguishes the process
-    from a later process with the same pid.
+    """Identity of a process, from state.json.
+
+    The start time start_s [s since boot] distinguishes the process from a later process with the same pid.
 
     owner: id of the user who wrote state.json; None if unknown. A process of another user is not killed.
     """
@@ -45,8 +46,7 @@ class ProcessIdentity:
 
 @dataclass(frozen=True, kw_only=True)
 class DirectAddress:
-    """Address of a real vehicle, for a direct connection that bypasses the MAVLink router and the link
-    process.
+    """Address of a real vehicle, for a direct connection that bypasses the MAVLink router and the link process.
 
     connection: URL from the plan or the YAML
     local: UDP address to which the link process was bound; None for any
@@ -105,8 +105,9 @@ def recorded_process(name: str, run: Path) -> ProcessIdentity | None:
 
 
 def has_given_up(name: str, run: Path) -> bool:
-    """Return whether the supervisor has recorded that it does not restart this process. Reads the end of
-    events.jsonl only.
+    """Return whether the supervisor has recorded that it does not restart this process.
+
+    Reads the end of events.jsonl only.
     """
     last = ""
     for event in _events(run / "events.jsonl", last_bytes=_LAST_EVENTS_BYTES):
@@ -116,9 +117,7 @@ def has_given_up(name: str, run: Path) -> bool:
 
 
 def recorded_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
-    """Return vehicle -> reason, for vehicles that are on the floor because they crashed or their PX4 has
-    ended.
-    """
+    """Return vehicle -> reason, for vehicles that are on the floor because they crashed or their PX4 has ended."""
     found: dict[str, str] = {}
     names = set(vehicles)
     for event in _events(run / "events.jsonl"):
@@ -133,8 +132,9 @@ def recorded_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
 
 
 def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
-    """Record a command in the run folder, so that programs can report why they lost their vehicle. Never
-    raises OSError.
+    """Record a command in the run folder, so that programs can report why they lost their vehicle.
+
+    Never raises OSError.
     """
     entry = {"mono": time.monotonic(), "command": command, "vehicles": list(vehicles)}
     flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
@@ -194,8 +194,10 @@ def valid_uid(raw: Any) -> str:
 
 
 def _address(raw: Any) -> Address:
-    """Convert [host, port] to an address. Raises ValueError for a port out of range or a host name. Host names are
-    refused, because name resolution needs a working network.
+    """Convert [host, port] to an address.
+
+    Raises ValueError for a port out of range or a host name. Host names are refused, because name resolution needs a working
+    network.
     """
     host, port = raw
     if not 0 <= int(port) <= 65535:

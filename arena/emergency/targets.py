@@ -1,5 +1,6 @@
-"""Search for the vehicles to land: in the plan of the active runs, else in the YAML. Reads files only; needs
-no running process.
+"""Search for the vehicles to land: in the plan of the active runs, else in the YAML.
+
+Reads files only; needs no running process.
 """
 
 from __future__ import annotations
@@ -186,9 +187,7 @@ def _of_all(runs: Iterable[ActiveRun]) -> Found | None:
 
 
 def _began_from(folder: Path) -> str:
-    """Return the path of the YAML from which a run was started, read from the first line of the run's
-    arena.yaml.
-    """
+    """Return the path of the YAML from which a run was started, read from the first line of the run's arena.yaml."""
     try:
         with (folder / "arena.yaml").open(errors="replace") as file:
             return str(Path(file.readline().partition("# resolved from ")[2].strip()).resolve())
@@ -199,8 +198,9 @@ def _began_from(folder: Path) -> str:
 def choose(
     targets: Sequence[Target], only: Sequence[str] = (), spared: Sequence[str] = ()
 ) -> tuple[Target, ...]:
-    """Return the vehicles named in `only` (all if `only` is empty), except those named in `spared`. Raises
-    InputError for an unknown name.
+    """Return the vehicles named in `only` (all if `only` is empty), except those named in `spared`.
+
+    Raises InputError for an unknown name.
     """
     names = [target.name for target in targets]
     for name in (*only, *spared):

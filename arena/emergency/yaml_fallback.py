@@ -1,5 +1,6 @@
-"""Reader of vehicle names, ids and addresses from an arena.yaml that may have errors. It ignores everything
-else in the file.
+"""Reader of vehicle names, ids and addresses from an arena.yaml that may have errors.
+
+It ignores everything else in the file.
 
 No error in the file stops the reading.
 """
@@ -141,8 +142,9 @@ def _value(rest: str, inner: list[str], depth: int) -> Any:
 
 
 def _flow(rest: str) -> Any:
-    """Parse a value that is written on one line. If it is a flow mapping with errors, return only `id` and `url`, if
-    these keys can be found.
+    """Parse a value that is written on one line.
+
+    If it is a flow mapping with errors, return only `id` and `url`, if these keys can be found.
     """
     value = read_yaml(rest, 0)
     if value is not None:

@@ -1,5 +1,7 @@
-"""Link process of one flight controller. It connects the controller by UDP to the MAVLink router (router link), the pose
-forwarder (vision link) and land-all (panic link).
+"""Link process of one flight controller.
+
+It connects the controller by UDP to the MAVLink router (router link), the pose forwarder (vision link) and land-all (panic
+link).
 
 Run as `python -m arena.fcu_link slice.json`.
 """
@@ -47,8 +49,10 @@ _HEADER = (
 
 
 class FcuLinkShell:
-    """Sockets, serial device and loop of the link process. The loop reads a limited amount from each connection in
-    turn, so that a flood on one connection does not delay the others.
+    """Sockets, serial device and loop of the link process.
+
+    The loop reads a limited amount from each connection in turn, so that a flood on one connection does not delay the
+    others.
     """
 
     def __init__(self, process: ProcessContext, settings: Settings) -> None:
@@ -123,8 +127,9 @@ class FcuLinkShell:
             s.close()
 
     def _wait(self) -> None:
-        """Wait until a connection can be read or written, or until the next tick is due. Then read the router, vision and
-        panic links.
+        """Wait until a connection can be read or written, or until the next tick is due.
+
+        Then read the router, vision and panic links.
 
         `run` reads the other connections: flight controller, simulator and motion capture.
         """

@@ -1,5 +1,6 @@
-"""Guided check of a real vehicle: a person moves it by hand, and its captured body must move as its IMU measures. Without the
-record of a passed check, the vehicle must not arm. Pure.
+"""Guided check of a real vehicle: a person moves it by hand, and its captured body must move as its IMU measures.
+
+Without the record of a passed check, the vehicle must not arm. Pure.
 
 `arena preflight` starts the check. It runs only while the vehicle is disarmed, and it never arms: while it runs, arming is
 refused, because a person holds the vehicle.

@@ -15,8 +15,9 @@ _MAX_ROUND_TRIP_S = 1.0
 
 
 class ClockOffset:
-    """Measurement of the offset between this computer's clock and the autopilot's clock. Only the fastest round trip is used,
-    because its error is smallest.
+    """Measurement of the offset between this computer's clock and the autopilot's clock.
+
+    Only the fastest round trip is used, because its error is smallest.
 
     offset_s: this computer's clock minus the autopilot's clock [s]; None before the first answer
     round_trip_s: time from the request to the answer that counts [s]; its half is the largest error of the offset

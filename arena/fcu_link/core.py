@@ -105,7 +105,9 @@ class FcuLink:
         return now - self.checks.received_at <= CONNECTION_TIMEOUT_S
 
     def armed(self, now: float) -> bool:
-        """Return whether the vehicle is armed. A real vehicle that sends nothing keeps its last state, also over a restart of this
+        """Return whether the vehicle is armed.
+
+        A real vehicle that sends nothing keeps its last state, also over a restart of this
         process, because it may still fly. A simulated vehicle counts as disarmed after 5 s without data: its process has ended.
         """
         armed = self.checks.armed or (self._was_armed and not self.ever_connected)
@@ -290,8 +292,9 @@ class FcuLink:
                 self.counts["from the simulator: not for a controller in the loop"] += 1
 
     def next_out(self, now: float) -> bytes | None:
-        """Return the next frame for the vehicle; None if there is none. Only a pose that is returned counts for the preflight
-        checks, because older poses in the queue may be dropped.
+        """Return the next frame for the vehicle; None if there is none.
+
+        Only a pose that is returned counts for the preflight checks, because older poses in the queue may be dropped.
         """
         queued = self.queue.take(now)
         if queued is None:

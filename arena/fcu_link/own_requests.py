@@ -20,8 +20,9 @@ _HEARTBEAT_S = 1.0
 
 
 class OwnRequests:
-    """Source of the messages that the link process itself sends to the vehicle. Call `due` about twenty times a second and send
-    the messages that it returns.
+    """Source of the messages that the link process itself sends to the vehicle.
+
+    Call `due` about twenty times a second and send the messages that it returns.
 
     codec: encodes these messages, with the component id of the link process as the sender
     """
@@ -40,8 +41,9 @@ class OwnRequests:
         self._heartbeat_at = -math.inf
 
     def due(self, now: float, *, connected: bool) -> Iterator[tuple[int, bytes]]:
-        """Yield message id and frame of each message that is due. connected: the vehicle is identified and has sent data
-        recently.
+        """Yield message id and frame of each message that is due.
+
+        connected: the vehicle is identified and has sent data recently.
         """
         unknown = self._identity.source is None and self._identity.has_candidate(now)
         if now - self._heartbeat_at >= _HEARTBEAT_S and not unknown:

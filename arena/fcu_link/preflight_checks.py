@@ -34,8 +34,7 @@ def sentence(text: str) -> str:
 
 
 class PreflightChecks:
-    """Checks the telemetry and the poses of one vehicle, and gives the reasons why the vehicle must not be
-    armed.
+    """Checks the telemetry and the poses of one vehicle, and gives the reasons why the vehicle must not be armed.
 
     Pass the autopilot's messages to `on_autopilot` and each sent pose to `on_pose`. `reasons` returns the
     checks that fail.
@@ -133,8 +132,9 @@ class PreflightChecks:
         return found + (self._estimate(now) or self._agreement(p_n, yaw))
 
     def _agreement(self, p_n: Vector, yaw: float) -> list[str]:
-        """Compare position and yaw of the pose with the autopilot's estimate. Return a reason for each value that
-        differs too much. Call this method only if `_estimate` has found no error.
+        """Compare position and yaw of the pose with the autopilot's estimate.
+
+        Return a reason for each value that differs too much. Call this method only if `_estimate` has found no error.
         """
         assert self._local is not None and self._yaw is not None
         apart = math.dist(p_n, self._local[1])

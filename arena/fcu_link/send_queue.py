@@ -24,8 +24,9 @@ MAX_BYTES = 8192
 
 
 class Priority(IntEnum):
-    """Priority of a frame for the flight controller, by its source. A smaller value is sent first, if several lanes (parts
-    of the send queue) have sent equal shares.
+    """Priority of a frame for the flight controller, by its source.
+
+    A smaller value is sent first, if several lanes (parts of the send queue) have sent equal shares.
 
     PANIC: land-all and kill-all
     ROUTER: the MAVLink router
@@ -40,8 +41,9 @@ class Priority(IntEnum):
 
 
 class Lane(IntEnum):
-    """Part of the queue of frames for the flight controller. PANIC (land-all and kill-all) is always sent first; the other
-    lanes share the connection.
+    """Part of the queue of frames for the flight controller.
+
+    PANIC (land-all and kill-all) is always sent first; the other lanes share the connection.
 
     PANIC, SIMULATOR and VISION contain the frames of one source each. COMMAND, SETPOINT and OTHER contain the frames of
     the router.

@@ -53,8 +53,7 @@ class Preflight:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Settings of one link process: its addresses, the limits of the preflight checks, and the required
-    parameters.
+    """Settings of one link process: its addresses, the limits of the preflight checks, and the required parameters.
 
     connection: URL of the flight controller
     links: UDP addresses of the link to the MAVLink router ("router"), to the pose forwarder ("vision"), and to land-all and

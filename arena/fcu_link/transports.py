@@ -1,6 +1,4 @@
-"""Transports to the flight controller: a UDP socket, or a serial device that is opened again after it was
-unplugged.
-"""
+"""Transports to the flight controller: a UDP socket, or a serial device that is opened again after it was unplugged."""
 
 from __future__ import annotations
 
@@ -57,8 +55,9 @@ class FcuTransport(Protocol):
         """Send a request for the hardware uid to one vehicle, ahead of the frames that wait to be sent."""
 
     def write(self, next_frame: NextFrame, now: float) -> bool:
-        """Send frames until the transport accepts no more. Return False if the device is absent or the
-        vehicle's address is unknown.
+        """Send frames until the transport accepts no more.
+
+        Return False if the device is absent or the vehicle's address is unknown.
 
         next_frame: returns the next frame to send; None if there is none
         """
@@ -167,8 +166,9 @@ def _open_when_released(local: Address) -> socket.socket:
 
 
 class SerialTransport:
-    """Connection to the flight controller by serial device. If the device is absent, unplugged or cannot be opened, the
-    connection tries again later.
+    """Connection to the flight controller by serial device.
+
+    If the device is absent, unplugged or cannot be opened, the connection tries again later.
 
     Each change is reported once. Opening is retried every second.
     """

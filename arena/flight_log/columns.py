@@ -1,5 +1,7 @@
-"""Table of the columns of a log, `csv/<vehicle>.csv`. A group is one measured quantity. It has one column per
-component, such as north, east, down. The columns of a log are in the order of this table.
+"""Table of the columns of a log, `csv/<vehicle>.csv`.
+
+A group is one measured quantity. It has one column per component, such as north, east, down. The columns of a log are in the
+order of this table.
 
 The groups in THESIS have the same names and the same order as in the log files of the thesis from which `arena` was
 developed, so that scripts for those files can read logs of arena. A cell is empty if the value was not received, is too
@@ -26,8 +28,9 @@ SETPOINT_MAX_AGE_S, STATE_MAX_AGE_S, BATTERY_MAX_AGE_S = 0.5, 3.0, 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """A measured quantity and its columns in the log: one column per component, such as `ekf.pos.north`. A quantity without
-    components has one column with the name of the quantity, such as `info.battery`.
+    """A measured quantity and its columns in the log: one column per component, such as `ekf.pos.north`.
+
+    A quantity without components has one column with the name of the quantity, such as `info.battery`.
 
     instant: time to which the value of a row belongs. "interpolated": between two samples, for the time of the row;
         "held": value of the last message; "row": exactly the time of the row.

@@ -1,5 +1,6 @@
-"""Reads the log file of one vehicle into arrays. If the writer of the file was killed, the last line can be incomplete.
-Such a line is ignored.
+"""Reads the log file of one vehicle into arrays.
+
+If the writer of the file was killed, the last line can be incomplete. Such a line is ignored.
 """
 
 from __future__ import annotations

@@ -44,8 +44,9 @@ _FEW_COLLECTIONS = 50_000
 
 
 def main(argv: list[str]) -> int:
-    """Serve requests until the supervisor closes the socket. Return an exit code: that of the server, or in a forked process that
-    of its work.
+    """Serve requests until the supervisor closes the socket.
+
+    Return an exit code: that of the server, or in a forked process that of its work.
     """
     set_title("arena:fork-server")
     channel = socket.socket(fileno=int(argv[1]))

@@ -212,8 +212,9 @@ class _Forwarder:
         self._shell.link.close()
 
     def _limit_wait(self) -> None:
-        """Report the pose forwarder as ready after 30 s of wall time even if PX4 cannot be armed. The user program then starts
-        and reports why PX4 cannot be armed.
+        """Report the pose forwarder as ready after 30 s of wall time even if PX4 cannot be armed.
+
+        The user program then starts and reports why PX4 cannot be armed.
         """
         if wall_time.monotonic() - self._began > READY_TIMEOUT_S:
             vehicle = self._context.settings["vehicle"]

@@ -1,5 +1,6 @@
-"""Conversions between coordinate frames, and between representations of rotations. Pure numpy functions on
-arrays of any leading shape.
+"""Conversions between coordinate frames, and between representations of rotations.
+
+Pure numpy functions on arrays of any leading shape.
 
 | letter | frame       | axes                                   |
 |--------|-------------|----------------------------------------|

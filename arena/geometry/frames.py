@@ -97,8 +97,9 @@ def globe_from_local(
 def local_from_globe(
     lat0_deg: Any, lon0_deg: Any, lat_deg: Any, lon_deg: Any, heading: Any = 0.0
 ) -> tuple[Any, Any]:
-    """Convert a latitude and longitude to a local position north, east [m]. East is measured along the
-    shorter way round the Earth.
+    """Convert a latitude and longitude to a local position north, east [m].
+
+    East is measured along the shorter way round the Earth.
 
     lat0_deg, lon0_deg: origin of the local frame [deg]
     lat_deg, lon_deg: global position [deg]

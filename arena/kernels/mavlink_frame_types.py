@@ -1,5 +1,6 @@
-"""Types of the results of `mavlink_framing`, the kernel that finds MAVLink frames. Other packages import the types from
-`arena.wire.mavlink_frame`.
+"""Types of the results of `mavlink_framing`, the kernel that finds MAVLink frames.
+
+Other packages import the types from `arena.wire.mavlink_frame`.
 """
 
 from __future__ import annotations

@@ -224,8 +224,9 @@ class OrdinaryDatagrams:
         return crc_at + _CRC + signature
 
     def _crc(self, data: Buffer, start: int, end: int, seed: int) -> int:
-        """Return the CRC-16/MCRF4XX of data[start:end] and the seed byte. Without a table, which would have to be loaded again
-        for nearly every message.
+        """Return the CRC-16/MCRF4XX of data[start:end] and the seed byte.
+
+        Without a table, which would have to be loaded again for nearly every message.
         """
         crc = 0xFFFF
         for i in range(start, end + 1):

@@ -48,7 +48,9 @@ class SocketWaits:
         self._now, self._world_now = now, self.world_s[0]
 
     def may_be_old(self, i: int, now: float) -> bool:
-        """Return whether the datagrams of socket i may have waited longer than `limit_s`. Call this once for each socket that
+        """Return whether the datagrams of socket i may have waited longer than `limit_s`.
+
+        Call this once for each socket that
         the poll has reported. now: monotonic [s].
         """
         if self._reported[i] != self._poll - 1:  # the last poll did not report the socket, so it was empty

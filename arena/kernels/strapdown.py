@@ -106,8 +106,9 @@ class Strapdown:
             self.v_n[i, k] += change
 
     def find_past(self, i: int, age_s: float) -> rotations.Quaternion:
-        """Return the attitude that vehicle i had `age_s` seconds ago, and set `past_p` to its position then. Both are
-        interpolated.
+        """Return the attitude that vehicle i had `age_s` seconds ago, and set `past_p` to its position then.
+
+        Both are interpolated.
 
         age_s: age [s]
         """

@@ -81,8 +81,9 @@ _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64 = range(8)  # p
 def global_position(
     north: float, east: float, heading: float, lat0: float, lon0: float, earth_m: float
 ) -> tuple[float, float]:
-    """Return latitude and longitude [1e-7 deg] of a local position, rounded. `arena.geometry.globe_from_local` has the formula
-    for arrays.
+    """Return latitude and longitude [1e-7 deg] of a local position, rounded.
+
+    `arena.geometry.globe_from_local` has the formula for arrays.
 
     north, east: position from the origin [m]
     heading: direction of the local frame's north, clockwise from true north [rad]

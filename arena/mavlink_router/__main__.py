@@ -18,8 +18,9 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def make_shell(process: ProcessContext) -> RouterShell:
-    """Create the `RouterShell` (sockets and loop of the router). It has fault injection if the
-    configuration contains `faults`, the path of the socket that receives faults.
+    """Create the `RouterShell` (sockets and loop of the router).
+
+    It has fault injection if the configuration contains `faults`, the path of the socket that receives faults.
     """
     table, faults = Table.from_slice(process.settings), process.settings.get("faults")
     if faults is None:

@@ -1,5 +1,6 @@
-"""Filter of the router for commands to vehicles. A command is forwarded only if its sender may command the vehicle now
-(`arena.authority`).
+"""Filter of the router for commands to vehicles.
+
+A command is forwarded only if its sender may command the vehicle now (`arena.authority`).
 """
 
 from __future__ import annotations

@@ -129,8 +129,10 @@ class VehicleRoutes:
 
 @dataclass(kw_only=True)
 class Counts:
-    """Number of frames and bytes since the start. A frame that is sent to n receivers counts n times. The copies of frames to
-    vehicles, which the recorder receives, count only in `bytes_out`.
+    """Number of frames and bytes since the start.
+
+    A frame that is sent to n receivers counts n times. The copies of frames to vehicles, which the recorder receives, count
+    only in `bytes_out`.
 
     unknown: frames of messages that are not in the table of CRC seeds
     dropped: reason -> number of frames that were not forwarded

@@ -1,5 +1,7 @@
-"""Router process with fault injection: receives faults from a socket. A fault makes a link lose or delay datagrams.
-Delays are measured in simulation time, or in wall time if there is no simulation clock.
+"""Router process with fault injection: receives faults from a socket.
+
+A fault makes a link lose or delay datagrams. Delays are measured in simulation time, or in wall time if there is no
+simulation clock.
 
 While no fault is active, datagrams are routed as in `RouterShell`. While a datagram is delayed, the router is
 a client of the simulation clock, so that simulation time waits for the router.

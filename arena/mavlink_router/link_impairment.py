@@ -52,8 +52,7 @@ class _ImpairedLink:
 
 
 class ImpairedRouter:
-    """Routes datagrams in place of a `Router` while a fault is active, and loses or delays some of these
-    datagrams.
+    """Routes datagrams in place of a `Router` while a fault is active, and loses or delays some of these datagrams.
 
     at, in every method: time for measuring delays [s], by any clock that never goes backwards
     now, in every method: monotonic [s], as in `Router`
@@ -75,6 +74,7 @@ class ImpairedRouter:
 
     def apply(self, fault: Fault) -> str:
         """Apply one fault (a JSON object, see `arena.fault_injection`) and return a description of the fault as text.
+
         Raises InputError if the fault is invalid.
         """
         kinds: dict[str, Callable[[Fault], str]] = {
@@ -148,8 +148,9 @@ class ImpairedRouter:
     def _passes(
         self, link: _ImpairedLink, direction: _Direction, address: Address, data: Buffer, at: float
     ) -> bool:
-        """Return whether to send a datagram at once. If not, the datagram is discarded or stored until its
-        delay ends.
+        """Return whether to send a datagram at once.
+
+        If not, the datagram is discarded or stored until its delay ends.
         """
         if link.share and direction.random.random() < link.share:
             self._router.counts.dropped[LOST] += 1

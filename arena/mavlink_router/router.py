@@ -174,6 +174,7 @@ class Router:
 
     def telemetry(self) -> dict[str, dict[str, float | None]]:
         """Return {vehicle: {"height_m": ..., "battery": ...}}: height above the floor [m] and remaining charge [%].
+
         None: the value is unknown.
         """
         for v in self._vehicles:
@@ -246,8 +247,9 @@ class Router:
     def _target_of(
         self, v: VehicleRoutes, link: AutopilotLink, data: Buffer, frame: Frame, now: float
     ) -> int:
-        """Return the MAVLink target of a frame from a vehicle, as system << 8 | component. Also update
-        the vehicle's status and telemetry if the frame contains them and has arrived on the router link.
+        """Return the MAVLink target of a frame from a vehicle, as system << 8 | component.
+
+        Also update the vehicle's status and telemetry if the frame contains them and has arrived on the router link.
         """
         _, _, _, _, sysid, compid, msgid, target_sys, target_comp = frame
         if sysid != v.vehicle.id:

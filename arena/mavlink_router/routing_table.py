@@ -71,8 +71,9 @@ class Table:
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Table:
-        """Read the table from the router's JSON configuration. Raises InputError, which names the missing key
-        or the wrong address.
+        """Read the table from the router's JSON configuration.
+
+        Raises InputError, which names the missing key or the wrong address.
         """
         try:
             return cls(
@@ -117,8 +118,9 @@ def _link(raw: Mapping[str, Any]) -> Link:
 
 
 def _address(raw: Any) -> Address:
-    """Check and return an address. Raises InputError for a host name, because each send would then wait for
-    name resolution.
+    """Check and return an address.
+
+    Raises InputError for a host name, because each send would then wait for name resolution.
     """
     try:
         host, port = raw

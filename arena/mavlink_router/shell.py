@@ -81,9 +81,7 @@ class RouterShell:
         self._process.stats(self._stats())
 
     def turn(self, timeout_s: float) -> None:
-        """Run one cycle: wait at most `timeout_s` for datagrams, route them, and do the periodic work that is
-        due.
-        """
+        """Run one cycle: wait at most `timeout_s` for datagrams, route them, and do the periodic work that is due."""
         if self._loop is not None and self._in_loop:
             self._run_loop(self._loop, timeout_s)
         else:

@@ -1,6 +1,4 @@
-"""Status of one vehicle for the supervisor (connected, armed, mode, landed), read from HEARTBEAT and
-EXTENDED_SYS_STATE.
-"""
+"""Status of one vehicle for the supervisor (connected, armed, mode, landed), read from HEARTBEAT and EXTENDED_SYS_STATE."""
 
 from __future__ import annotations
 
@@ -18,8 +16,7 @@ Fact = bool | str | float
 
 @dataclass(kw_only=True)
 class VehicleStatus:
-    """Status of one vehicle: the values `connected`, `armed`, `mode`, `landed` and `airborne_s`, which are
-    called facts.
+    """Status of one vehicle: the values `connected`, `armed`, `mode`, `landed` and `airborne_s`, which are called facts.
 
     changed: receives each changed fact as "uav1.armed" -> value; shared by all vehicles of a router
     The fact `armed` of a vehicle that falls silent keeps its last value.

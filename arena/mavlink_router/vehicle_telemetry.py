@@ -20,8 +20,7 @@ _FLOAT = struct.Struct("<f")
 
 
 class VehicleTelemetry:
-    """Latest height, battery charge and warnings of one vehicle, for the terminal of `arena up` and for
-    events.jsonl.
+    """Latest height, battery charge and warnings of one vehicle, for the terminal of `arena up` and for events.jsonl.
 
     height_m: height above the arena's floor [m], None before the first message.
     battery: remaining charge [%], None if unknown.

@@ -1,5 +1,4 @@
-"""The table of motion-capture vendors: name of the vendor -> package with its settings, client and emulated
-server.
+"""The table of motion-capture vendors: name of the vendor -> package with its settings, client and emulated server.
 
 Each row names the package that contains everything specific to one vendor. Such a package has three modules:
 
@@ -85,8 +84,9 @@ class VendorSettings(Protocol):
         """Return the sockets that the emulator with these settings opens."""
 
     def parse_client(self, text: str) -> dict[str, Any]:
-        """Parse the text after `VENDOR:` in a command-line option such as `--capture`. Return the settings of a motion-capture
-        client. Raises InputError.
+        """Parse the text after `VENDOR:` in a command-line option such as `--capture`.
+
+        Return the settings of a motion-capture client. Raises InputError.
         """
 
 

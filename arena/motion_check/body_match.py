@@ -1,5 +1,6 @@
-"""Search for the rigid body that moves with a vehicle. It compares only the sizes of rotation rates, so the axes of a body may
-be wrong. Pure.
+"""Search for the rigid body that moves with a vehicle.
+
+It compares only the sizes of rotation rates, so the axes of a body may be wrong. Pure.
 
 The size of the rotation rate does not depend on the direction of a body's axes. A body that is fixed to the vehicle
 therefore has the gyroscope's rotation rate at each time, even if its axes are defined wrongly.

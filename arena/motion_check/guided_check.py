@@ -11,8 +11,9 @@ from arena.motion_check.verdict import Verdict, judge
 
 
 class GuidedCheck:
-    """Guided check that a captured rigid body is the vehicle's (identity) and has the vehicle's axes (axes). A person moves
-    the vehicle by hand. The check ends with a verdict.
+    """Guided check that a captured rigid body is the vehicle's (identity) and has the vehicle's axes (axes).
+
+    A person moves the vehicle by hand. The check ends with a verdict.
 
     Pass in the data with `on_imu`, `on_pose` and `on_other`, and call `tick` a few times a second.
     body: name of the vehicle's own rigid body
@@ -54,8 +55,9 @@ class GuidedCheck:
             self._recorded.add_other(body, now, q_nb)
 
     def tick(self, now: float, offset_s: float | None) -> None:
-        """End the check when the motion is complete or has failed, and make the verdict. offset_s: this computer's clock minus
-        the autopilot's clock [s].
+        """End the check when the motion is complete or has failed, and make the verdict.
+
+        offset_s: this computer's clock minus the autopilot's clock [s].
         """
         if self.verdict is not None:
             return

@@ -1,5 +1,6 @@
-"""Conversion of an `Arena` (the checked YAML) to a `Plan` (the processes to start, as data). Pure. The
-package does not import the code of these processes.
+"""Conversion of an `Arena` (the checked YAML) to a `Plan` (the processes to start, as data).
+
+Pure. The package does not import the code of these processes.
 
 `arena.plan.model` imports the standard library only, so that land-all can read plans quickly.
 """
@@ -17,9 +18,7 @@ __all__ = ["LinkPlan", "Listen", "Plan", "ProcessSpec", "Restart", "VehiclePlan"
 
 
 def __getattr__(name: str) -> Any:
-    """Import `make_plan` only when it is first used, because the modules that it needs (the schema, pydantic)
-    load slowly.
-    """
+    """Import `make_plan` only when it is first used, because the modules that it needs (the schema, pydantic) load slowly."""
     if name == "make_plan":
         from arena.plan.make import make_plan
 

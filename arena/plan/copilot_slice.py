@@ -1,5 +1,6 @@
-"""Makes the configuration file (slice) of the copilot, the process that watches all vehicles in flight. If a vehicle violates a
-safety rule of the YAML, the copilot commands hold, land or terminate. Pure.
+"""Makes the configuration file (slice) of the copilot, the process that watches all vehicles in flight.
+
+If a vehicle violates a safety rule of the YAML, the copilot commands hold, land or terminate. Pure.
 """
 
 from __future__ import annotations
@@ -56,8 +57,9 @@ def _vehicle(job: Job, v: Vehicle) -> Json:
 
 
 def _walls(arena: Arena, v: Vehicle) -> Json:
-    """Return a box for the vehicle's centre. While the centre is in this box, the vehicle's body does not touch the room's
-    walls.
+    """Return a box for the vehicle's centre.
+
+    While the centre is in this box, the vehicle's body does not touch the room's walls.
     """
     (north, east, up), radius = arena.world.size, v.profile.radius_m
     n, e = north / 2.0 - radius, east / 2.0 - radius

@@ -55,8 +55,9 @@ class Firmware:
 
 
 def all_firmware(arena: Arena) -> dict[str, Firmware]:
-    """Return the PX4 parameters that each vehicle must have: vehicle name -> parameters. Raises InputError for a PX4 version that
-    is not in the parameter table.
+    """Return the PX4 parameters that each vehicle must have: vehicle name -> parameters.
+
+    Raises InputError for a PX4 version that is not in the parameter table.
     """
     return {v.name: firmware(arena, v) for v in arena.vehicles}
 
@@ -89,8 +90,9 @@ def origins(arena: Arena) -> dict[str, Origin]:
 
 
 class WrittenParamFinding(NamedTuple):
-    """A problem of a parameter that the user wrote. place: where the user wrote it, `arena.yaml:7` or the name of the
-    `params_file`.
+    """A problem of a parameter that the user wrote.
+
+    place: where the user wrote it, `arena.yaml:7` or the name of the `params_file`.
     """
 
     vehicle: str
@@ -112,8 +114,9 @@ def written_param_findings(arena: Arena) -> list[WrittenParamFinding]:
 
 
 def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
-    """Return the PX4 version whose parameter names apply to a vehicle. This is the version `asked` if given, else the vehicle's
-    `px4_version` in the YAML, else 1.16.
+    """Return the PX4 version whose parameter names apply to a vehicle.
+
+    This is the version `asked` if given, else the vehicle's `px4_version` in the YAML, else 1.16.
 
     Raises InputError if `asked` or the version in the YAML is not in the parameter table. For a PX4 binary whose version is
     not in the table, the result is 1.16.
@@ -173,8 +176,9 @@ def _declination_deg(arena: Arena, v: Vehicle) -> float | None:
 
 
 def _for_autopilot(required: Requirements, autopilot: str) -> Requirements:
-    """Return the requirements without those for which the autopilot has no parameters. The built-in autopilot has none for rotor
-    geometry and RC mapping, because it reads both from the vehicle's profile.
+    """Return the requirements without those for which the autopilot has no parameters.
+
+    The built-in autopilot has none for rotor geometry and RC mapping, because it reads both from the vehicle's profile.
     """
     return replace(required, rotors=(), channels=0) if autopilot == "builtin" else required
 

@@ -24,8 +24,9 @@ REAL_TIME_FROM = 5
 
 
 def is_fused(arena: Arena) -> bool:
-    """Return whether world, motion capture, forwarders, router and recorder run in one process. Raises InputError if the YAML
-    asks for one process and this is not possible.
+    """Return whether world, motion capture, forwarders, router and recorder run in one process.
+
+    Raises InputError if the YAML asks for one process and this is not possible.
     """
     return not why_many(arena)
 

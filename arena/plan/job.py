@@ -1,4 +1,5 @@
 """Functions for the addresses of a vehicle's MAVLink links, and `Job`, the input for planning one process.
+
 Pure.
 """
 
@@ -59,8 +60,9 @@ def program_args(arena: Arena, v: Vehicle) -> tuple[str, ...]:
 
 
 def link_of(arena: Arena, vehicle: Vehicle, name: str) -> LinkPlan:
-    """Return the addresses of one MAVLink link of a vehicle. name: router, vision (to the pose forwarder),
-    panic (to land-all) or ground (to the router, for ground stations).
+    """Return the addresses of one MAVLink link of a vehicle.
+
+    name: router, vision (to the pose forwarder), panic (to land-all) or ground (to the router, for ground stations).
     """
     ports, partners = vehicle.ports, {"vision": "forwarder", "panic": "land_all"}
     return LinkPlan(

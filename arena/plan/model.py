@@ -43,7 +43,9 @@ class Listen:
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """Part of the arena that has no process of its own. It runs inside the process `world` (fused arena), or is a user program
+    """Part of the arena that has no process of its own.
+
+    It runs inside the process `world` (fused arena), or is a user program
     in the process of a group. name, kind, vehicle: as in `ProcessSpec`.
     """
 
@@ -114,6 +116,7 @@ class ProcessSpec:
 @dataclass(frozen=True, kw_only=True)
 class LinkPlan:
     """Both ends of a UDP MAVLink link: the autopilot, and its partner (router, pose forwarder or land-all).
+
     Hosts are numeric addresses.
     """
 

@@ -23,8 +23,7 @@ _ANSWERS = {(binder.kind, port.name): binder.answers for port in PORTS for binde
 
 @dataclass(frozen=True, kw_only=True)
 class OpenSocket:
-    """A socket that a run opens: the process that opens it, its address, its purpose, and the senders that it
-    accepts.
+    """A socket that a run opens: the process that opens it, its address, its purpose, and the senders that it accepts.
 
     process: name of the process that opens the socket.
     address: numeric host address; for a `unix` socket its path.

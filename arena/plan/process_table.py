@@ -106,15 +106,18 @@ def _copilot_fields(job: Job) -> dict[str, Any]:
 
 
 def required_copilot(arena: Arena) -> tuple[str, ...]:
-    """Return ("copilot",) if vehicles must not fly without the copilot, else (). With `on_loss: warn`
-    vehicles may fly without the copilot.
+    """Return ("copilot",) if vehicles must not fly without the copilot, else ().
+
+    With `on_loss: warn` vehicles may fly without the copilot.
     """
     return ("copilot",) if arena.copilot is not None and arena.copilot.on_loss != "warn" else ()
 
 
 def _recorder_needs(job: Job) -> tuple[str, ...]:
-    """Return the names of the processes that must be ready before the recorder starts. In an arena without programs the recorder
-    needs the copilot, so that the loss of the copilot ends the run. Else the programs need the copilot.
+    """Return the names of the processes that must be ready before the recorder starts.
+
+    In an arena without programs the recorder needs the copilot, so that the loss of the copilot ends the run. Else the
+    programs need the copilot.
     """
     programs = any(v.program is not None for v in job.arena.vehicles)
     return (*_world_if_simulated(job), *(() if programs else required_copilot(job.arena)))
@@ -320,9 +323,7 @@ def jobs(row: ProcessKind, job: Job) -> Iterator[Job]:
 
 
 def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
-    """Return the `ProcessSpec` of one process: all that the supervisor needs to start, watch and stop the
-    process.
-    """
+    """Return the `ProcessSpec` of one process: all that the supervisor needs to start, watch and stop the process."""
     vehicle, name = job.vehicle, row.name(job)
     argv = (job.python, "-m", row.module, f"{{run}}/slices/{name}.json")
     fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), "outlives": True}

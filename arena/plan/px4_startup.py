@@ -21,8 +21,9 @@ _MOTOR_1 = 101  # output function of the first motor
 
 
 def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
-    """Return the startup scripts of one simulated PX4: file name in `etc/init.d-posix` -> text. given: values of the
-    placeholders in the script templates, by name.
+    """Return the startup scripts of one simulated PX4: file name in `etc/init.d-posix` -> text.
+
+    given: values of the placeholders in the script templates, by name.
     """
     import jinja2
 
@@ -34,8 +35,7 @@ def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
 
 
 def px4_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int]:
-    """Return the parameters that a simulated PX4 sets at its start, in addition to those of its airframe
-    file.
+    """Return the parameters that a simulated PX4 sets at its start, in addition to those of its airframe file.
 
     values: the vehicle's firmware parameters.
     """
@@ -94,8 +94,9 @@ def reset_by_startup(params: Mapping[str, float | int], version: str) -> dict[st
 
 
 def hitl_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int]:
-    """Return the parameters that a flight controller needs for hardware in the loop (HITL). Source: PX4
-    airframe 1001.
+    """Return the parameters that a flight controller needs for hardware in the loop (HITL).
+
+    Source: PX4 airframe 1001.
     """
     outputs = {f"HIL_ACT_FUNC{i + 1}": _MOTOR_1 + i for i in range(len(v.profile.rotors))}
     # A board has no SIM_* parameters, and its PWM outputs stay as they are: real motors may be connected.

@@ -22,8 +22,9 @@ _FIRST_TICK_S = 0.02
 
 
 class _PoseGapSleep:
-    """Timer for a sleep after each forwarded pose. Most camera frames are not forwarded, so the process need not wake up for
-    each frame.
+    """Timer for a sleep after each forwarded pose.
+
+    Most camera frames are not forwarded, so the process need not wake up for each frame.
 
     The interval is measured, so that it is right at any speed of the simulation. period_s: longest interval
     [s].
@@ -44,8 +45,9 @@ class _PoseGapSleep:
         self._sent = wall
 
     def sleep(self) -> None:
-        """Sleep until shortly before the next pose is due: 70 % of the usual interval, counted from the
-        last pose. Skip a sleep below 3 ms.
+        """Sleep until shortly before the next pose is due: 70 % of the usual interval, counted from the last pose.
+
+        Skip a sleep below 3 ms.
         """
         pause = self._sent + self._SHARE * self._gap_s - time.monotonic()
         if pause > self._MIN_S:

@@ -97,8 +97,9 @@ class Forwarder:
     # -- capture -------------------------------------------------------------------------------------------------------
 
     def on_frame(self, frame: CapturedFrame, now: float) -> bytes | None:
-        """Return the ODOMETRY message for a frame that has just arrived; None if nothing is forwarded. now:
-        time of arrival [s].
+        """Return the ODOMETRY message for a frame that has just arrived; None if nothing is forwarded.
+
+        now: time of arrival [s].
         """
         return self.on_frames([frame], now)
 
@@ -194,8 +195,7 @@ class Forwarder:
 
     @property
     def serving(self) -> bool:
-        """Return whether the forwarder is ready: it has forwarded a pose, and the autopilot is armed or can
-        be armed.
+        """Return whether the forwarder is ready: it has forwarded a pose, and the autopilot is armed or can be armed.
 
         True also in modes that do not allow arming, because the autopilot stays in AUTO.LAND on the ground
         after a landing.
@@ -246,9 +246,7 @@ class Forwarder:
         )
 
     def _on_autopilot_restart(self) -> None:
-        """Reset the stored state after a restart of the autopilot, which then has no origin and may not be
-        ready to arm.
-        """
+        """Reset the stored state after a restart of the autopilot, which then has no origin and may not be ready to arm."""
         a = self.autopilot
         a.has_origin = a.may_arm = a.has_position = False
         a.since, a.on_ground = math.inf, None

@@ -77,8 +77,9 @@ class ForwarderShell:
         return pose is not None
 
     def tick(self, now: float, wall: float) -> bool:
-        """Send the MAVLink messages that are due, such as the heartbeat, and report to the supervisor. Return whether the
-        process must end because the supervisor has died.
+        """Send the MAVLink messages that are due, such as the heartbeat, and report to the supervisor.
+
+        Return whether the process must end because the supervisor has died.
 
         now: time of `clock` [s].  wall: monotonic time, for rates and time limits [s].
         """

@@ -1,5 +1,7 @@
-"""Channels for viewers: the recorder's data as messages that Foxglove and PlotJuggler show. They are in `flight.mcap` and, with
-`--foxglove`, on a WebSocket. The raw channels stay complete; these channels are limited to the rates in `viewer_topics`.
+"""Channels for viewers: the recorder's data as messages that Foxglove and PlotJuggler show.
+
+They are in `flight.mcap` and, with `--foxglove`, on a WebSocket. The raw channels stay complete; these channels are limited
+to the rates in `viewer_topics`.
 """
 
 from __future__ import annotations

@@ -38,8 +38,9 @@ class RunTime(Protocol):
 
 
 class SimulationTime:
-    """Simulation time as the run's clock. In lockstep, the world does not advance beyond the end of the period before `wait` is
-    called again.
+    """Simulation time as the run's clock.
+
+    In lockstep, the world does not advance beyond the end of the period before `wait` is called again.
 
     path, name: path of the simulation clock, and name of this client.  period_s: time between two wake-ups [s], except in lockstep.
     """

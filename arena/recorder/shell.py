@@ -49,8 +49,9 @@ class RecorderShell:
         self._next_check = 0.0
 
     def run(self) -> None:
-        """Record until shortly after SIGTERM, or until the simulated world ends. If the supervisor has died, end when the vehicles
-        are disarmed.
+        """Record until shortly after SIGTERM, or until the simulated world ends.
+
+        If the supervisor has died, end when the vehicles are disarmed.
 
         The arena stops the recorder as soon as the last vehicle is disarmed. A row of the logs must still follow this message.
         """

@@ -37,8 +37,7 @@ def analyse(flight: Flight, *, disarmed: bool | None = None) -> dict[str, Any]:
 
 
 def tracking(flight: Flight) -> dict[str, float | None]:
-    """Return rms and maximum of the tracking error, the distance between position and position reference in
-    OFFBOARD [m].
+    """Return rms and maximum of the tracking error, the distance between position and position reference in OFFBOARD [m].
 
     Only the time in the air counts, because the vehicle cannot follow a setpoint before its take-off.
     Climbs and steps of the reference are included, so a large step increases both values.
@@ -73,9 +72,7 @@ def landing(flight: Flight, disarmed: bool) -> dict[str, Any]:
 
 
 def _last_place(flight: Flight) -> Array:
-    """Return north and east [m] (2,) of the last known position at which the vehicle was landed; NaN if
-    unknown.
-    """
+    """Return north and east [m] (2,) of the last known position at which the vehicle was landed; NaN if unknown."""
     pos = flight.pos[flight.landed, :2]
     seen = pos[np.isfinite(pos).all(axis=1)]
     return seen[-1] if len(seen) else np.full(2, np.nan)
@@ -105,8 +102,9 @@ def estimator(flight: Flight) -> dict[str, float | None]:
 
 
 def modes(flight: Flight) -> list[dict[str, Any]]:
-    """List the changes of flight mode and armed flag. Each entry has the time [s], the flight mode and the
-    armed flag.
+    """List the changes of flight mode and armed flag.
+
+    Each entry has the time [s], the flight mode and the armed flag.
     """
     found: list[dict[str, Any]] = []
     for t, mode, armed in zip(flight.t, flight.mode, flight.armed, strict=True):

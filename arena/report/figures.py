@@ -92,8 +92,10 @@ def drawn(flights: Mapping[str, Flight], origins_s: Mapping[str, float]) -> list
 
 
 def thinned(flight: Flight, most: int) -> Indices:
-    """Return the indices of at most `most` rows of a log. Of each group of neighbouring rows the first one is kept, and the
-    one with the largest tracking error, so that peaks stay visible.
+    """Return the indices of at most `most` rows of a log.
+
+    Of each group of neighbouring rows the first one is kept, and the one with the largest tracking error, so that peaks stay
+    visible.
     """
     size = flight.t.size
     if size <= most:

@@ -23,8 +23,9 @@ _SPEED_S = 0.25  # time over which the speed at the end of a held setpoint is me
 
 
 def constant_spans(flight: Flight) -> list[tuple[int, int]]:
-    """Find the time spans in OFFBOARD in which the position reference was constant for at least `HELD_S`. Return
-    (first row, last row) of each span.
+    """Find the time spans in OFFBOARD in which the position reference was constant for at least `HELD_S`.
+
+    Return (first row, last row) of each span.
     """
     ref = flight.group("pos_ref")
     held = flight.offboard & np.isfinite(ref).all(axis=1)
@@ -62,7 +63,9 @@ def last_row_of_held_setpoint(flight: Flight) -> int | None:
 
 
 def setpoints(flight: Flight) -> dict[str, Any]:
-    """Measure the position error [m] at the end of each held setpoint. Return the number of held setpoints, the largest error
+    """Measure the position error [m] at the end of each held setpoint.
+
+    Return the number of held setpoints, the largest error
     of those at which the vehicle had settled, and a list of all. `at_s`: time of the measured row [s].
 
     settled: the vehicle was in the air for at least `SETTLED_S` with this setpoint, or slower than `SETTLED_M_S` at its end.

@@ -95,8 +95,9 @@ def _complete(folder: Path) -> list[str]:
 
 
 def _write_logs(run: RunData) -> None:
-    """Write `csv/<vehicle>.csv` from the logs that were computed from the record of the flight, if the run has one. Write
-    `tlog/<vehicle>.tlog`, too.
+    """Write `csv/<vehicle>.csv` from the logs that were computed from the record of the flight, if the run has one.
+
+    Write `tlog/<vehicle>.tlog`, too.
     """
     if not has_record(run.folder):
         return
@@ -174,8 +175,7 @@ def summarise(
 
 
 def _rates(name: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the rates of messages and poses [Hz] that the recorder and the pose forwarder of one vehicle have
-    reported.
+    """Return the rates of messages and poses [Hz] that the recorder and the pose forwarder of one vehicle have reported.
 
     name: name of the vehicle.  stats: process -> its measurements.
     """

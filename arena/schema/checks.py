@@ -37,8 +37,9 @@ def check(c: Check) -> list[Problem]:
 
 
 def _names(c: Check) -> Iterator[Problem]:
-    """Check the names of vehicles and tools. Only some characters are allowed, because arena also uses these names for files,
-    processes and rigid bodies.
+    """Check the names of vehicles and tools.
+
+    Only some characters are allowed, because arena also uses these names for files, processes and rigid bodies.
     """
     said = "expected at most 32 lower-case letters, digits and _, starting with a letter"
     for vehicle in c.arena.vehicles:

@@ -60,8 +60,9 @@ def _no_wire(c: Check, v: Vehicle, key: str) -> Iterator[Problem]:
 
 
 def _baud(c: Check, v: Vehicle, baud: int) -> Iterator[Problem]:
-    """Check that the baud rate of the serial link is high enough for the poses and, with hitl, for the sensor values. At a
-    lower rate, these messages would arrive too late.
+    """Check that the baud rate of the serial link is high enough for the poses and, with hitl, for the sensor values.
+
+    At a lower rate, these messages would arrive too late.
     """
     needed = _POSE_BYTES * v.pose_rate_hz if v.forward else 0.0
     needed = _BITS * (needed + (_HIL_BYTES_S if v.autopilot == "hitl" else 0.0))

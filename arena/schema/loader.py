@@ -126,8 +126,9 @@ def _compose(text: str, file: str) -> yaml.Node | None:
 
 
 class _Resolver(BaseResolver):
-    """Rules by which the YAML reader finds the type of an unquoted value. As in YAML 1.2, `no`, `on` and `12:30` are text, 010
-    is 10, 1e-3 is a number, `<<` is a key.
+    """Rules by which the YAML reader finds the type of an unquoted value.
+
+    As in YAML 1.2, `no`, `on` and `12:30` are text, 010 is 10, 1e-3 is a number, `<<` is a key.
     """
 
 

@@ -1,5 +1,6 @@
-"""The pydantic models of arena.yaml: every section and key with its type. They contain the defaults of
-sections; `resolve` contains the defaults of vehicles.
+"""The pydantic models of arena.yaml: every section and key with its type.
+
+They contain the defaults of sections; `resolve` contains the defaults of vehicles.
 
 The docstring under a key is also the key's description in the reference page and in the JSON schema. Keys that are planned
 but not available yet are in `NOT_YET`, with what to use instead. They are refused, never ignored.

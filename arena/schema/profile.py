@@ -114,8 +114,9 @@ class Downwash(Strict):
 
 
 class RotorInertia(Strict):
-    """Moment of inertia of one rotor with its propeller. When the rotor gains speed, the motor's reaction torque turns the body
-    the other way.
+    """Moment of inertia of one rotor with its propeller.
+
+    When the rotor gains speed, the motor's reaction torque turns the body the other way.
     """
 
     moment_kg_m2: NotNegative

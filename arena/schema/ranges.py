@@ -20,8 +20,9 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class RangeMember:
-    """Vehicle that belongs to a range of vehicles. key: the range, such as `uav1..uav48`. index: place of the vehicle in the
-    range; 0 for the first.
+    """Vehicle that belongs to a range of vehicles.
+
+    key: the range, such as `uav1..uav48`. index: place of the vehicle in the range; 0 for the first.
     """
 
     key: str
@@ -29,8 +30,9 @@ class RangeMember:
 
 
 def expand_ranges(document: Document) -> tuple[Any, dict[str, RangeMember]]:
-    """Replace every range such as `uav1..uav48` by its vehicles. Return the new values of the document, and vehicle name -> its
-    range.
+    """Replace every range such as `uav1..uav48` by its vehicles.
+
+    Return the new values of the document, and vehicle name -> its range.
 
     Raises InputError for a wrong range, and for a name that is given twice.
     """
@@ -59,7 +61,9 @@ def expand_ranges(document: Document) -> tuple[Any, dict[str, RangeMember]]:
 
 
 def place_in_grid(first: Place, grid: Grid, index: int) -> Place:
-    """Return the start position of one vehicle of a range that is placed in a grid [m] [NED]. first: start of the first
+    """Return the start position of one vehicle of a range that is placed in a grid [m] [NED].
+
+    first: start of the first
     vehicle. index: 0 for the first.
     """
     row, column = divmod(index, grid.columns)

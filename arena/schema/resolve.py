@@ -263,8 +263,9 @@ class _Merge:
         return self._note(key, default, words)
 
     def _own(self, key: str, value: Any, words: str) -> Any:
-        """Return the value of a key that can be written only under the vehicle, not under `defaults`. Record where the value
-        comes from.
+        """Return the value of a key that can be written only under the vehicle, not under `defaults`.
+
+        Record where the value comes from.
         """
         path = ("vehicles", self.name, key)
         return self._note(key, value, self.source.origin(path) if self.source.given(path) else words)

@@ -122,8 +122,9 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
 
 
 def _instead(kind: type[BaseModel], path: YamlPath) -> str:
-    """Return a hint for an unknown key. The hint names the section that has this key, if there is exactly one, else the most
-    similar key.
+    """Return a hint for an unknown key.
+
+    The hint names the section that has this key, if there is exactly one, else the most similar key.
     """
     elsewhere = [keys for keys in _below(kind) if len(keys) > len(path) and keys[-len(path) :] == path]
     if len(elsewhere) == 1:

@@ -45,9 +45,7 @@ class AutopilotSet(Protocol):
         ...
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return the MAVLink datagrams that the autopilots send: (index of the vehicle, name of the link,
-        data).
-        """
+        """Return the MAVLink datagrams that the autopilots send: (index of the vehicle, name of the link, data)."""
         ...
 
     def on_request(self, request: Mapping[str, Any]) -> None:
@@ -94,8 +92,9 @@ MakeAutopilots = Callable[[dict[str, Any], float], AutopilotSet]
 
 
 class CompositeAutopilots:
-    """Combination of several kinds of autopilots, such as PX4 and the built-in one, in one set. Each kind
-    flies some of the vehicles.
+    """Combination of several kinds of autopilots, such as PX4 and the built-in one, in one set.
+
+    Each kind flies some of the vehicles.
 
     parts: (rows of the world, the autopilots that fly them)
     vehicles, rotors: shape of the motor commands
@@ -149,8 +148,9 @@ class CompositeAutopilots:
                 external.begin(now, part)
 
     def finish(self) -> Array:
-        """Run one control step of the built-in autopilots and wait for the replies of the external ones. Return the
-        motor commands of all vehicles, 0..1 (V, R).
+        """Run one control step of the built-in autopilots and wait for the replies of the external ones.
+
+        Return the motor commands of all vehicles, 0..1 (V, R).
         """
         motors = np.zeros(self._shape)
         for (rows, part), external, sensors in zip(self._parts, self._external, self._sensors, strict=True):
@@ -178,9 +178,7 @@ class CompositeAutopilots:
                 )
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return the MAVLink datagrams that the autopilots send: (index of the vehicle in the world, name of
-        the link, data).
-        """
+        """Return the MAVLink datagrams that the autopilots send: (index of the vehicle in the world, name of the link, data)."""
         return [(int(rows[i]), link, data) for rows, part in self._parts for i, link, data in part.transmit()]
 
     def on_request(self, request: Mapping[str, Any]) -> None:

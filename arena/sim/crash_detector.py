@@ -51,6 +51,7 @@ class FlightRecord:
 
     def to_json(self) -> dict[str, Any]:
         """Return the record as a JSON-ready object with rounded values, for the statistics of the process.
+
         The tilt is in degrees.
         """
         return {

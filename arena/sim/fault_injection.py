@@ -1,5 +1,6 @@
-"""Fault injection in the simulated world, such as a failed rotor. A fault is a JSON object (see
-`arena.fault_injection`). Pure.
+"""Fault injection in the simulated world, such as a failed rotor.
+
+A fault is a JSON object (see `arena.fault_injection`). Pure.
 """
 
 from __future__ import annotations

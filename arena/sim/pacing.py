@@ -77,8 +77,9 @@ class Pacer:
         return self._deadline - now
 
     def begin(self, now: float) -> None:
-        """Begin a step: record its delay, set the next deadline, and update `rtf`. After a long delay, the
-        lost time is not made up.
+        """Begin a step: record its delay, set the next deadline, and update `rtf`.
+
+        After a long delay, the lost time is not made up.
         """
         if self._wall_s > 0.0:
             self._record(now)

@@ -165,8 +165,9 @@ class VehicleLinks:
         self._panic_epoll.close()
 
     def _read_some(self, link: _VehicleLink, receive: Receive) -> bool:
-        """Read a limited number of datagrams of one link, so that the other links are served, too. Return
-        whether more datagrams may be waiting.
+        """Read a limited number of datagrams of one link, so that the other links are served, too.
+
+        Return whether more datagrams may be waiting.
         """
         for _ in range(_PER_TURN):
             try:

@@ -275,8 +275,9 @@ def adopt_orphans() -> None:
 
 
 def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
-    """Kill orphans: processes whose parent was a process of the plan and has ended. Collect their exit status and return their
-    pids.
+    """Kill orphans: processes whose parent was a process of the plan and has ended.
+
+    Collect their exit status and return their pids.
 
     known: pids that the supervisor started itself; these are not touched.
     mark: `KEY=value` entry that every process of this run has in its environment.

@@ -1,6 +1,4 @@
-"""Writes the event log of a run, events.jsonl, and shows each entry: state changes of processes, and events
-that they send.
-"""
+"""Writes the event log of a run, events.jsonl, and shows each entry: state changes of processes, and events that they send."""
 
 from __future__ import annotations
 
@@ -26,8 +24,9 @@ Show = Callable[[Message], None]
 
 
 class EventLog:
-    """Writer of events.jsonl, which also shows each entry as a line. `lost` counts entries that could not be
-    written.
+    """Writer of events.jsonl, which also shows each entry as a line.
+
+    `lost` counts entries that could not be written.
 
     writer: background thread that writes the file.
     path: the file.  show: function that shows a line.
@@ -91,8 +90,9 @@ class EventLog:
         )
 
     def error(self) -> str:
-        """Return the reason why events.jsonl cannot be written, such as `No space left on device`. Later calls return "", so
-        that the user reads the reason once.
+        """Return the reason why events.jsonl cannot be written, such as `No space left on device`.
+
+        Later calls return "", so that the user reads the reason once.
         """
         if not self._error or self._error_reported:
             return ""

@@ -14,8 +14,9 @@ from arena.run_dirs import GROUP_VARIABLE
 
 
 def group_id() -> int | None:
-    """Return the id of the group in ARENA_GROUP; None if the variable is not set. Raises RunError if there is no such
-    group, or this user does not belong to it.
+    """Return the id of the group in ARENA_GROUP; None if the variable is not set.
+
+    Raises RunError if there is no such group, or this user does not belong to it.
     """
     name = os.environ.get(GROUP_VARIABLE, "")
     if not name:

@@ -89,8 +89,9 @@ class LandingTask:
         return False
 
     def _land(self, flying: Sequence[str], now: float, *, world_gone: bool, armed: Collection[str]) -> bool:
-        """Start the land task if a vehicle may be flying and the time for the next attempt has come. Return True when the landing
-        has ended.
+        """Start the land task if a vehicle may be flying and the time for the next attempt has come.
+
+        Return True when the landing has ended.
 
         flying: vehicles that may be in the air and that no pilot flies, so that the land task must land them.
         """

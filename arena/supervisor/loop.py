@@ -308,8 +308,9 @@ class Supervisor:
     # -- the end
 
     def _request_end(self, cause: Cause, *, hurry: bool) -> None:
-        """End the run, or speed up its end, because the user asked for it. hurry: kill the user programs without waiting, as
-        `arena down` and a second Ctrl-C do.
+        """End the run, or speed up its end, because the user asked for it.
+
+        hurry: kill the user programs without waiting, as `arena down` and a second Ctrl-C do.
         """
         first = self.phase is Phase.RUN
         if first:

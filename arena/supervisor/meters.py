@@ -40,7 +40,9 @@ class RealTimeMeter:
         return self._clock.now() or None
 
     def sample(self, now: float) -> None:
-        """Measure the simulated time, from which `result` computes the real-time factor. Called about once a second while the
+        """Measure the simulated time, from which `result` computes the real-time factor.
+
+        Called about once a second while the
         world runs. now: monotonic [s].
         """
         if self._measures and self._stem is not None and (time_s := self.time_s()) is not None:
@@ -48,8 +50,7 @@ class RealTimeMeter:
             self._last = (now, time_s)
 
     def result(self) -> dict[str, float | None] | None:
-        """Return the mean real-time factor of the run (`factor`) and the requested real-time factor
-        (`asked`).
+        """Return the mean real-time factor of the run (`factor`) and the requested real-time factor (`asked`).
 
         `asked` is None if the simulation runs as fast as possible. Return None if too little was measured.
         """

@@ -1,5 +1,7 @@
-"""Decides whether an operator is present. If nobody is, the router stops its heartbeat, and the data-link
-failsafe of real vehicles can react. Pure, except `at_terminal`.
+"""Decides whether an operator is present.
+
+If nobody is, the router stops its heartbeat, and the data-link failsafe of real vehicles can react. Pure, except
+`at_terminal`.
 
 An operator is present if the supervisor runs in the foreground of a terminal that accepts output, or if somebody has used a
 command such as `arena ps` within COMMAND_S. The router itself detects ground stations.

@@ -24,8 +24,9 @@ def reporter(spec: ProcessSpec, packet: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def within_limit(values: Mapping[str, Any], known: Collection[str]) -> list[str]:
-    """Return the keys of `values` that may be stored: the known keys, and new keys until there are MAX_NAMES keys. A
-    faulty process thus cannot fill the memory of the supervisor.
+    """Return the keys of `values` that may be stored: the known keys, and new keys until there are MAX_NAMES keys.
+
+    A faulty process thus cannot fill the memory of the supervisor.
     """
     room, found = MAX_NAMES - len(known), []
     for key in values:

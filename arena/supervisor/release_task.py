@@ -75,7 +75,9 @@ class ReleaseTask:
         self.step(now)
 
     def step(self, now: float) -> None:
-        """Send each release to the router when the links and the world have confirmed it. End the releases that all processes
+        """Send each release to the router when the links and the world have confirmed it.
+
+        End the releases that all processes
         have confirmed, and those that were not confirmed within CONFIRM_S. now: monotonic [s].
         """
         for release in self._releases.values():

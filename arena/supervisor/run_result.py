@@ -127,6 +127,7 @@ class RunResult:
 
 
 def _ignore(text: str) -> None:
-    """Ignore an output line of the report task. The task's log file contains the line, and `arena up` prints
-    the summary.
+    """Ignore an output line of the report task.
+
+    The task's log file contains the line, and `arena up` prints the summary.
     """

@@ -93,8 +93,9 @@ class Shutdown:
         self._processes.changed = True
 
     def begin(self, cause: Cause) -> None:
-        """Start the shutdown of the run. From now on, arming is refused, and no process is started or restarted except those that
-        vehicles need to land.
+        """Start the shutdown of the run.
+
+        From now on, arming is refused, and no process is started or restarted except those that vehicles need to land.
         """
         self._orders.starts_on, self._orders.why = False, f"the run ends: {cause}"
         self._keep_serving()

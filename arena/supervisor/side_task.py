@@ -19,8 +19,9 @@ _BYTES_PER_POLL = 1 << 16
 
 @dataclass(kw_only=True)
 class SideTask:
-    """A running land task or report task. It is killed at its deadline, or when it has been paused (SIGSTOP)
-    for STOPPED_S.
+    """A running land task or report task.
+
+    It is killed at its deadline, or when it has been paused (SIGSTOP) for STOPPED_S.
 
     deadline: time at which its process group is killed, monotonic [s].
     on_line: function that is called with each line of its output.

@@ -1,5 +1,6 @@
-"""Cleanup of stale runs: land the vehicles, then end the remaining processes. A run is stale if its
-supervisor has died or is paused (SIGSTOP).
+"""Cleanup of stale runs: land the vehicles, then end the remaining processes.
+
+A run is stale if its supervisor has died or is paused (SIGSTOP).
 
 Processes are identified by the pid and start time in state.json, never by name.
 """
@@ -29,8 +30,9 @@ Say = Callable[[str], None]
 
 
 def sweep_all(say: Say, address: str) -> None:
-    """Sweep (clean up) every stale run whose processes use this IPv4 address. Stale runs on other addresses are left
-    alone, because they do not use the ports of this arena.
+    """Sweep (clean up) every stale run whose processes use this IPv4 address.
+
+    Stale runs on other addresses are left alone, because they do not use the ports of this arena.
 
     say: function that prints a line.
     Raises RunError if a run cannot be cleaned up without risk to a real vehicle.
@@ -93,8 +95,7 @@ def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say, *, 
 
 
 def _may_fly(plan: Plan | None, left: set[str]) -> bool:
-    """Return whether a vehicle may be in the air: a simulated vehicle while its world runs, a real vehicle
-    always.
+    """Return whether a vehicle may be in the air: a simulated vehicle while its world runs, a real vehicle always.
 
     plan: None if unknown.  left: names of the processes that still run.
     """
@@ -150,8 +151,9 @@ def _signal(state: RunState, names: set[str], number: int) -> None:
 
 
 def _wait(state: RunState, names: set[str], limit_s: float) -> list[str]:
-    """Wait at most `limit_s` for the processes with these names to end. Return the names of the processes
-    that still run.
+    """Wait at most `limit_s` for the processes with these names to end.
+
+    Return the names of the processes that still run.
     """
     deadline = time.monotonic() + limit_s
     while (left := sorted(names & set(state.survivors()))) and time.monotonic() < deadline:

@@ -107,8 +107,9 @@ def vehicles_table(status: Mapping[str, Any]) -> Table:
 
 
 def _control(facts: Mapping[str, Any], vehicle: str) -> Text:
-    """Return who has control of a vehicle, for the table. If programs may not fly before `arena release`, the
-    text contains `blocked` and is yellow.
+    """Return who has control of a vehicle, for the table.
+
+    If programs may not fly before `arena release`, the text contains `blocked` and is yellow.
     """
     words = [facts.get(f"{vehicle}.control") or "", "blocked" if blocked(vehicle, facts) else ""]
     text = ", ".join(word for word in words if word) or "-"

@@ -93,8 +93,9 @@ class Connection:
             self._receiver.add(self.chores)
 
     def refresh(self) -> None:
-        """Read the data that has arrived at the sockets. Do nothing if the sockets were read in the last millisecond or, in
-        lockstep, at the present simulation time.
+        """Read the data that has arrived at the sockets.
+
+        Do nothing if the sockets were read in the last millisecond or, in lockstep, at the present simulation time.
         """
         if self._lockstep:
             if self._clock.now() != self._polled_at:

@@ -1,5 +1,6 @@
-"""Storage of the telemetry and poses that a user program has received. The data groups (`uav.ekf`, ...) read their values
-from it; values that are older than their age limit raise StaleDataError.
+"""Storage of the telemetry and poses that a user program has received.
+
+The data groups (`uav.ekf`, ...) read their values from it; values that are older than their age limit raise StaleDataError.
 """
 
 from __future__ import annotations
@@ -38,8 +39,9 @@ S = TypeVar("S", bound=Stamped)
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """Constants of the vehicle. mass: [kg]. radius, height: [m]. thrust_curve: settings from the vehicle's
-    profile, see `arena.thrust_curve`.
+    """Constants of the vehicle.
+
+    mass: [kg]. radius, height: [m]. thrust_curve: settings from the vehicle's profile, see `arena.thrust_curve`.
     """
 
     ns: str

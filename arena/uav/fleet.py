@@ -183,8 +183,9 @@ class Fleet(Sequence[V]):
         yield from ((row, uav) for row, uav in enumerate(self._uavs) if self.names[row] not in self.lost)
 
     def _guarded(self, uav: V, action: Callable[[], object]) -> None:
-        """Call a function for one vehicle of the fleet. If the function raises a VehicleError, print the error and record the
-        vehicle in `lost`.
+        """Call a function for one vehicle of the fleet.
+
+        If the function raises a VehicleError, print the error and record the vehicle in `lost`.
         """
         name = uav.info.drone_ns
         if name in self.lost:

@@ -148,8 +148,9 @@ class FlightSteps:
         return self._source.fresh(self._source.telemetry.local, "estimated position").pos
 
     def _normalised(self, thrust: ArrayLike) -> float:
-        """Convert a thrust [N] to a command 0..1 with the thrust curve at the current airspeed. If the
-        airspeed is unknown, 0 m/s is used.
+        """Convert a thrust [N] to a command 0..1 with the thrust curve at the current airspeed.
+
+        If the airspeed is unknown, 0 m/s is used.
         """
         newtons = max(0.0, scalar(thrust, "thrust"))
         self._source.refresh()

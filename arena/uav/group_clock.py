@@ -85,8 +85,9 @@ class GroupClock:
 
 
 class MemberClock(LockstepClock):
-    """Clock of one vehicle of a group in lockstep. While a program sleeps on this clock, the vehicle's connection receives data
-    and sends heartbeats.
+    """Clock of one vehicle of a group in lockstep.
+
+    While a program sleeps on this clock, the vehicle's connection receives data and sends heartbeats.
     """
 
     def __init__(self, group: GroupClock) -> None:

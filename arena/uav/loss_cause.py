@@ -1,5 +1,4 @@
-"""Search for the reason why a program lost control of its vehicle: why the vehicle left OFFBOARD or was
-disarmed.
+"""Search for the reason why a program lost control of its vehicle: why the vehicle left OFFBOARD or was disarmed.
 
 The autopilot reports its own failsafes. Commands of other senders do not pass through the program, but the
 run folder records the commands of the supervisor, of the copilot and of `arena land-all`, and who has control of the vehicle. If

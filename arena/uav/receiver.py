@@ -9,8 +9,9 @@ _PERIOD_S = 0.02  # 50 wake-ups a second instead of one per datagram
 
 
 class Receiver:
-    """Thread that does the regular work (`chores`) of its connections every 20 ms of wall time. The thread runs while it has a
-    connection.
+    """Thread that does the regular work (`chores`) of its connections every 20 ms of wall time.
+
+    The thread runs while it has a connection.
     """
 
     def __init__(self) -> None:

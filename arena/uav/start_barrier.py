@@ -94,8 +94,9 @@ class _Waiting:
         return Arrivals(times=times, count=self._count)
 
     def withdraw(self) -> str:
-        """Remove the record of this program's arrival, because the program no longer waits. Return a text
-        that names the arrived and the missing programs.
+        """Remove the record of this program's arrival, because the program no longer waits.
+
+        Return a text that names the arrived and the missing programs.
         """
         here = self.arrivals().times
         (self._folder / self._vehicle).unlink(missing_ok=True)

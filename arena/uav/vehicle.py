@@ -1,6 +1,4 @@
-"""`UAV`, the class with which a user program flies a vehicle: its data groups, commands, setpoints and
-connection.
-"""
+"""`UAV`, the class with which a user program flies a vehicle: its data groups, commands, setpoints and connection."""
 
 from __future__ import annotations
 
@@ -186,8 +184,9 @@ class UAV:
         self._run(self.control.enter_offboard())
 
     def start_offboard_mission(self) -> None:
-        """Wait until the vehicle is ready (at most 20 s), enter OFFBOARD and arm. Wait for the confirmation
-        of each step.
+        """Wait until the vehicle is ready (at most 20 s), enter OFFBOARD and arm.
+
+        Wait for the confirmation of each step.
 
         Setpoints are sent all the time. If arming is temporarily rejected, e.g. because poses were missing for
         a moment, it is requested again within the 20 s. Raises CommandRefusedError with the autopilot's reasons
@@ -265,8 +264,9 @@ class UAV:
             self._connection.send_to(message, self._log)
 
     def wait_for(self, name: str, n: int | None = None, timeout: ArrayLike = 30.0) -> float:
-        """Wait until the other programs of the run have called `wait_for` too, so that all continue at the
-        same time. Return this time [s] of `clock`.
+        """Wait until the other programs of the run have called `wait_for` too, so that all continue at the same time.
+
+        Return this time [s] of `clock`.
 
         name: name of the barrier. All programs that wait for the same name start together. A name may be used
         again: a program's second call waits for the second calls of the others.

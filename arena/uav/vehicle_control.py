@@ -287,8 +287,9 @@ class VehicleControl:
             raise NotConfirmedError(f"{self._source.ns}: {late}: {self._state()}")
 
     def _request_heartbeat(self) -> None:
-        """Request a heartbeat now, instead of waiting up to 1 s for the next one. The acknowledgement of the
-        request is not checked.
+        """Request a heartbeat now, instead of waiting up to 1 s for the next one.
+
+        The acknowledgement of the request is not checked.
         """
         heartbeat = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),)
         self._connection.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
@@ -318,9 +319,7 @@ class VehicleControl:
                 return None
 
     def _stream_hold(self) -> None:
-        """Send one setpoint that holds the position: the current position on the ground, a fixed position in
-        the air.
-        """
+        """Send one setpoint that holds the position: the current position on the ground, a fixed position in the air."""
         telemetry, stale = self._source.telemetry, self._source.stale_s
         local, attitude, heart = telemetry.local, telemetry.attitude, telemetry.heartbeat
         if local is None or attitude is None or heart is None:

@@ -58,8 +58,7 @@ def ground_table(profile: Mapping[str, Any]) -> tuple[Array, float, float]:
 
 
 def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) -> Array:
-    """Return the thrust near the floor divided by the thrust far from the floor [-] (n,), averaged over the
-    rotors.
+    """Return the thrust near the floor divided by the thrust far from the floor [-] (n,), averaged over the rotors.
 
     z: height of the rotors' plane above the floor [m] (n,)
     places: positions of the rotors in that plane [m] (R, 2)

@@ -54,8 +54,9 @@ GRID = 1024
 
 
 class Rotors:
-    """Dynamics of V multirotors with at most R rotors each. All arrays have R columns; a vehicle with fewer
-    rotors does not use the last columns.
+    """Dynamics of V multirotors with at most R rotors each.
+
+    All arrays have R columns; a vehicle with fewer rotors does not use the last columns.
 
     spin: rotor state, given as the command that would maintain it at nominal voltage, 0..1 [-] (V, R)
     wrench: matrix from thrusts (R,) to torque x, y, z [N m] and force z [N] [FRD] (V, 4, R)

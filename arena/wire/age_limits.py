@@ -1,5 +1,6 @@
-"""Age limits of MAVLink messages to a vehicle. A process that was stalled drops the messages that have become older
-than their limit while they waited. Pure.
+"""Age limits of MAVLink messages to a vehicle.
+
+A process that was stalled drops the messages that have become older than their limit while they waited. Pure.
 
 The age of a message is the time since the kernel of this computer received it. A process that is not stalled reads a
 message within milliseconds, so the limits do not concern it, whatever the speed of the simulation is.
@@ -41,8 +42,9 @@ def age_limit_s(msgid: int) -> float:
 
 
 def without_old_frames(data: Buffer, age_s: float) -> tuple[bytes, int]:
-    """Remove from a datagram to a vehicle the frames that are too old. Return the other frames and the number of
-    removed frames.
+    """Remove from a datagram to a vehicle the frames that are too old.
+
+    Return the other frames and the number of removed frames.
 
     age_s: age of the datagram [s]
     """

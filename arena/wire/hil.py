@@ -1,5 +1,6 @@
-"""PX4's simulator API: encodes and decodes the messages of each simulation step as MAVLink 2 frames. No
-sockets, no clocks.
+"""PX4's simulator API: encodes and decodes the messages of each simulation step as MAVLink 2 frames.
+
+No sockets, no clocks.
 
 The world sends and receives these messages in every step. They are packed with struct layouts, which takes a
 few microseconds per message instead of tens with pymavlink.

@@ -1,5 +1,6 @@
-"""MAVLink 1 and 2 frames: finds frames in datagrams and packs payloads into frames. Reads only headers and
-target ids.
+"""MAVLink 1 and 2 frames: finds frames in datagrams and packs payloads into frames.
+
+Reads only headers and target ids.
 
     MAVLink 1   FE len seq sys comp id                          payload  crc lo, hi
     MAVLink 2   FD len incompat compat seq sys comp id id id    payload  crc lo, hi  [13 bytes of signature]
@@ -75,8 +76,9 @@ def parse_frames(data: Buffer) -> ParsedFrames:
 
 
 class Stream:
-    """Finds frames in a byte stream, such as a serial line. The stream is passed in pieces of any length; a frame
-    can begin in one piece and end in a later one.
+    """Finds frames in a byte stream, such as a serial line.
+
+    The stream is passed in pieces of any length; a frame can begin in one piece and end in a later one.
 
     A frame is returned when it is complete and its CRC is correct. After a false start the search continues
     at the next byte, so at most one frame's length is buffered. A message that is not in the table is

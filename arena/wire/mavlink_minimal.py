@@ -108,8 +108,9 @@ def own_component() -> int:
 
 
 def pack_onboard_heartbeat(sender: MavlinkSender) -> bytes:
-    """Encode the HEARTBEAT of an onboard controller. All processes of the arena send it, except the router,
-    which is a ground station.
+    """Encode the HEARTBEAT of an onboard controller.
+
+    All processes of the arena send it, except the router, which is a ground station.
 
     sender: its sequence number is increased
     """

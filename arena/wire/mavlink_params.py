@@ -132,8 +132,9 @@ def request_uid(system: int) -> Message:
 
 
 def fitted(value: float, kind: int) -> float:
-    """Return the value after conversion to the parameter's type `kind` (MAV_PARAM_TYPE), as the autopilot stores
-    it. Raises ValueError with the reason if the type cannot store the value.
+    """Return the value after conversion to the parameter's type `kind` (MAV_PARAM_TYPE), as the autopilot stores it.
+
+    Raises ValueError with the reason if the type cannot store the value.
     """
     if not math.isfinite(value):
         raise ValueError(f"got {value}, expected a finite number")
@@ -149,15 +150,17 @@ def fitted(value: float, kind: int) -> float:
 
 
 def alike(a: float, b: float, kind: int) -> bool:
-    """Return whether two values are equal. Floats are equal if they agree in all digits that a .params file
-    contains.
+    """Return whether two values are equal.
+
+    Floats are equal if they agree in all digits that a .params file contains.
     """
     return a == b if kind in INTEGERS else math.isclose(a, b, rel_tol=_SAME)
 
 
 def is_name(name: str) -> bool:
-    """Return whether a text is valid as a parameter name: 1 to 16 printable ASCII characters. `_HASH_CHECK`
-    is not valid, because it is not a parameter.
+    """Return whether a text is valid as a parameter name: 1 to 16 printable ASCII characters.
+
+    `_HASH_CHECK` is not valid, because it is not a parameter.
     """
     return 0 < len(name) <= NAME_BYTES and name.isascii() and name.isprintable() and name != HASH
 
@@ -176,9 +179,7 @@ def _from_bytes(raw: bytes, kind: int) -> float:
 
 
 def _payload(data: Buffer, frame: Frame, size: int) -> bytes:
-    """Return `size` bytes of a payload: zeros replace bytes that MAVLink 2 has truncated, fields of later
-    versions are removed.
-    """
+    """Return `size` bytes of a payload: zeros replace bytes that MAVLink 2 has truncated, fields of later versions are removed."""
     return bytes(data[frame.payload : frame.payload + min(frame.size, size)]).ljust(size, b"\0")
 
 

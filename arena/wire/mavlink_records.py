@@ -1,5 +1,6 @@
-"""Messages that an autopilot receives many times a second, as plain tuples with the fields that are used. They are faster
-than pymavlink's objects. Tests compare them with pymavlink.
+"""Messages that an autopilot receives many times a second, as plain tuples with the fields that are used.
+
+They are faster than pymavlink's objects. Tests compare them with pymavlink.
 """
 
 from __future__ import annotations

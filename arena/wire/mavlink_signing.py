@@ -71,7 +71,9 @@ class FrameSigner:
         self._senders: set[tuple[int, int]] = set() if own is None else {own}
 
     def sign(self, data: Buffer, wall_s: float) -> bytes | None:
-        """Return a frame with a signature, which replaces an earlier one. Return None for a frame that cannot be
+        """Return a frame with a signature, which replaces an earlier one.
+
+        Return None for a frame that cannot be
         signed: MAVLink 1, or a message that is not in the table of CRC seeds.
 
         data: one frame. wall_s: time of the wall clock [s since 1970]

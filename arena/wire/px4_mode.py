@@ -59,8 +59,9 @@ def split_mode(custom_mode: int) -> tuple[int, int]:
 
 
 def mode_words(custom_mode: int) -> str:
-    """Return the name of a custom_mode: "OFFBOARD", "AUTO.LAND". An unknown number gives "AUTO.11" or "mode
-    9".
+    """Return the name of a custom_mode: "OFFBOARD", "AUTO.LAND".
+
+    An unknown number gives "AUTO.11" or "mode 9".
     """
     main, sub = split_mode(custom_mode)
     if (main, sub) == _ORBIT:
@@ -71,8 +72,9 @@ def mode_words(custom_mode: int) -> str:
 
 
 def mode_numbers(words: str) -> tuple[int, int]:
-    """Return (main mode, sub mode) of a name as returned by `mode_words`. Raises KeyError for an unknown
-    name.
+    """Return (main mode, sub mode) of a name as returned by `mode_words`.
+
+    Raises KeyError for an unknown name.
     """
     if words == "ORBIT":
         return _ORBIT

@@ -83,8 +83,9 @@ def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
 
 
 def parse_params(text: str) -> dict[str, float]:
-    """Read a .params file into {name: value}; integers as int. Raises WireError with the number of the first line
-    that has an error.
+    """Read a .params file into {name: value}; integers as int.
+
+    Raises WireError with the number of the first line that has an error.
     """
     entries, faults = parse_entries(text)
     for fault in faults:
@@ -117,8 +118,10 @@ def format_params(
 
 
 def _line(words: list[str], number: int) -> Entry | None:
-    """Parse one line, already split into words. Return None if the parameter belongs to another MAVLink component
-    than the autopilot. Raises ValueError with the reason if the line has an error.
+    """Parse one line, already split into words.
+
+    Return None if the parameter belongs to another MAVLink component than the autopilot. Raises ValueError with the reason
+    if the line has an error.
     """
     if len(words) == 2:
         return Entry(_name(words[0]), _value(words[1], None), None, number)

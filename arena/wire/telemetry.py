@@ -1,5 +1,6 @@
-"""Telemetry of a PX4-style autopilot: decodes datagrams and keeps the newest values, such as the attitude. No sockets,
-no clocks.
+"""Telemetry of a PX4-style autopilot: decodes datagrams and keeps the newest values, such as the attitude.
+
+No sockets, no clocks.
 
 Only the messages in `_HANDLERS` are decoded. Other messages are more than half of an
 onboard stream; only their checksum is checked. Units are SI and radians, frames NED and FRD, quaternions wxyz. Each value contains

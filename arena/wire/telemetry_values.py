@@ -1,5 +1,6 @@
-"""Values that telemetry messages contain, such as the estimated position. Units are SI and radians, frames NED and FRD, quaternions
-wxyz.
+"""Values that telemetry messages contain, such as the estimated position.
+
+Units are SI and radians, frames NED and FRD, quaternions wxyz.
 """
 
 from __future__ import annotations

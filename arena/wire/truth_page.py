@@ -89,8 +89,9 @@ class TruthWriter:
 
 
 class TruthReader:
-    """Reader of the truth page. Raises RunError if there is no page, WireError if the file is not a truth
-    page.
+    """Reader of the truth page.
+
+    Raises RunError if there is no page, WireError if the file is not a truth page.
     """
 
     def __init__(self, path: str | Path) -> None:

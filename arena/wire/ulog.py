@@ -1,5 +1,4 @@
-"""Reader of the parameters in a PX4 log file (ULog), see
-https://docs.px4.io/main/en/dev_log/ulog_file_format.
+"""Reader of the parameters in a PX4 log file (ULog), see https://docs.px4.io/main/en/dev_log/ulog_file_format.
 
     header: 55 4C 6F 67 01 12 35, version (1 byte), time stamp (8 bytes)
     then messages: <H B  size, type, and `size` bytes
@@ -51,8 +50,9 @@ class Log:
 
 
 def parse_ulog(data: bytes) -> Log:
-    """Read a ULog file. Raises WireError, with the byte position, if it is not a ULog or its definitions are
-    incomplete.
+    """Read a ULog file.
+
+    Raises WireError, with the byte position, if it is not a ULog or its definitions are incomplete.
     """
     if not data.startswith(MAGIC) or len(data) < _START:
         raise WireError(

@@ -104,8 +104,10 @@ class Setpoints:
         yaw: float = np.nan,
         yaw_rate: float = np.nan,
     ) -> None:
-        """Set a setpoint for the position controller of vehicle i. Axes and values left as NaN are not
-        controlled. A yaw rate of an earlier attitude setpoint ends."""
+        """Set a setpoint for the position controller of vehicle i.
+
+        Axes and values left as NaN are not controlled. A yaw rate of an earlier attitude setpoint ends.
+        """
         self.level[i] = Level.POSITION
         self.p_n[i], self.v_n[i], self.a_n[i] = p_n, v_n, a_n
         self.yaw[i], self.yaw_rate[i], self.yaw_rate_ff[i] = yaw, yaw_rate, 0.0

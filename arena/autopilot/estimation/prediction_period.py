@@ -1,5 +1,6 @@
-"""Period at which the estimator predicts the covariance of its error state. As in PX4's EKF2, the period is longer than that
-of the IMU. `arena.kernels.error_covariance` computes the prediction.
+"""Period at which the estimator predicts the covariance of its error state.
+
+As in PX4's EKF2, the period is longer than that of the IMU. `arena.kernels.error_covariance` computes the prediction.
 """
 
 from __future__ import annotations

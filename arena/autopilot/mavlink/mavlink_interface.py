@@ -99,8 +99,9 @@ class MavlinkInterface:
                 self._receive_message(link, message)
 
     def _refuses(self, link: MavlinkLink, data: bytes, frame: Frame) -> bool:
-        """Return whether a command is refused, because its sender must not command the vehicle now. Queue the
-        reply to a refused command.
+        """Return whether a command is refused, because its sender must not command the vehicle now.
+
+        Queue the reply to a refused command.
         """
         own = self.vehicle.system_id
         named = frame.target_sys == own or (

@@ -98,8 +98,9 @@ class AutoModes:
         return not any(fence.breach(point) for point in points)
 
     def leave(self, v: Vehicle, *, armed: bool) -> None:
-        """End a vehicle's mission flight, return or flight to a reposition target. Call this for every vehicle that is disarmed,
-        or for which `is_flying` is false.
+        """End a vehicle's mission flight, return or flight to a reposition target.
+
+        Call this for every vehicle that is disarmed, or for which `is_flying` is false.
         """
         n = self._navigators.get(v.row)
         if n is not None:

@@ -188,8 +188,9 @@ class LegFollower:
         )
 
     def _heading(self, s: Situation) -> float:
-        """Return the heading setpoint [rad]: the heading of the leg if it is set, else the direction to a distant
-        target. NaN keeps the present heading.
+        """Return the heading setpoint [rad]: the heading of the leg if it is set, else the direction to a distant target.
+
+        NaN keeps the present heading.
         """
         leg = self.leg
         if math.isfinite(leg.yaw) or leg.kind in ("climb", "stay", "wait", "land"):

@@ -18,9 +18,7 @@ def no_network(server: str, reason: str) -> str:
 
 
 def no_pose(server: str, bodies: BodyStatus) -> str:
-    """Return what the user must check when frames arrive but do not contain a requested body; "" when all
-    bodies are tracked.
-    """
+    """Return what the user must check when frames arrive but do not contain a requested body; "" when all bodies are tracked."""
     if bodies.duplicate:
         return (
             f"motion capture: {server} has two bodies called {_list(bodies.duplicate)}, so the poses of both are dropped: "
@@ -43,9 +41,7 @@ def no_pose(server: str, bodies: BodyStatus) -> str:
 
 
 def _nearest(name: str, bodies: BodyStatus) -> str:
-    """Return the body name on the server that is most similar to a missing name, ignoring case; "" if none is
-    similar.
-    """
+    """Return the body name on the server that is most similar to a missing name, ignoring case; "" if none is similar."""
     import difflib  # rarely needed, and it would delay the start of each process that receives poses
 
     by_lower = {name.lower(): name for name in sorted(bodies.names)}

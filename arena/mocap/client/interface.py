@@ -49,8 +49,7 @@ class MocapClient(Protocol):
 
 
 def open_client(settings: Settings) -> MocapClient:
-    """Open a client from the `capture` object of a process's configuration file; the key `kind` names the
-    vendor.
+    """Open a client from the `capture` object of a process's configuration file; the key `kind` names the vendor.
 
     Without a network the client opens its sockets later, as soon as there is a route. Raises InputError for
     settings that cannot work.

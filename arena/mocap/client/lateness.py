@@ -42,8 +42,9 @@ class Lateness:
         self.reset()
 
     def reset(self) -> None:
-        """Discard the measured offset of the clocks, for example because the server has restarted with another
-        clock. The next frame becomes the reference.
+        """Discard the measured offset of the clocks, for example because the server has restarted with another clock.
+
+        The next frame becomes the reference.
         """
         self.latency_s = nan
         self._low, self._high = -inf, inf  # limits of the offset [s]
@@ -133,8 +134,9 @@ class Lateness:
         return 0.0
 
     def _on_echo(self, echo: Echo, now: float) -> None:
-        """Update the limits of the clock offset with the server's reply to an echo request. After `_PROOF_COUNT`
-        replies in a row that contradict the limits, replace the limits.
+        """Update the limits of the clock offset with the server's reply to an echo request.
+
+        After `_PROOF_COUNT` replies in a row that contradict the limits, replace the limits.
         """
         low, high = echo.sent - echo.answered_s, echo.received - echo.answered_s
         if not 0.0 <= high - low <= _MAX_ROUND_TRIP_S:
@@ -152,8 +154,9 @@ class Lateness:
 
 
 class StreamLateness:
-    """Lateness of the frames of one motion-capture server. This class also detects repeated frames and a restart of
-    the server, for receivers that do not check frame numbers.
+    """Lateness of the frames of one motion-capture server.
+
+    This class also detects repeated frames and a restart of the server, for receivers that do not check frame numbers.
     """
 
     def __init__(self, stale_s: float) -> None:
@@ -161,8 +164,10 @@ class StreamLateness:
         self._stamp_s = nan
 
     def measure(self, frame: CapturedFrame, now: float) -> float:
-        """Return how late a frame is [s]. Return infinity if the frame is repeated or its time stamp cannot be right. Return 0
-        if the server repeats one time stamp, because this server has no clock.
+        """Return how late a frame is [s].
+
+        Return infinity if the frame is repeated or its time stamp cannot be right. Return 0 if the server repeats one time
+        stamp, because this server has no clock.
 
         now: time of arrival [s]
         """

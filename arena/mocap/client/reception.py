@@ -35,8 +35,9 @@ class BodyStatus:
 
 
 class Reception:
-    """Times at which one client last received data of each kind. started: time at which the client was opened
-    [s].
+    """Times at which one client last received data of each kind.
+
+    started: time at which the client was opened [s].
     """
 
     def __init__(self, started: float) -> None:
@@ -80,8 +81,9 @@ class Reception:
         return now - self._changed_at.get("frames", -math.inf) <= STREAMING_S
 
     def on_foreign(self, address: str, now: float) -> None:
-        """Record that a datagram came from an address other than the server's. If several such addresses send, the
-        first address is kept until it is silent.
+        """Record that a datagram came from an address other than the server's.
+
+        If several such addresses send, the first address is kept until it is silent.
         """
         if address == self._foreign_address or now - self._foreign_at > RECENT_S:
             self._foreign_address, self._foreign_at = address, now

@@ -1,5 +1,6 @@
-"""UDP sockets of a motion-capture client. They use one network interface and accept only datagrams of one
-server.
+"""UDP sockets of a motion-capture client.
+
+They use one network interface and accept only datagrams of one server.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ _STAMPED_BUFFER_BYTES = 4 << 20  # holds the datagrams of a client that reads la
 
 
 def local_address_for(server: str, port: int) -> str:
-    """Return the address of the local interface that routes to the server. Sends nothing. Raises OSError
-    without a route.
+    """Return the address of the local interface that routes to the server.
+
+    Sends nothing. Raises OSError without a route.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.connect((server, port))
@@ -64,8 +66,9 @@ def multicast_socket(group: str, port: int, local: str) -> socket.socket:
 
 
 class ServerSockets:
-    """UDP sockets between one client and one server. The sockets open when the network is available, and
-    accept datagrams of this server only.
+    """UDP sockets between one client and one server.
+
+    The sockets open when the network is available, and accept datagrams of this server only.
 
     server, port: destination of requests; the address is numeric.
     local: address of the local interface; None selects the interface that routes to the server.

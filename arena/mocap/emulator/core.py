@@ -27,8 +27,7 @@ _CLOCK_STEP_S = 1e-6  # a clock that wakes by steps may return a time a little b
 
 
 class EmulatedCameras:
-    """Simulates the cameras: computes measured frames from true poses, with noise, latency and injected
-    faults.
+    """Simulates the cameras: computes measured frames from true poses, with noise, latency and injected faults.
 
     settings: configuration of the `mocap` process.
     delay_s: injected delay, added to the latency [s]; may change at any time.
@@ -76,9 +75,7 @@ class EmulatedCameras:
         return min(exposes, self.leaves_at(self._waiting[0])) if self._waiting else exposes
 
     def leaves_at(self, frame: MeasuredFrame) -> float:
-        """Return the time at which the server sends a frame [s]: the exposure plus the latency and the
-        injected delay.
-        """
+        """Return the time at which the server sends a frame [s]: the exposure plus the latency and the injected delay."""
         return frame.exposed_s + self.latency_s + self.delay_s
 
     def enqueue(self, number: int, truth: Truth) -> None:

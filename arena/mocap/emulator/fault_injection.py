@@ -12,8 +12,9 @@ _MAX_OFFSET_M, _MAX_YAW_DEG, _MAX_DELAY_MS = 1e3, 360.0, 10_000.0
 
 
 def apply_fault(cameras: EmulatedCameras, fault: Fault) -> str:
-    """Apply a fault and return a description for the event log. Raises InputError if the fault cannot be
-    applied.
+    """Apply a fault and return a description for the event log.
+
+    Raises InputError if the fault cannot be applied.
     """
     kinds: dict[str, Callable[[EmulatedCameras, Fault], str]] = {
         "dropout": _dropout,

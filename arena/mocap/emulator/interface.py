@@ -1,6 +1,4 @@
-"""Interface of an emulated motion-capture server, and the measured frames that the server sends in a vendor's
-protocol.
-"""
+"""Interface of an emulated motion-capture server, and the measured frames that the server sends in a vendor's protocol."""
 
 from __future__ import annotations
 
@@ -28,8 +26,9 @@ class MeasuredBody(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredFrame:
-    """The poses of all bodies, measured by the cameras at the same time. number: frame number. exposed_s:
-    time of the exposure [s].
+    """The poses of all bodies, measured by the cameras at the same time.
+
+    number: frame number. exposed_s: time of the exposure [s].
     """
 
     number: int

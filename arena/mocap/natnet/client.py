@@ -26,8 +26,9 @@ _KEEPALIVE = codec.packet(codec.KEEPALIVE)
 
 
 def open_client(settings: Settings) -> NatNetClient:
-    """Open a client from the `capture` object of a process's configuration. Raises InputError if the server's
-    name cannot be resolved.
+    """Open a client from the `capture` object of a process's configuration.
+
+    Raises InputError if the server's name cannot be resolved.
     """
     try:
         return NatNetClient(settings)

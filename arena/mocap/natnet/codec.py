@@ -1,5 +1,6 @@
-"""NatNet 3.0 to 4.2, the network format of OptiTrack's Motive: encodes and decodes packets. No sockets, no
-axis conversions.
+"""NatNet 3.0 to 4.2, the network format of OptiTrack's Motive: encodes and decodes packets.
+
+No sockets, no axis conversions.
 
 Every packet has a message number u16, a payload size u16 and the payload; all little endian. From 4.1 on the
 count of each section is followed by the section's size in bytes. Positions are in metres and quaternions in
@@ -76,8 +77,9 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServerInfo:
-    """Content of a SERVERINFO packet, in which a server describes itself. group: multicast group; "" if the
-    server streams by unicast.
+    """Content of a SERVERINFO packet, in which a server describes itself.
+
+    group: multicast group; "" if the server streams by unicast.
     """
 
     name: str
@@ -99,8 +101,9 @@ def packet(message: int, payload: bytes = b"") -> bytes:
 
 
 def message_of(data: bytes) -> int:
-    """Return the message number of a packet. Raises WireError if the packet is shorter than the size in its
-    header.
+    """Return the message number of a packet.
+
+    Raises WireError if the packet is shorter than the size in its header.
     """
     if len(data) < _HEAD.size:
         raise WireError(f"NatNet packet of {len(data)} bytes, expected 4 or more")
@@ -313,8 +316,9 @@ def _read_bodies(reader: _Reader, count: int, wanted: Container[int] | None) -> 
 
 @lru_cache(maxsize=64)
 def _ids(count: int) -> struct.Struct:
-    """Return a struct that unpacks only the streaming ids of `count` bodies. A client that needs few of many bodies
-    finds these bodies quickly by their ids.
+    """Return a struct that unpacks only the streaming ids of `count` bodies.
+
+    A client that needs few of many bodies finds these bodies quickly by their ids.
     """
     return struct.Struct("<" + f"i{_BODY.size - 4}x" * count)
 

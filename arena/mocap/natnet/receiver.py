@@ -49,9 +49,7 @@ class NatNetReceiver:
 
     @property
     def is_connected(self) -> bool:
-        """Return whether the handshake is complete: the version and a streaming id for every requested body
-        are known.
-        """
+        """Return whether the handshake is complete: the version and a streaming id for every requested body are known."""
         complete = (
             bool(self._names) if self._wanted_names is None else self._wanted_names <= {*self._names.values()}
         )
@@ -90,8 +88,9 @@ class NatNetReceiver:
         self._echoes_sent.clear()
 
     def echo_request(self, now: float) -> bytes:
-        """Return a request that compares the server's clock with the caller's clock. now: time at which the
-        caller sends the request [s].
+        """Return a request that compares the server's clock with the caller's clock.
+
+        now: time at which the caller sends the request [s].
         """
         self._echo_number = (self._echo_number + 1) % _MAX_ECHO_NUMBER
         self._echoes_sent[self._echo_number] = now

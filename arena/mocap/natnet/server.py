@@ -17,16 +17,18 @@ _VERSIONS: dict[str, codec.Version] = {"3.1": (3, 1), "4.1": (4, 1)}
 
 
 def open_server(settings: Settings) -> UdpServer:
-    """Open the server from the configuration of the `mocap` process. Raises RunError if the command port is
-    taken.
+    """Open the server from the configuration of the `mocap` process.
+
+    Raises RunError if the command port is taken.
     """
     requests = settings["address"], int(settings["command_port"])
     return UdpServer(NatNetServer(settings), requests, "NatNet")
 
 
 class NatNetServer:
-    """NatNet protocol without sockets; implements `ServerProtocol`. settings: configuration of the `mocap`
-    process.
+    """NatNet protocol without sockets; implements `ServerProtocol`.
+
+    settings: configuration of the `mocap` process.
     """
 
     def __init__(self, settings: Settings) -> None:

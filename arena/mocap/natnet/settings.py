@@ -1,5 +1,6 @@
-"""NatNet's part of the YAML: settings of the client and of the emulated server, and the sockets that both
-open. Pure.
+"""NatNet's part of the YAML: settings of the client and of the emulated server, and the sockets that both open.
+
+Pure.
 """
 
 from __future__ import annotations
@@ -133,8 +134,9 @@ def _common(keys: Settings) -> dict[str, Any]:
 
 
 def _emulator_group(keys: Settings, address: str) -> str:
-    """Return the emulator's multicast group. With a real NatNet server, the group in the YAML belongs to that server,
-    so the emulator uses another group.
+    """Return the emulator's multicast group.
+
+    With a real NatNet server, the group in the YAML belongs to that server, so the emulator uses another group.
     """
     explicit = None if keys["source"] == "natnet" else keys["group"]
     return str(explicit or group_for(address))

@@ -32,8 +32,9 @@ class _Client:
 
 
 class UnicastClients:
-    """List of the clients that receive frames by unicast. data_port: UDP port to which frames are sent, in
-    addition to the port from which a client sends its requests.
+    """List of the clients that receive frames by unicast.
+
+    data_port: UDP port to which frames are sent, in addition to the port from which a client sends its requests.
     """
 
     def __init__(self, data_port: int) -> None:
@@ -41,8 +42,9 @@ class UnicastClients:
         self._clients: dict[Address, _Client] = {}
 
     def on_request(self, message: int, sender: Address, now: float) -> None:
-        """Update the list of clients after a request: connect, keepalive, disconnect and others. Call this
-        before the request is answered.
+        """Update the list of clients after a request: connect, keepalive, disconnect and others.
+
+        Call this before the request is answered.
         """
         if message == codec.DISCONNECT:
             self._clients.pop(sender, None)

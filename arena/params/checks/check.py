@@ -66,8 +66,9 @@ def check(
 
 
 def check_written(values: Mapping[str, float], version: Version | str) -> list[Finding]:
-    """Return all findings about the parameters that a user has written in the YAML. Each parameter is checked alone, because
-    the YAML contains only a few of them.
+    """Return all findings about the parameters that a user has written in the YAML.
+
+    Each parameter is checked alone, because the YAML contains only a few of them.
 
     Finds unknown, renamed and removed parameters (with the most similar name), wrong types, and values outside PX4's limits.
     Raises InputError for a version that is not in the table.

@@ -91,8 +91,9 @@ class CheckContext:
         return self.table[name].default if name in self.table else None
 
     def bits(self, name: str) -> int:
-        """Return the value of a parameter that is a bit mask. Return 0 if this PX4 version does not have the parameter, or if
-        the value is not finite.
+        """Return the value of a parameter that is a bit mask.
+
+        Return 0 if this PX4 version does not have the parameter, or if the value is not finite.
         """
         value = self.value(name)
         return int(value) if value is not None and math.isfinite(value) else 0

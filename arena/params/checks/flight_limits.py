@@ -15,8 +15,9 @@ _MAX_ARMED_AFTER_LANDING_S = 5.0
 
 
 class _Breaker(NamedTuple):
-    """A circuit breaker parameter of PX4, and the problem that it causes when set. since, until: first and last minor version
-    with this problem.
+    """A circuit breaker parameter of PX4, and the problem that it causes when set.
+
+    since, until: first and last minor version with this problem.
     """
 
     name: str

@@ -38,8 +38,9 @@ def settings_text(ctx: CheckContext, event: Event, action: Action) -> str:
 
 
 def expected_text(settings: str, name: str, action: Action) -> str:
-    """Return the expected value of a parameter as text, such as "4 (land)". If `settings` is empty, because
-    no value gives the wanted action, return "".
+    """Return the expected value of a parameter as text, such as "4 (land)".
+
+    If `settings` is empty, because no value gives the wanted action, return "".
 
     settings: result of `settings_text`, such as "NAV_RCL_ACT 4".
     """
@@ -55,9 +56,7 @@ def current_action(ctx: CheckContext, event: Event) -> Action | None:
 
 
 def _parameter(ctx: CheckContext, event: Event) -> str:
-    """Return the parameter that selects the action for an event; "" if the action is fixed in this PX4
-    version.
-    """
+    """Return the parameter that selects the action for an event; "" if the action is fixed in this PX4 version."""
     return next(
         (name for settings in failsafe_actions(event, ctx.version).settings.values() for name in settings), ""
     )
@@ -289,6 +288,7 @@ def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
 
 def hold_before_failsafe(ctx: CheckContext) -> Iterator[Finding]:
     """Yield a finding if PX4 waits too long after a failure (COM_FAIL_ACT_T) before its failsafe acts.
+
     Meanwhile the vehicle only holds its position.
     """
     name, value = "COM_FAIL_ACT_T", ctx.value("COM_FAIL_ACT_T")

@@ -170,8 +170,9 @@ def _within(value: float, p: Parameter) -> bool:
 
 
 def _checked_elsewhere(name: str) -> bool:
-    """Return whether `types_and_ranges` must skip the limits of this parameter. It does so if the limits do
-    not apply or another rule checks them.
+    """Return whether `types_and_ranges` must skip the limits of this parameter.
+
+    It does so if the limits do not apply or another rule checks them.
 
     Circuit breakers have their own rule. Counters of flight time can exceed their limits.
     """

@@ -102,8 +102,9 @@ class Version:
 
 
 class Provenance(NamedTuple):
-    """Source of the table's rows for one PX4 version. text: PX4's tag or commit; released: false if this is a
-    development version.
+    """Source of the table's rows for one PX4 version.
+
+    text: PX4's tag or commit; released: false if this is a development version.
     """
 
     text: str
@@ -122,8 +123,9 @@ def parameters(version: Version | str) -> Mapping[str, Parameter]:
 
 @cache
 def parameter(name: str, version: Version | str) -> Parameter:
-    """Return one parameter of a PX4 version. Only the rows of this parameter are parsed, because the whole table has thousands
-    of rows.
+    """Return one parameter of a PX4 version.
+
+    Only the rows of this parameter are parsed, because the whole table has thousands of rows.
 
     Raises InputError for a version that is not in the table, KeyError for a parameter that the version does not have.
     """

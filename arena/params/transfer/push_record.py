@@ -1,5 +1,4 @@
-"""Record of a push (writing parameters to vehicles), kept in push.json: wanted values, old values, and values
-written so far.
+"""Record of a push (writing parameters to vehicles), kept in push.json: wanted values, old values, and values written so far.
 
 The record is saved before the first value of a vehicle is written, and repeatedly during the push. A resumed push writes
 `wanted` again, except values that the vehicle already has. `before` keeps the values from before the first attempt.
@@ -41,8 +40,9 @@ class VehicleRecord:
 
 
 class PushRecord:
-    """Record of a push (writing parameters to vehicles), kept in the file `path`. Each `save` replaces the
-    whole file.
+    """Record of a push (writing parameters to vehicles), kept in the file `path`.
+
+    Each `save` replaces the whole file.
     """
 
     def __init__(self, path: Path, vehicles: dict[str, VehicleRecord]) -> None:

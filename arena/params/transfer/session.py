@@ -174,8 +174,9 @@ def reboot(targets: Mapping[str, ParamTarget]) -> dict[str, str]:
 
 
 def _component(target: ParamTarget) -> int:
-    """Return the MAVLink component id of this process. For a vehicle with message signing the id never changes, because the
-    vehicle accepts at most 16 senders.
+    """Return the MAVLink component id of this process.
+
+    For a vehicle with message signing the id never changes, because the vehicle accepts at most 16 senders.
     """
     return SIGNED_COMPONENT if target.key_file else own_component()
 

@@ -75,8 +75,9 @@ class Progress(NamedTuple):
 
 
 class Transfer:
-    """Base class of all transfers. Sends this program's heartbeat, tracks the vehicle's heartbeat, and ends
-    on a time-out.
+    """Base class of all transfers.
+
+    Sends this program's heartbeat, tracks the vehicle's heartbeat, and ends on a time-out.
 
     Call `due` a few times per second and after every received frame, until `done` is true. Then read `ending`.
 

@@ -37,9 +37,7 @@ class ParamTarget:
 
 
 class ParamTransport(Protocol):
-    """Interface of a connection to one vehicle, by UDP or by serial device: receives and sends MAVLink
-    frames.
-    """
+    """Interface of a connection to one vehicle, by UDP or by serial device: receives and sends MAVLink frames."""
 
     def fileno(self) -> int: ...
 

@@ -85,8 +85,7 @@ _STEPS_DONE: Mapping[Step, int] = {"unread": 0, "differs": 1, "sent": 1, "acknow
 
 
 class ParamWriter(Transfer):
-    """Transfer that writes parameters to one vehicle: reads the current values, writes those that differ, and
-    reads them back.
+    """Transfer that writes parameters to one vehicle: reads the current values, writes those that differ, and reads them back.
 
     wanted: parameter -> value.
     dry_run: only read and compare; the vehicle may then be armed.
@@ -240,8 +239,9 @@ class ParamWriter(Transfer):
         return self._start("reading", again)
 
     def _check_read_back(self, names: Iterable[str]) -> None:
-        """Compare the parameters that were read back with their wanted values. Mark each one as written, as
-        refused, or to be written again.
+        """Compare the parameters that were read back with their wanted values.
+
+        Mark each one as written, as refused, or to be written again.
 
         A parameter with the wanted value counts as written. A parameter with another value is written again; after too many
         attempts it counts as refused.

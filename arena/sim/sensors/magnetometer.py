@@ -1,5 +1,6 @@
-"""Magnetometer. The simulated field is the field of the Earth at the arena's origin, rotated by the arena's
-heading.
+"""Magnetometer.
+
+The simulated field is the field of the Earth at the arena's origin, rotated by the arena's heading.
 """
 
 from __future__ import annotations

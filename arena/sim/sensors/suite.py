@@ -49,8 +49,9 @@ class SensorSuite:
         self._on_request = {name: group([name]) for name in table if name not in always}
 
     def sample(self, motion: Motion, requested: Collection[str] = ()) -> dict[str, Array]:
-        """Return one sample of every sensor, as a mapping: name of the quantity -> values (V,) or (V, axes). Call this once
-        per step.
+        """Return one sample of every sensor, as a mapping: name of the quantity -> values (V,) or (V, axes).
+
+        Call this once per step.
 
         motion: true motion of the vehicles
         requested: names of the sensors to sample in addition, which are sampled on request only

@@ -97,8 +97,9 @@ class ActionRunner:
 
     @property
     def commands_running(self) -> bool:
-        """True while a command such as `arena land-all` runs. This command uses wall time, so the simulation
-        must not be faster than real time.
+        """True while a command such as `arena land-all` runs.
+
+        This command uses wall time, so the simulation must not be faster than real time.
         """
         return any(command.poll() is None for command in self._commands)
 

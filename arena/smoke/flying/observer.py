@@ -53,8 +53,9 @@ class Observer:
         self._next = 0.0
 
     def observe(self) -> Observation | None:
-        """Wait OBSERVATION_PERIOD_S of simulation time and return an observation; None if the arena has ended. `ended` then has
-        the reason.
+        """Wait OBSERVATION_PERIOD_S of simulation time and return an observation; None if the arena has ended.
+
+        `ended` then has the reason.
         """
         if (
             self._actions.commands_running

@@ -330,8 +330,9 @@ class Session:
                 yield pid
 
     def _env(self) -> dict[str, str]:
-        """Return the environment variables for `arena up`. ARENA_RUNTIME_DIR is the last one, because setting
-        a process title can overwrite the first ones.
+        """Return the environment variables for `arena up`.
+
+        ARENA_RUNTIME_DIR is the last one, because setting a process title can overwrite the first ones.
 
         ARENA_RUNTIME_DIR must stay readable for other processes.
         """

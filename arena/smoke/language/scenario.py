@@ -208,6 +208,7 @@ class _Reader:
 
     def _at_scenario(self, problem: Problem) -> Problem:
         """Return a problem of the arena's YAML, with file and line of the scenario's entry (such as `set`) if that caused it.
+
         A problem with another cause is returned unchanged.
         """
         if problem.file.startswith("--set"):
@@ -342,8 +343,9 @@ def _inside(document: Document, path: YamlPath) -> Document:
 
 
 def fence_of(arena: Arena) -> Box:
-    """Return the box that vehicles must not leave: the geofence or, if there is none, the room. It has no
-    lower limit, so vehicles on the floor are inside.
+    """Return the box that vehicles must not leave: the geofence or, if there is none, the room.
+
+    It has no lower limit, so vehicles on the floor are inside.
     """
     north, east, height = arena.world.size
     fence = arena.geofence or Fence(
