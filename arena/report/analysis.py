@@ -13,7 +13,7 @@ from arena.flight_log.flight import Flight
 from arena.geometry import Array
 from arena.report.happenings import estimated, tracked
 from arena.report.held_setpoints import last_row_of_held_setpoint, setpoints
-from arena.report.landings import landing_drift, last_touchdown
+from arena.report.landings import FELL_M, fall_after_disarming, landing_drift, last_touchdown
 
 
 def analyse(flight: Flight, *, disarmed: bool | None = None) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def landing(flight: Flight, disarmed: bool) -> dict[str, Any]:
     error_m: horizontal distance of the landing place from the last position setpoint in OFFBOARD. It is known only if this
         setpoint was held for at least 1.5 s, because a vehicle cannot reach a setpoint that jumps directly before the landing.
     """
-    down = bool(flight.landed[-1] and disarmed)
+    down = bool(flight.landed[-1] and disarmed) and not fall_after_disarming(flight) > FELL_M
     drift, touchdown = landing_drift(flight), last_touchdown(flight)
     found: dict[str, Any] = {
         "landed": down,

@@ -14,6 +14,9 @@ TAKEN_OFF_M = 0.1
 """Height above the start from which a vehicle counts as in the air [m]."""
 LANDING_MODES = frozenset({"AUTO.LAND", "AUTO.PRECLAND", "DESCEND"})
 _ON_FLOOR_M = 0.03
+FELL_M = 0.2
+"""A vehicle that comes down by more than this after its disarming was disarmed in the air [m]."""
+_FALL_S = 2.0
 _ARMING = ("Armed", "Disarmed")
 """First words of the STATUSTEXTs with which PX4 and the built-in autopilot report arming and disarming."""
 
@@ -101,6 +104,20 @@ def landing_drift(flight: Flight) -> LandingDrift | None:
         begun_s=float(flight.t[begin]),
         touchdown_s=float(flight.t[down]),
     )
+
+
+def fall_after_disarming(flight: Flight) -> float:
+    """Return the height that a vehicle lost in the 2 s after its last disarming [m].
+
+    NaN if the log ends before, or if the height is unknown.
+    """
+    armed = np.flatnonzero(flight.armed)
+    if not armed.size or flight.armed[-1]:
+        return np.nan
+    off = int(armed[-1])
+    up = -flight.pos[off : int(np.searchsorted(flight.t, flight.t[off] + _FALL_S, "right")), 2]
+    known = up[np.isfinite(up)]
+    return float(known[0] - known.min()) if known.size else np.nan
 
 
 def disarming(

@@ -13,7 +13,7 @@ import numpy as np
 
 from arena.report.happening import Happening, Level
 from arena.report.happenings import KILLED, disarming_of, together
-from arena.report.landings import flown_times, touchdown_row
+from arena.report.landings import FELL_M, fall_after_disarming, flown_times, touchdown_row
 from arena.report.link_record import SEVERITIES
 from arena.report.mode_changes import COMMANDED, new_mode
 from arena.report.run_data import RunData
@@ -126,6 +126,8 @@ def fate_of(name: str, run: RunData, found: Sequence[Happening]) -> Fate:
         return Fate(end="did not fly", flown_s=0.0, level="warn")
     if not flight.landed[spans[-1][1]]:
         return Fate(end="was still in the air when its log ended", flown_s=flown, level="bad")
+    if (fell := fall_after_disarming(flight)) > FELL_M:
+        return Fate(end=f"was disarmed in the air and fell {fell:.1f} m", flown_s=flown, level="bad")
     if disarming_of(name, run) is None:
         return Fate(end="landed but stayed armed", flown_s=flown, level="warn")
     return Fate(end="landed", flown_s=flown, level="good")

@@ -39,6 +39,24 @@ def armed_to_the_end(run: RunData, *texts: tuple[float, str]) -> RunData:
     return replace(run, flights={"uav1": known}, links={"uav1": link})
 
 
+def disarmed_at(run: RunData, height_m: float) -> RunData:
+    """Return the run with a vehicle that is disarmed at this height above the floor, falls, and is then called landed by its autopilot."""
+    flight = run.flights["uav1"]
+    after = np.clip(flight.t - flight.t[240], 0.0, None)
+    down = np.where(flight.t < flight.t[240], -height_m, np.minimum(0.0, 4.9 * after**2 - height_m))
+    numbers = {**flight.numbers, "truth.pos.down": down}
+    numbers["truth.pos.down"][:20] = 0.0
+    return replace(run, flights={"uav1": replace(flight, numbers=numbers)})
+
+
+@pytest.mark.parametrize("height_m, end", [(1.0, "was disarmed in the air and fell 1.0 m"), (0.15, "landed")])
+def test_vehicle_that_falls_after_its_disarming_has_not_landed(run, height_m, end):
+    fallen = disarmed_at(run, height_m)
+    fate = fate_of("uav1", fallen, happenings(fallen))
+    assert (fate.end, fate.level == "bad") == (end, height_m == 1.0)
+    assert landing(fallen.flights["uav1"], True)["landed"] is (height_m == 0.15)
+
+
 def texts_of(run: RunData, kind: str) -> list[tuple[float, str]]:
     return [(round(h.at_s, 1), h.text) for h in happenings(run) if h.kind == kind]
 

@@ -84,7 +84,9 @@ QUANTITIES: dict[str, Quantity] = {
         measures="angle", unit="deg", meaning="angle of the body z axis from the vertical (truth)"
     ),
     "estimate error": Quantity(
-        measures="distance", unit="m", meaning="distance of the estimated position from the truth"
+        measures="distance",
+        unit="m",
+        meaning="distance of the estimated position (telemetry, at its arrival) from the truth, also on the floor",
     ),
     "battery": Quantity(measures="share", unit="%", meaning="remaining charge (telemetry)"),
     "outside": Quantity(
