@@ -44,7 +44,10 @@ class RecordChannels(Protocol):
         """
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
-        """Log a frame of motion capture. simulated: the motion-capture emulator sent it."""
+        """Log a frame of motion capture.
+
+        simulated: the motion-capture emulator sent it.
+        """
 
     def on_truth(self, truth: TrueStates, time_s: float) -> None:
         """Log the true state of all simulated vehicles, `log.rate_hz` times a second of simulation time.
@@ -53,12 +56,19 @@ class RecordChannels(Protocol):
         """
 
     def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
-        """Log a line of events.jsonl. line: the JSON object as bytes, without the line end. fields: its content."""
+        """Log a line of events.jsonl.
+
+        line: the JSON object as bytes, without the line end.
+        fields: its content.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """Vehicle whose data are recorded. index: its row in the truth page, None for a real vehicle."""
+    """Vehicle whose data are recorded.
+
+    index: its row in the truth page, None for a real vehicle.
+    """
 
     name: str
     id: int

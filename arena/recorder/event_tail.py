@@ -12,7 +12,10 @@ MAX_BYTES = 1 << 20
 
 
 class EventTail:
-    """Reads the complete lines of a file that another process writes. path: the file; it may be created later."""
+    """Reads the complete lines of a file that another process writes.
+
+    path: the file; it may be created later.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -104,7 +104,10 @@ class FlightRecorder:
         return [name for name, watch in self._watches.items() if watch.armed]
 
     def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
-        """Record a MAVLink datagram from a vehicle, or to it (`up`). time_s: time of reception by the run's clock [s]."""
+        """Record a MAVLink datagram from a vehicle, or to it (`up`).
+
+        time_s: time of reception by the run's clock [s].
+        """
         self._has_received = True
         if self._watches[vehicle].on_datagram(up, data, time_s):
             self._report_airborne(vehicle)
@@ -116,7 +119,11 @@ class FlightRecorder:
                 self._remove(channels, error)
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
-        """Record a frame of motion capture. simulated: the motion-capture emulator sent it.  time_s: as in `on_datagram`."""
+        """Record a frame of motion capture.
+
+        simulated: the motion-capture emulator sent it.
+        time_s: as in `on_datagram`.
+        """
         for pose in frame.poses:
             if (watch := self._watch_of_body.get(pose.body)) is not None:
                 watch.poses += 1
@@ -127,7 +134,10 @@ class FlightRecorder:
                 self._remove(channels, error)
 
     def on_truth(self, truth: TrueStates, time_s: float) -> None:
-        """Record the true state of all simulated vehicles. time_s: its time by the run's clock [s]."""
+        """Record the true state of all simulated vehicles.
+
+        time_s: its time by the run's clock [s].
+        """
         for v in self._vehicles:
             if v.index is None:
                 continue
@@ -166,7 +176,10 @@ class FlightRecorder:
             self._process.stats(self.stats(now_s))
 
     def stats(self, now_s: float) -> dict[str, Any]:
-        """Return the statistics of the process: rates per vehicle, and what was lost. now_s: run's clock [s]."""
+        """Return the statistics of the process: rates per vehicle, and what was lost.
+
+        now_s: run's clock [s].
+        """
         return {
             "vehicles": {name: watch.stats(now_s) for name, watch in self._watches.items()},
             "lost_datagrams": self.lost,
@@ -176,7 +189,10 @@ class FlightRecorder:
         }
 
     def close(self, now_s: float) -> None:
-        """Record the last events, complete the file, and send the last statistics. now_s: run's clock [s]."""
+        """Record the last events, complete the file, and send the last statistics.
+
+        now_s: run's clock [s].
+        """
         self._clock.update(now_s, time.monotonic())
         if self._events is not None:
             self._record_events(self._events.close())
@@ -216,7 +232,12 @@ class FlightRecorder:
         self.on_event(line, fields, self._last_event_s)
 
     def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
-        """Record a line of events.jsonl. line: the JSON object as bytes.  fields: its content.  time_s: as in `on_datagram`."""
+        """Record a line of events.jsonl.
+
+        line: the JSON object as bytes.
+        fields: its content.
+        time_s: as in `on_datagram`.
+        """
         for channels in self._channels:
             try:
                 channels.on_event(line, fields, time_s)

@@ -114,7 +114,10 @@ class FoxgloveChannels:
         self._out[Content.LOG].send(log, time_s)
 
     def _pass_time(self, time_s: float) -> None:
-        """Publish what is published regularly, if its time has come. time_s: log time [s]."""
+        """Publish what is published regularly, if its time has come.
+
+        time_s: log time [s].
+        """
         if self._began_s is None:
             self._began_s = time_s
             self._send_scene(time_s)

@@ -24,13 +24,19 @@ _BACKGROUND = "#eef0f4"
 
 
 class _Panels:
-    """Panels of a layout under construction. config: panel id -> settings."""
+    """Panels of a layout under construction.
+
+    config: panel id -> settings.
+    """
 
     def __init__(self) -> None:
         self.config: Json = {}
 
     def add(self, kind: str, title: str, **settings: Any) -> str:
-        """Add a panel and return its id. kind: type of panel in Foxglove."""
+        """Add a panel and return its id.
+
+        kind: type of panel in Foxglove.
+        """
         identity = f"{kind}!{len(self.config)}"
         titles = {"foxglovePanelTitle": title, "lichtblickPanelTitle": title} if title else {}
         self.config[identity] = {**titles, **settings}
@@ -153,7 +159,10 @@ def _view(vehicles: Sequence[DrawnVehicle], size_m: Sequence[float]) -> Json:
 
 
 def _split(direction: str, first: Any, second: Any, percentage: float) -> Json:
-    """Return two panels side by side (`row`) or one above the other (`column`). percentage: share of the first [%]."""
+    """Return two panels side by side (`row`) or one above the other (`column`).
+
+    percentage: share of the first [%].
+    """
     return {"direction": direction, "first": first, "second": second, "splitPercentage": percentage}
 
 

@@ -18,8 +18,9 @@ _TIME_PERIOD_S = 1.0 / 30.0
 
 
 class FoxgloveServer:
-    """Server for Foxglove. `failure`: why it could not start, else "".
+    """Server for Foxglove.
 
+    `failure`: why it could not start, else "".
     context: the context whose channels are sent.  address, port: where clients connect.  name: name of the arena, shown by clients.
     simulation_clock: log times are simulation time, so that clients show this time instead of their own.
     """
@@ -59,7 +60,10 @@ class FoxgloveServer:
         return f"ws://{self.address}:{self.port}"
 
     def pass_time(self, time_s: float) -> None:
-        """Send the simulation time to the clients, at most 30 times per second. time_s: present time of the run's clock [s]."""
+        """Send the simulation time to the clients, at most 30 times per second.
+
+        time_s: present time of the run's clock [s].
+        """
         if self._server is None or not self._sends_time or time_s < self._next_time_s:
             return
         self._next_time_s = time_s + _TIME_PERIOD_S

@@ -166,7 +166,11 @@ class McapFile:
 
 
 class _Writer:
-    """Writer of MCAP to memory. context: foxglove's context.  indexed: compress the chunks, and keep their index in memory."""
+    """Writer of MCAP to memory.
+
+    context: foxglove's context.
+    indexed: compress the chunks, and keep their index in memory.
+    """
 
     def __init__(self, context: Context, *, indexed: bool) -> None:
         from foxglove import open_mcap

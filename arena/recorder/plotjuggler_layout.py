@@ -12,7 +12,10 @@ MAX_PLOTTED = 12
 
 
 def plotjuggler_layout(vehicles: Sequence[DrawnVehicle]) -> str:
-    """Return the layout as XML. vehicles: vehicles of the arena; the first `MAX_PLOTTED` get plots."""
+    """Return the layout as XML.
+
+    vehicles: vehicles of the arena; the first `MAX_PLOTTED` get plots.
+    """
     root = ElementTree.Element("root")
     window = ElementTree.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     for vehicle in vehicles[:MAX_PLOTTED]:

@@ -66,7 +66,11 @@ class CopySenders:
 
 
 class RouterCopies:
-    """The socket. listen: address to bind.  vehicles: as for `CopySenders`."""
+    """The socket.
+
+    listen: address to bind.
+    vehicles: as for `CopySenders`.
+    """
 
     def __init__(self, listen: Address, vehicles: Sequence[Mapping[str, Any]]) -> None:
         self.senders = CopySenders(vehicles)

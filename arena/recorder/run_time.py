@@ -18,7 +18,10 @@ _MAX_WAIT_S = 0.25  # wall time: events, disk and supervisor are served also whi
 
 
 def wake_period_s(vehicles: int, *, live: bool) -> float:
-    """Return the time between two wake-ups of the recorder [s]. live: a viewer may receive the messages during the flight."""
+    """Return the time between two wake-ups of the recorder [s].
+
+    live: a viewer may receive the messages during the flight.
+    """
     if live:
         return _SHORTEST_PERIOD_S
     return min(_LONGEST_PERIOD_S, max(_SHORTEST_PERIOD_S, _PERIOD_PER_VEHICLE_S / vehicles))
@@ -61,7 +64,10 @@ class SimulationTime:
 
 
 class UnixTime:
-    """Unix time as the run's clock. A later change of the system's clock does not change it. period_s: time between two wake-ups [s]."""
+    """Unix time as the run's clock. A later change of the system's clock does not change it.
+
+    period_s: time between two wake-ups [s].
+    """
 
     def __init__(self, period_s: float) -> None:
         self._offset_s = time.time() - time.monotonic()

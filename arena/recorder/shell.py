@@ -134,7 +134,10 @@ class RecorderShell:
 
 
 class _Capture:
-    """Client of one motion-capture server. raw: its settings, with `simulated`: it is the emulator."""
+    """Client of one motion-capture server.
+
+    raw: its settings, with `simulated`: it is the emulator.
+    """
 
     def __init__(self, process: ProcessContext, raw: Mapping[str, Any]) -> None:
         settings = {key: value for key, value in raw.items() if key != "simulated"} | {"stamps": True}
@@ -143,7 +146,10 @@ class _Capture:
         self._report, self._fault = ChangeReport(), ""
 
     def poll(self, now_s: float) -> list[CapturedFrame]:
-        """Return the frames that have arrived. now_s: run's clock [s]."""
+        """Return the frames that have arrived.
+
+        now_s: run's clock [s].
+        """
         try:
             return self._client.poll(now_s)
         except (ArenaError, OSError) as error:

@@ -32,7 +32,10 @@ class TruthSampler:
         self._offset_s, self._at_s = math.inf, 0.0
 
     def due(self, now_s: float) -> Iterator[tuple[float, TrueStates]]:
-        """Yield (time, true state) for each multiple of the period since the last call. now_s: run's clock [s]."""
+        """Yield (time, true state) for each multiple of the period since the last call.
+
+        now_s: run's clock [s].
+        """
         offset_s = 0.0 if self._simulation_clock else self._offset(now_s)
         if offset_s is None:
             return

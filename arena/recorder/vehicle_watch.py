@@ -71,7 +71,10 @@ class VehicleWatch:
         return height_m > self._floor_m + AIRBORNE_HEIGHT_M
 
     def stats(self, now_s: float) -> dict[str, Any]:
-        """Return mean rates since the first datagram [Hz], and the time of take-off. now_s: run's clock [s]."""
+        """Return mean rates since the first datagram [Hz], and the time of take-off.
+
+        now_s: run's clock [s].
+        """
         since = now_s - (now_s if self._first_s is None else self._first_s)
         counts = {"datagrams_hz": self.down, "commands_hz": self.up, "mocap_hz": self.poses}
         found: dict[str, Any] = {

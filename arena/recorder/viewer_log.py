@@ -30,7 +30,10 @@ class TextAssembler:
         self._id, self._severity, self._text = 0, 0, b""
 
     def add(self, m: Any) -> Iterator[tuple[int, str]]:
-        """Yield the severity (0 emergency .. 7 debug) and text of each text that is complete. m: decoded STATUSTEXT."""
+        """Yield the severity (0 emergency .. 7 debug) and text of each text that is complete.
+
+        m: decoded STATUSTEXT.
+        """
         if self._id and m.id != self._id:  # the last part was lost
             yield self._take()
         if m.id and m.id == self._id:
@@ -47,7 +50,11 @@ class TextAssembler:
 
 
 def log_of_text(vehicle: str, severity: int, text: str, time_s: float) -> Log:
-    """Return the log line of a STATUSTEXT. severity: MAV_SEVERITY.  time_s: time of reception [s]."""
+    """Return the log line of a STATUSTEXT.
+
+    severity: MAV_SEVERITY.
+    time_s: time of reception [s].
+    """
     level = _LEVELS.get(severity, LogLevel.Debug)
     return Log(timestamp=timestamp(time_s), level=level, message=text, name=vehicle)
 

@@ -20,7 +20,10 @@ class TrafficMeter:
         self._sequence: int | None = None
 
     def count(self, up: bool, data: bytes) -> None:
-        """Count a datagram. up: it was sent to the vehicle."""
+        """Count a datagram.
+
+        up: it was sent to the vehicle.
+        """
         self._counts[up] += 1
         self._counts[2 + up] += len(data)
 
@@ -50,7 +53,10 @@ def sequence_of(data: bytes, frame: Frame) -> int:
 
 
 class GapMeter:
-    """Counts arrivals, and measures the longest time between two of them. newest_s: time of the last one [s], None before it."""
+    """Counts arrivals, and measures the longest time between two of them.
+
+    newest_s: time of the last one [s], None before it.
+    """
 
     def __init__(self) -> None:
         self.newest_s: float | None = None
@@ -64,14 +70,20 @@ class GapMeter:
         self._count += 1
 
     def take(self, period_s: float) -> tuple[float, float]:
-        """Return the arrivals per second and the longest gap [s], and begin again. period_s: time since the last call [s]."""
+        """Return the arrivals per second and the longest gap [s], and begin again.
+
+        period_s: time since the last call [s].
+        """
         found = self._count / period_s, self._gap_s
         self._count, self._gap_s = 0, 0.0
         return found
 
 
 class PathPieces:
-    """Collects the positions of a path, at most 10 per second and only where the vehicle moves. pieces: pieces taken so far."""
+    """Collects the positions of a path, at most 10 per second and only where the vehicle moves.
+
+    pieces: pieces taken so far.
+    """
 
     def __init__(self) -> None:
         self.pieces = 0
@@ -79,7 +91,11 @@ class PathPieces:
         self._newest_s = -math.inf
 
     def add(self, p_n: Triple, time_s: float) -> None:
-        """Add a position. p_n: [m] [NED] (3,).  time_s: its time [s]."""
+        """Add a position.
+
+        p_n: [m] [NED] (3,).
+        time_s: its time [s].
+        """
         if 0.0 <= time_s - self._newest_s < _PATH_PERIOD_S:
             return
         if not self._points or math.dist(self._points[-1], p_n) >= _MIN_STEP_M:

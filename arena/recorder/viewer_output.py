@@ -29,7 +29,10 @@ _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in bin
 
 
 class Throttle:
-    """Limit of a rate. period_s: shortest mean time between two accepted messages [s]; 0: all are accepted."""
+    """Limit of a rate.
+
+    period_s: shortest mean time between two accepted messages [s]; 0: all are accepted.
+    """
 
     def __init__(self, period_s: float) -> None:
         self._period_s, self._next_s = period_s, 0.0
@@ -62,18 +65,28 @@ class Output:
         self.log = _channel(context, name, topic).log
 
     def send(self, message: Any, time_s: float) -> None:
-        """Send a message: bytes or a message of foxglove-sdk, as the topic requires. time_s: log time [s]."""
+        """Send a message: bytes or a message of foxglove-sdk, as the topic requires.
+
+        time_s: log time [s].
+        """
         self.log(message, log_time=nanoseconds(time_s))
 
     def send_numbers(self, time_s: float, *values: float) -> None:
-        """Send the values of all fields of a message of numbers. time_s: log time [s]."""
+        """Send the values of all fields of a message of numbers.
+
+        time_s: log time [s].
+        """
         if self._pack is None:
             raise TypeError("send_numbers: the messages of this topic do not consist of numbers; use send")
         self.log(self._pack(*values), log_time=nanoseconds(time_s))
 
 
 def _channel(context: Context, name: str, topic: Topic) -> _Channel:
-    """Create a channel. name: topic of the channel.  topic: its row of the table."""
+    """Create a channel.
+
+    name: topic of the channel.
+    topic: its row of the table.
+    """
     if topic.schema in _OF_FOXGLOVE:
         made: _Channel = _OF_FOXGLOVE[topic.schema](name, context=context)
         return made

@@ -13,7 +13,11 @@ _EAST, _NORTH, _UP = "xyz"  # axes of the frame `arena`
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnVehicle:
-    """Vehicle in a layout. simulated: it has true poses; else its captured poses are drawn.  rotors: number of rotors."""
+    """Vehicle in a layout.
+
+    simulated: it has true poses; else its captured poses are drawn.
+    rotors: number of rotors.
+    """
 
     name: str
     simulated: bool
@@ -22,7 +26,12 @@ class DrawnVehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """Curve of a plot. topic: name of the topic.  fields: names of the nested fields.  label, colour: as shown."""
+    """Curve of a plot.
+
+    topic: name of the topic.
+    fields: names of the nested fields.
+    label, colour: as shown.
+    """
 
     topic: str
     fields: tuple[str, ...]

@@ -43,7 +43,10 @@ def duration(time_s: float) -> Duration:
 
 
 def arena_position(p_n: Sequence[float]) -> Triple:
-    """Convert a position from NED to the frame `arena`: (n, e, d) -> (e, n, -d). p_n: [m] [NED] (3,)."""
+    """Convert a position from NED to the frame `arena`: (n, e, d) -> (e, n, -d).
+
+    p_n: [m] [NED] (3,).
+    """
     north, east, down = p_n
     return east, north, -down
 
@@ -58,19 +61,28 @@ def arena_attitude(q_nb: Sequence[float]) -> Quad:
 
 
 def point(p_n: Sequence[float]) -> Point3:
-    """Return a position in the frame `arena`. p_n: [m] [NED] (3,)."""
+    """Return a position in the frame `arena`.
+
+    p_n: [m] [NED] (3,).
+    """
     x, y, z = arena_position(p_n)
     return Point3(x=x, y=y, z=z)
 
 
 def vector(p_n: Sequence[float]) -> Vector3:
-    """Return a position in the frame `arena` as a vector. p_n: [m] [NED] (3,)."""
+    """Return a position in the frame `arena` as a vector.
+
+    p_n: [m] [NED] (3,).
+    """
     x, y, z = arena_position(p_n)
     return Vector3(x=x, y=y, z=z)
 
 
 def quaternion(q_nb: Sequence[float]) -> Quaternion:
-    """Return the attitude of a body in the frame `arena`. q_nb: [-] wxyz (4,)."""
+    """Return the attitude of a body in the frame `arena`.
+
+    q_nb: [-] wxyz (4,).
+    """
     w, x, y, z = arena_attitude(q_nb)
     return Quaternion(x=x, y=y, z=z, w=w)
 

@@ -63,7 +63,9 @@ class VehicleShape:
 
 
 def shape_of(raw: Mapping[str, Any]) -> VehicleShape:
-    """Return the dimensions of a vehicle. raw: entry of a vehicle in the configuration (slice) of the recorder.
+    """Return the dimensions of a vehicle.
+
+    raw: entry of a vehicle in the configuration (slice) of the recorder.
 
     Propellers of unknown radius end at the vehicle's radius, and do not overlap.
     """
@@ -185,7 +187,11 @@ def _entity(
     lifetime_s: float = 0.0,
     **primitives: Any,
 ) -> SceneEntity:
-    """Return an entity of the scene. locked: it moves with its frame.  lifetime_s: 0 means until it is replaced [s]."""
+    """Return an entity of the scene.
+
+    locked: it moves with its frame.
+    lifetime_s: 0 means until it is replaced [s].
+    """
     return SceneEntity(
         timestamp=timestamp(time_s),
         frame_id=frame,
@@ -205,7 +211,10 @@ def _pose(x: float, y: float, z: float, turned: Quaternion = _ALONG) -> Pose:
 
 
 def _lines(points: list[Point3], colour: Colour, thickness_px: float) -> LinePrimitive:
-    """Return separate lines. points: begin and end of each line."""
+    """Return separate lines.
+
+    points: begin and end of each line.
+    """
     return LinePrimitive(
         type=LinePrimitiveLineType.LineList,
         pose=_pose(0.0, 0.0, 0.0),
@@ -247,7 +256,10 @@ def _tiles(north: float, east: float) -> list[Point3]:
 
 
 def _edges(box: Box) -> list[Point3]:
-    """Return begin and end of the twelve edges of a box. box: smallest and largest north, east and height [m]."""
+    """Return begin and end of the twelve edges of a box.
+
+    box: smallest and largest north, east and height [m].
+    """
     norths, easts, heights = box
     corners = list(itertools.product(easts, norths, heights))
     pairs = itertools.combinations(corners, 2)
@@ -288,7 +300,10 @@ def _name_text(name: str, shape: VehicleShape) -> TextPrimitive:
 
 
 def _propeller(rotor: Triple, radius_m: float) -> CylinderPrimitive:
-    """Return the disc of a propeller. rotor: its position [m] [FRD]."""
+    """Return the disc of a propeller.
+
+    rotor: its position [m] [FRD].
+    """
     x, y, z = rotor
     return CylinderPrimitive(
         pose=_pose(x, -y, -z + _SPIN_HEIGHT_M),

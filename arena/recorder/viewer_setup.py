@@ -22,7 +22,11 @@ _USUAL_ROTORS = 4
 
 
 def viewer_channels(settings: Mapping[str, Any], context: Context) -> FoxgloveChannels:
-    """Return the channels for viewers. settings: slice of the recorder.  context: the channels are created in this context."""
+    """Return the channels for viewers.
+
+    settings: slice of the recorder.
+    context: the channels are created in this context.
+    """
     vehicles = [
         ViewedVehicle(
             name=str(v["name"]),
@@ -43,7 +47,9 @@ def viewer_channels(settings: Mapping[str, Any], context: Context) -> FoxgloveCh
 
 
 def write_layouts(settings: Mapping[str, Any], folder: Path) -> None:
-    """Write the layouts for Foxglove and PlotJuggler into the run folder. settings: slice of the recorder.
+    """Write the layouts for Foxglove and PlotJuggler into the run folder.
+
+    settings: slice of the recorder.
 
     Raises OSError if they cannot be written.
     """
@@ -56,7 +62,10 @@ def write_layouts(settings: Mapping[str, Any], folder: Path) -> None:
 
 
 def open_server(settings: Mapping[str, Any], context: Context) -> FoxgloveServer | None:
-    """Return the WebSocket server for Foxglove; None if the slice has none. settings: slice of the recorder."""
+    """Return the WebSocket server for Foxglove; None if the slice has none.
+
+    settings: slice of the recorder.
+    """
     if settings.get("foxglove") is None:
         return None
     address, port = settings["foxglove"]

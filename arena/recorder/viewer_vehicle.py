@@ -87,7 +87,11 @@ class VehicleChannels:
     # -- received data
 
     def on_datagram(self, up: bool, data: bytes, time_s: float) -> None:
-        """Publish the content of a MAVLink datagram. up: it was sent to the vehicle.  time_s: time of reception [s]."""
+        """Publish the content of a MAVLink datagram.
+
+        up: it was sent to the vehicle.
+        time_s: time of reception [s].
+        """
         self._traffic.count(up, data)
         if up:
             self._take_references(data, time_s)
@@ -130,7 +134,11 @@ class VehicleChannels:
         self._send_pose(Content.CAPTURED_POSE, f"{self._name}/mocap", p_n, q_nb, time_s)
 
     def on_truth(self, p_n: Sequence[float], q_nb: Sequence[float], time_s: float) -> None:
-        """Publish the true pose of a simulated vehicle. p_n, q_nb: as in `on_pose`.  time_s: time of the state [s]."""
+        """Publish the true pose of a simulated vehicle.
+
+        p_n, q_nb: as in `on_pose`.
+        time_s: time of the state [s].
+        """
         self._send_pose(Content.TRUE_POSE, f"{self._name}/truth", p_n, q_nb, time_s)
 
     def output(self, content: Content) -> Output:
@@ -138,13 +146,19 @@ class VehicleChannels:
         return self._out[content]
 
     def send_model(self, time_s: float) -> None:
-        """Publish the model of the vehicle, unless its shape is unknown, and its planned path. time_s: log time [s]."""
+        """Publish the model of the vehicle, unless its shape is unknown, and its planned path.
+
+        time_s: log time [s].
+        """
         self._plan_changed |= bool(self._plan.points)
         if self._shape is not None:
             self._out[Content.MODEL].send(vehicle_model(self._name, self._shape, time_s), time_s)
 
     def send_rates(self, time_s: float, period_s: float) -> None:
-        """Publish traffic, health of the poses, and the new pieces of the paths. period_s: time since the last call [s]."""
+        """Publish traffic, health of the poses, and the new pieces of the paths.
+
+        period_s: time since the last call [s].
+        """
         self._out[Content.LINK].send_numbers(time_s, *self._traffic.take(period_s))
         poses = self.poses
         if poses.newest_s is not None:

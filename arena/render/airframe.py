@@ -60,8 +60,10 @@ class Mesh:
 def airframe(
     rotors_b: Sequence[Sequence[float]], *, disc_m: float | None = None, below_m: float = 0.06
 ) -> Airframe:
-    """Return an airframe. rotors_b: places of the rotors [m] [FRD]. disc_m: radius of a propeller [m]; None: made from the gaps.
+    """Return an airframe.
 
+    rotors_b: places of the rotors [m] [FRD].
+    disc_m: radius of a propeller [m]; None: made from the gaps.
     below_m: height of the body origin above the lowest point [m].
     """
     places = np.asarray(rotors_b, float).reshape(-1, 3)
@@ -85,7 +87,10 @@ class _Builder:
         self.rest: list[tuple[bool, int, int, Paint]] = []
 
     def face(self, points: Array, outward: Array, unit: int, level: int, paint: Paint) -> None:
-        """Add one flat face. outward: a vector to the outside (3,); zeros: visible from both sides."""
+        """Add one flat face.
+
+        outward: a vector to the outside (3,); zeros: visible from both sides.
+        """
         first = sum(map(len, self.points))
         normal = np.cross(points[1] - points[0], points[2] - points[0])
         normal /= np.linalg.norm(normal)
@@ -97,7 +102,10 @@ class _Builder:
     def prism(
         self, low: Array, high: Array, unit: int, level: int, paint: Paint, *, bottom: bool = True
     ) -> None:
-        """Add a prism between two rings of corners [m] [FRD] (n, 3). bottom: with the ring `low` as a face."""
+        """Add a prism between two rings of corners [m] [FRD] (n, 3).
+
+        bottom: with the ring `low` as a face.
+        """
         middle = 0.5 * (low.mean(axis=0) + high.mean(axis=0))
         for i in range(len(low)):
             j = (i + 1) % len(low)
@@ -108,7 +116,10 @@ class _Builder:
             self.face(low, low.mean(axis=0) - middle, unit, level, paint)
 
     def bar(self, start: Array, end: Array, half_m: float, unit: int, level: int, paint: Paint) -> None:
-        """Add a bar with a square section between two points [m] [FRD] (3,). half_m: half its thickness [m]."""
+        """Add a bar with a square section between two points [m] [FRD] (3,).
+
+        half_m: half its thickness [m].
+        """
         along = (end - start) / np.linalg.norm(end - start)
         other = np.array([0.0, 0.0, 1.0]) if abs(along[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
         side = np.cross(along, other)

@@ -18,8 +18,10 @@ MAX_GRID_LINES = 80
 
 @dataclass(frozen=True, kw_only=True)
 class Room:
-    """A box with its floor at D = 0. low, high: north and east of its corners [m] [NED] (2,). height_m: [m]; None: unknown.
+    """A box with its floor at D = 0.
 
+    low, high: north and east of its corners [m] [NED] (2,).
+    height_m: [m]; None: unknown.
     fence: two opposite corners of the geofence [m] [NED] (2, 3); None without a geofence.
     obstacles: fixed bodies in the room.
     """
@@ -76,7 +78,11 @@ def line(
     *,
     closed: bool = False,
 ) -> None:
-    """Draw a line through points in the room. points_n: [m] [NED] (n, 3).  closed: connect the last point with the first."""
+    """Draw a line through points in the room.
+
+    points_n: [m] [NED] (n, 3).
+    closed: connect the last point with the first.
+    """
     points = clip(camera, np.concatenate([points_n, points_n[:1]]) if closed else points_n, closed=False)
     if len(points) >= 2:
         draw.line([tuple(p) for p in camera.project(points)], fill=colour, width=max(1, round(width_px)))

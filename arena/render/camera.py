@@ -50,7 +50,10 @@ class Camera:
         return np.asarray(self.focal_px * seen[..., :2] / depth + (0.5 * self.width, 0.5 * self.height))
 
     def pixels_per_metre(self, point_n: ArrayLike) -> float:
-        """Return the length of one metre at a point, across the direction of view [px]. point_n: [m] [NED] (3,)."""
+        """Return the length of one metre at a point, across the direction of view [px].
+
+        point_n: [m] [NED] (3,).
+        """
         return float(self.focal_px / np.maximum(self.depth(point_n), NEAR_M))
 
 
@@ -106,7 +109,10 @@ def _slopes(size: tuple[int, int], margin: float) -> Array:
 
 
 def look_at(eye: ArrayLike, target: ArrayLike, size: tuple[int, int]) -> Camera:
-    """Return a camera at a point that looks at another point. eye, target: [m] [NED] (3,). size: width, height [px].
+    """Return a camera at a point that looks at another point.
+
+    eye, target: [m] [NED] (3,).
+    size: width, height [px].
 
     If it looks straight down, north is up in the picture.
     """

@@ -168,7 +168,10 @@ def _trail(draw: ImageDraw.ImageDraw, camera: Camera, body: Body, line_px: float
 
 
 def _setpoint(draw: ImageDraw.ImageDraw, camera: Camera, body: Body, line_px: float, *, drop: bool) -> None:
-    """Draw a ring with a cross at the setpoint, and a line to it. drop: also draw a line from the vehicle to the floor."""
+    """Draw a ring with a cross at the setpoint, and a line to it.
+
+    drop: also draw a line from the vehicle to the floor.
+    """
     if drop and camera.depth(body.p_n) > NEAR_M:
         line(draw, camera, np.stack([body.p_n, body.p_n * (1, 1, 0)]), (*body.colour, 90), 0.8 * line_px)
     if body.ref_n is None or camera.depth(body.ref_n) <= NEAR_M or not drop:
@@ -207,7 +210,11 @@ def _vehicle(picture: Image.Image, draw: ImageDraw.ImageDraw, camera: Camera, bo
 
 
 def _face_colours(shape: Mesh, rotation: Array, colour: style.Colour) -> list[style.Colour]:
-    """Return the colour of each face under the lamp. rotation: body to NED (3, 3).  colour: colour of the vehicle."""
+    """Return the colour of each face under the lamp.
+
+    rotation: body to NED (3, 3).
+    colour: colour of the vehicle.
+    """
     lit = np.clip((shape.normals_b @ rotation.T) @ _LIGHT, 0.0, 1.0)
     full = np.array([style.paint_colour(paint, colour) for paint in shape.paints])
     shaded = np.rint(full * (_AMBIENT + (1.0 - _AMBIENT) * lit)[:, None]).astype(int)
@@ -232,7 +239,10 @@ def drawing_order(shape: Mesh, camera: Camera, p_n: Array, rotation: Array) -> l
 
 
 def _turned(shape: Mesh, index: int) -> Array:
-    """Return the corners of all faces with turned propeller blades [m] [FRD] (k, 3). index: number of the picture."""
+    """Return the corners of all faces with turned propeller blades [m] [FRD] (k, 3).
+
+    index: number of the picture.
+    """
     points = shape.points_b.copy()
     for k, paint in enumerate(shape.paints):
         if paint == "blade":
@@ -301,7 +311,10 @@ _LABEL_GAP_PX, _LABEL_PAD_PX = 2.0, 6.0
 
 
 def _label_size(draw: ImageDraw.ImageDraw, body: Body, unit: float) -> tuple[float, float]:
-    """Return width and height of a label [px]. unit: size of one pixel of a picture with 720 rows [px]."""
+    """Return width and height of a label [px].
+
+    unit: size of one pixel of a picture with 720 rows [px].
+    """
     lines = list(zip(body.label, _LABEL_PX, strict=False))
     width = max(draw.textlength(text, font=style.font(round(size * unit))) for text, (size, _) in lines)
     return width + 2 * _LABEL_PAD_PX * unit, sum(

@@ -20,13 +20,19 @@ _STEPS = 40
 def draw_obstacles(
     draw: ImageDraw.ImageDraw, camera: Camera, obstacles: Sequence[Obstacle], line_px: float
 ) -> None:
-    """Draw obstacles, the farthest first. line_px: width of thin lines [px]."""
+    """Draw obstacles, the farthest first.
+
+    line_px: width of thin lines [px].
+    """
     for one in sorted(obstacles, key=lambda o: -float(np.linalg.norm(np.subtract(o.centre_n, camera.eye)))):
         _draw(draw, camera, one, line_px)
 
 
 def hiding(obstacles: Sequence[Obstacle], eye_n: Array, p_n: Array) -> list[Obstacle]:
-    """Return the obstacles between the camera and a point. eye_n, p_n: [m] [NED] (3,)."""
+    """Return the obstacles between the camera and a point.
+
+    eye_n, p_n: [m] [NED] (3,).
+    """
     share = np.linspace(0.0, 1.0, _STEPS)[:, None]
     found = []
     for one in obstacles:
@@ -44,7 +50,10 @@ def hiding(obstacles: Sequence[Obstacle], eye_n: Array, p_n: Array) -> list[Obst
 
 
 def _span(a: Array, b: Array, near: Array, far: Array) -> tuple[float, float]:
-    """Return which part of the line from a to b is inside a box, as shares 0..1. near, far: corners of the box (3,)."""
+    """Return which part of the line from a to b is inside a box, as shares 0..1.
+
+    near, far: corners of the box (3,).
+    """
     way = np.where(np.abs(b - a) < 1e-12, 1e-12, b - a)
     ends = np.sort(np.stack([(near - a) / way, (far - a) / way]), axis=0)
     return max(0.0, float(ends[0].max())), min(1.0, float(ends[1].min()))

@@ -20,7 +20,11 @@ _ROUND_M = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """Recorded flights on one clock. title: name of the arena or of the log.  tracks: vehicles in the order of the plan."""
+    """Recorded flights on one clock.
+
+    title: name of the arena or of the log.
+    tracks: vehicles in the order of the plan.
+    """
 
     title: str
     tracks: tuple[Track, ...]

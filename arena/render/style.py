@@ -57,12 +57,18 @@ def vehicle_colours(count: int) -> tuple[Colour, ...]:
 
 
 def paint_colour(paint: Paint, vehicle: Colour) -> Colour:
-    """Return the colour of a face under full light. vehicle: colour of the vehicle, which its canopy, front arms and rotor discs have."""
+    """Return the colour of a face under full light.
+
+    vehicle: colour of the vehicle, which its canopy, front arms and rotor discs have.
+    """
     return _PAINTS.get(paint, vehicle)
 
 
 def mixed(first: Colour, second: Colour, share: float) -> Colour:
-    """Return a colour between two colours. share: 0 for the first colour, 1 for the second."""
+    """Return a colour between two colours.
+
+    share: 0 for the first colour, 1 for the second.
+    """
     a, b = first, second
     return (
         round(a[0] + share * (b[0] - a[0])),
@@ -73,5 +79,8 @@ def mixed(first: Colour, second: Colour, share: float) -> Colour:
 
 @functools.cache
 def font(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Return the font of all texts, which Pillow contains. size_px: height of the font [px]."""
+    """Return the font of all texts, which Pillow contains.
+
+    size_px: height of the font [px].
+    """
     return ImageFont.load_default(size_px)

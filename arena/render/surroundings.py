@@ -66,7 +66,11 @@ def _of_record(file: Path) -> Surroundings:
 
 
 def _room(size_m: Any, drawn: Mapping[str, Any]) -> Room:
-    """Return the room. size_m: north, east, height [m].  drawn: mapping with the keys `fence` and `obstacles` of slices."""
+    """Return the room.
+
+    size_m: north, east, height [m].
+    drawn: mapping with the keys `fence` and `obstacles` of slices.
+    """
     fence = drawn.get("fence")
     north, east, height = (float(x) for x in size_m)
     corners = None

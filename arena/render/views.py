@@ -33,8 +33,9 @@ _SMOOTH_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """Motion of the camera. azimuth_deg, elevation_deg: direction from the room to the camera.
+    """Motion of the camera.
 
+    azimuth_deg, elevation_deg: direction from the room to the camera.
     orbit: the camera turns around the room.  follow: name of the vehicle that it follows; "" for none.
     """
 

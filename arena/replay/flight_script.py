@@ -85,7 +85,10 @@ class FlightScript:
 
 
 class _Poses:
-    """Captured poses of one vehicle in its log. t: times of the rows that have a pose, by the clock of the log [s]."""
+    """Captured poses of one vehicle in its log.
+
+    t: times of the rows that have a pose, by the clock of the log [s].
+    """
 
     def __init__(self, flight: Flight) -> None:
         p_n, q_nb = flight.group("mocap.pos"), flight.group("mocap.att_q", WXYZ)

@@ -15,7 +15,10 @@ _LOST = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 
 
 class FrameConverter:
-    """Converts recorded frames. numbers: name of a rigid body -> its number in the stream of the server."""
+    """Converts recorded frames.
+
+    numbers: name of a rigid body -> its number in the stream of the server.
+    """
 
     def __init__(self, numbers: Mapping[str, int]) -> None:
         self._numbers = numbers
@@ -53,7 +56,10 @@ def sent_s(frame: RecordedFrame, shift_s: float) -> float:
 
 
 def captured(frame: RecordedFrame, shift_s: float) -> CapturedFrame:
-    """Return the frame as the recorder of the flight had received it. shift_s: clock minus time of the record [s]."""
+    """Return the frame as the recorder of the flight had received it.
+
+    shift_s: clock minus time of the record [s].
+    """
     sent = None if math.isnan(frame.sent_s) else frame.sent_s + shift_s
     return CapturedFrame(
         number=frame.number,

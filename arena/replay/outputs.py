@@ -93,7 +93,10 @@ class Outputs:
         self._record_copies()
 
     def serve(self, playback: Playback, wall: float) -> None:
-        """Answer the requests and commands that have arrived. wall: monotonic [s]. Time does not advance."""
+        """Answer the requests and commands that have arrived.
+
+        wall: monotonic [s]. Time does not advance.
+        """
         self._router.drain(self._now_s)
         waiting = self._inbox[:]
         self._inbox.clear()

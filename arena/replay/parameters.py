@@ -37,14 +37,20 @@ _DEFINITIONS_BYTES = 1 << 20  # more than the definitions of a ULog, which conta
 
 
 class Stored(NamedTuple):
-    """Value of a parameter: an int for an integer type. kind: MAV_PARAM_TYPE."""
+    """Value of a parameter: an int for an integer type.
+
+    kind: MAV_PARAM_TYPE.
+    """
 
     value: float
     kind: int
 
 
 class ParameterHistory:
-    """Values of the parameters of one vehicle during a flight. initial: name -> value at the start."""
+    """Values of the parameters of one vehicle during a flight.
+
+    initial: name -> value at the start.
+    """
 
     def __init__(self, initial: Mapping[str, Stored] | None = None) -> None:
         self._values: dict[str, list[tuple[int, Stored]]] = {
@@ -83,7 +89,11 @@ class ParameterHistory:
 
 
 class ParameterReplies:
-    """Replies of all replayed vehicles. histories: parameters of each vehicle.  ids: MAVLink system id of each vehicle."""
+    """Replies of all replayed vehicles.
+
+    histories: parameters of each vehicle.
+    ids: MAVLink system id of each vehicle.
+    """
 
     def __init__(self, histories: Sequence[ParameterHistory], ids: Sequence[int]) -> None:
         self._histories, self._codecs = histories, [Codec(system, AUTOPILOT) for system in ids]

@@ -74,7 +74,10 @@ class Playback:
         self._anchor(wall)
 
     def start(self, wall: float) -> None:
-        """Begin now, and ignore the time since the object was made. wall: monotonic time [s]."""
+        """Begin now, and ignore the time since the object was made.
+
+        wall: monotonic time [s].
+        """
         self._anchor(wall)
 
     def wait_s(self, wall: float) -> float:
@@ -132,7 +135,11 @@ class Playback:
         self._anchor(wall)
 
     def _seek(self, place: int, *, whole: bool = True) -> None:
-        """Begin to read at a time of the record. place: this time [ns].  whole: also collect the state messages before this time."""
+        """Begin to read at a time of the record.
+
+        place: this time [ns].
+        whole: also collect the state messages before this time.
+        """
         script = self._script
         self.state = StateMessages(len(script.vehicles))
         self._items = iter(script.items(max(script.start_ns, place - LOOK_BACK_NS) if whole else place))

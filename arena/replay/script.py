@@ -41,7 +41,11 @@ class TrueState(NamedTuple):
 
 
 class RecordedLine(NamedTuple):
-    """Line of events.jsonl. line: JSON object as bytes.  fields: its content."""
+    """Line of events.jsonl.
+
+    line: JSON object as bytes.
+    fields: its content.
+    """
 
     line: bytes
     fields: Mapping[str, Any]

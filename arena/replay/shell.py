@@ -78,7 +78,10 @@ class ReplayLoop:
         self._clock.close()
 
     def _idle(self, left_s: float) -> None:
-        """Wait before the next step, and serve the clients of the clock. left_s: wall time [s]."""
+        """Wait before the next step, and serve the clients of the clock.
+
+        left_s: wall time [s].
+        """
         if left_s > 2.0 * _MILLI_S:
             self._clock.poll((math.floor(left_s / _MILLI_S) - 1) * _MILLI_S)
         else:

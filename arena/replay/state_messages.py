@@ -29,13 +29,19 @@ _MODE_INDEX_OFFSET = 9  # in AVAILABLE_MODES, after custom_mode, properties and 
 
 
 class StateMessages:
-    """Collects the newest frame of each state message of each vehicle. vehicles: number of vehicles."""
+    """Collects the newest frame of each state message of each vehicle.
+
+    vehicles: number of vehicles.
+    """
 
     def __init__(self, vehicles: int) -> None:
         self._frames: list[dict[tuple[int, int, int], bytes]] = [{} for _ in range(vehicles)]
 
     def take(self, vehicle: int, datagram: bytes) -> None:
-        """Store the state messages in a datagram from a vehicle. vehicle: its index."""
+        """Store the state messages in a datagram from a vehicle.
+
+        vehicle: its index.
+        """
         for at in parse_frames(datagram).frames:
             if at.msgid in STATE_MESSAGES and at.compid == AUTOPILOT:
                 index = 0
@@ -44,7 +50,10 @@ class StateMessages:
                 self._frames[vehicle][at.msgid, at.compid, index] = bytes(datagram[at.start : at.end])
 
     def newest(self, vehicle: int, msgid: int) -> bytes | None:
-        """Return the newest frame of a message of a vehicle; None if there was none. msgid: MAVLink message id."""
+        """Return the newest frame of a message of a vehicle; None if there was none.
+
+        msgid: MAVLink message id.
+        """
         found = [frame for key, frame in self._frames[vehicle].items() if key[0] == msgid]
         return found[-1] if found else None
 

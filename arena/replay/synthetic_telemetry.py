@@ -48,7 +48,11 @@ def custom_mode(words: str) -> int:
 
 
 class SyntheticTelemetry:
-    """Telemetry of one vehicle, made from its log. flight: the log.  system: MAVLink system id of the vehicle."""
+    """Telemetry of one vehicle, made from its log.
+
+    flight: the log.
+    system: MAVLink system id of the vehicle.
+    """
 
     def __init__(self, flight: Flight, system: int) -> None:
         self._flight, self._codec = flight, Codec(system, AUTOPILOT)

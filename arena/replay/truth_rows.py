@@ -10,7 +10,9 @@ from arena.wire.truth_page import Truth
 
 
 class TruthRows:
-    """The newest recorded true state of each vehicle. vehicles: number of vehicles; row i is vehicle i.
+    """The newest recorded true state of each vehicle.
+
+    vehicles: number of vehicles; row i is vehicle i.
 
     Specific force and rotor outputs are not recorded: they are 0.
     """
@@ -22,7 +24,10 @@ class TruthRows:
         self.fresh: set[int] = set()
 
     def set(self, vehicle: int, state: TrueState) -> None:
-        """Store the state of one vehicle. vehicle: its index."""
+        """Store the state of one vehicle.
+
+        vehicle: its index.
+        """
         self._p_n[vehicle], self._v_n[vehicle] = state.p_n, state.v_n
         self._q_nb[vehicle], self._omega_b[vehicle] = state.q_nb, state.omega_b
         self.fresh.add(vehicle)

@@ -25,7 +25,12 @@ _COLORS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """Column of one vehicle. label: text in the legend.  t: time [s] (n,).  values: (n,)."""
+    """Column of one vehicle.
+
+    label: text in the legend.
+    t: time [s] (n,).
+    values: (n,).
+    """
 
     label: str
     t: Array
@@ -34,7 +39,10 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """Lines over the same axes. title: label of the vertical axis, with the unit."""
+    """Lines over the same axes.
+
+    title: label of the vertical axis, with the unit.
+    """
 
     title: str
     lines: Sequence[Line]
@@ -50,7 +58,10 @@ def panels(flights: Sequence[Flight], wanted: Sequence[str]) -> list[Panel]:
 
 
 def write_plot(path: Path, shown: Sequence[Panel], title: str) -> None:
-    """Write a plot. path: .png, .svg, .pdf, or .html for a page that can be zoomed. Raises InputError for other names."""
+    """Write a plot.
+
+    path: .png, .svg, .pdf, or .html for a page that can be zoomed. Raises InputError for other names.
+    """
     if path.suffix in PAGES:
         _write_page(path, shown, title)
     elif path.suffix in PICTURES:

@@ -30,7 +30,12 @@ _MOMENT_WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Side of a comparison. name: text for the page.  flights: its logs.  settings: key of the YAML -> value, {} if unknown."""
+    """Side of a comparison.
+
+    name: text for the page.
+    flights: its logs.
+    settings: key of the YAML -> value, {} if unknown.
+    """
 
     name: str
     flights: Sequence[Flight]

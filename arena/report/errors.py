@@ -18,7 +18,10 @@ _DEG = 180.0 / np.pi
 
 @dataclass(frozen=True, kw_only=True)
 class Measures:
-    """Measures of an error over a flight. rms, p95 (95th percentile), max: of the absolute value.  at_s: time of the maximum [s]."""
+    """Measures of an error over a flight. rms, p95 (95th percentile), max: of the absolute value.
+
+    at_s: time of the maximum [s].
+    """
 
     rms: float
     p95: float

@@ -322,7 +322,10 @@ def desired(quantity: str, part: str, scale: float = 1.0) -> Callable[[Drawn], A
 
 
 def three(quantity: str, reference: str, part: str, scale: float) -> tuple[Curve, Curve, Curve]:
-    """Return the curves of a quantity: estimate, actual and desired. reference: group of columns of the desired value."""
+    """Return the curves of a quantity: estimate, actual and desired.
+
+    reference: group of columns of the desired value.
+    """
     return (
         Curve(
             label="estimate",

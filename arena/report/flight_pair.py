@@ -44,7 +44,12 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """Pair of flights to compare. name: name of the pair.  a, b: the flights.  moment: common moment by which they are aligned."""
+    """Pair of flights to compare.
+
+    name: name of the pair.
+    a, b: the flights.
+    moment: common moment by which they are aligned.
+    """
 
     name: str
     a: Side

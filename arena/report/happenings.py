@@ -137,7 +137,10 @@ def _of_flight(name: str, flight: Flight, t: np.ndarray, off: Disarming | None) 
 
 
 def _of_event(event: Event, run: RunData, starts: Counter[str]) -> Iterator[Happening]:
-    """Yield the entries of one line of events.jsonl. starts: process -> number of its starts so far."""
+    """Yield the entries of one line of events.jsonl.
+
+    starts: process -> number of its starts so far.
+    """
     if event.after:
         yield from _of_change(event, run, starts)
     elif event.text and event.process == "copilot":
@@ -181,7 +184,10 @@ def killed_by_scenario(event: Event, run: RunData) -> bool:
 
 
 def _kills(process: str, run: RunData) -> list[float]:
-    """Return the times of the steps of the scenario that kill a process [s]. process: its name, such as `program.uav1`."""
+    """Return the times of the steps of the scenario that kill a process [s].
+
+    process: its name, such as `program.uav1`.
+    """
     kind, _, vehicle = process.partition(".")
     found = []
     for step in scenario_steps(run):

@@ -66,7 +66,10 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 class ArrayTable:
-    """Table of the arrays of all figures. Equal arrays are stored once, as float32. `lengths`: number of values of each array."""
+    """Table of the arrays of all figures. Equal arrays are stored once, as float32.
+
+    `lengths`: number of values of each array.
+    """
 
     def __init__(self) -> None:
         self.lengths: list[int] = []

@@ -23,8 +23,9 @@ _ARMING = ("Armed", "Disarmed")
 
 @dataclass(frozen=True, kw_only=True)
 class Disarming:
-    """Last disarming of a vehicle. at_s: its time [s], on the axis of the given times.
+    """Last disarming of a vehicle.
 
+    at_s: its time [s], on the axis of the given times.
     in_log: True if a row of the log is disarmed; False if only a text or an event reports the disarming, because the log has
         ended before the next row.
     """

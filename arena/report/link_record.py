@@ -14,7 +14,11 @@ SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "i
 
 @dataclass(frozen=True, kw_only=True)
 class StatusText:
-    """STATUSTEXT of an autopilot. at_s: time of reception [s].  severity: MAV_SEVERITY, 0 (emergency) to 7 (debug)."""
+    """STATUSTEXT of an autopilot.
+
+    at_s: time of reception [s].
+    severity: MAV_SEVERITY, 0 (emergency) to 7 (debug).
+    """
 
     at_s: float
     severity: int
@@ -47,7 +51,11 @@ class LinkRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class Gap:
-    """Longest time without a message. at_s: its begin [s].  length_s: its length [s]."""
+    """Longest time without a message.
+
+    at_s: its begin [s].
+    length_s: its length [s].
+    """
 
     at_s: float
     length_s: float
@@ -68,7 +76,10 @@ def rate_over_time(stamps: Array, end_s: float, width_s: float = 1.0) -> tuple[A
 
 
 def mean_rate(stamps: Array) -> float | None:
-    """Return the mean rate of messages [Hz]; None for fewer than two messages. stamps: times [s] (n,)."""
+    """Return the mean rate of messages [Hz]; None for fewer than two messages.
+
+    stamps: times [s] (n,).
+    """
     duration = float(np.ptp(stamps)) if stamps.size > 1 else 0.0
     return (stamps.size - 1) / duration if duration > 0.0 else None
 

@@ -171,7 +171,10 @@ def _range_s(vehicles: Sequence[Drawn]) -> float:
 
 
 def _steps(steps: Sequence[ScenarioStep], range_s: float) -> dict[str, Any]:
-    """Return the trace of the numbered circles. Steps whose circles would overlap share one. range_s: length of the time axis [s]."""
+    """Return the trace of the numbered circles. Steps whose circles would overlap share one.
+
+    range_s: length of the time axis [s].
+    """
     groups: list[list[ScenarioStep]] = []
     for step in steps:
         if groups and step.at_s - groups[-1][0].at_s < _CIRCLE * range_s:

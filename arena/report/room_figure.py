@@ -30,7 +30,10 @@ def room_3d(size_m: Sequence[float], drawn: Mapping[str, Any]) -> list[dict[str,
 
 
 def _edges(name: str, low: Sequence[float], high: Sequence[float], colour: str, dash: str) -> dict[str, Any]:
-    """Return the edges of a box. low, high: east, north, height of two corners [m]."""
+    """Return the edges of a box.
+
+    low, high: east, north, height of two corners [m].
+    """
     corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
     x: list[float | None] = []
     y: list[float | None] = []

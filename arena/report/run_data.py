@@ -254,7 +254,10 @@ def run_clock(
 
 
 def read_events(path: Path, clock: Clock, origin_s: float, missing: list[str]) -> list[Event]:
-    """Return the lines of events.jsonl that are valid. clock, origin_s: see `RunData`."""
+    """Return the lines of events.jsonl that are valid.
+
+    clock, origin_s: see `RunData`.
+    """
     try:
         lines = path.read_text(errors="replace").splitlines()
     except OSError as error:

@@ -67,7 +67,10 @@ def _programs(run: RunData) -> list[str]:
 
 
 def _with_names(found: dict[str, list[str]]) -> str:
-    """Return things as text, each with its vehicles if there are several. found: thing -> names of its vehicles."""
+    """Return things as text, each with its vehicles if there are several.
+
+    found: thing -> names of its vehicles.
+    """
     if len(found) <= 1:
         return "".join(found)
     most = 4

@@ -118,7 +118,10 @@ def _write(folder: Path, summary: Mapping[str, Any]) -> str:
 
 
 def write_page(run: RunData, path: Path | None = None) -> Path:
-    """Write the page of a run and return its path. path: None for report.html in the run folder."""
+    """Write the page of a run and return its path.
+
+    path: None for report.html in the run folder.
+    """
     from arena.report.run_page import (
         run_page,
     )  # imported only here, because the summary does not need its libraries

@@ -10,7 +10,10 @@ SLOW_FACTOR = 0.98
 
 
 def as_text(summary: Mapping[str, Any]) -> str:
-    """Return the text of summary.txt. summary: object that `report.summarise` has returned."""
+    """Return the text of summary.txt.
+
+    summary: object that `report.summarise` has returned.
+    """
     lines = [
         _head(summary),
         *_real_time(summary),

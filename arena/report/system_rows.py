@@ -71,7 +71,10 @@ _DROPPED = {
 
 
 def _end_words(row: Mapping[str, Any]) -> str:
-    """Return how a process ended. row: its entry in outcome.json."""
+    """Return how a process ended.
+
+    row: its entry in outcome.json.
+    """
     end, reason = str(row.get("exit") or ""), str(row.get("reason") or "")
     signal = end.removeprefix("killed by ")
     if signal in ("SIGTERM", "SIGINT") and "the run ends" in reason:

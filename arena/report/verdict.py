@@ -42,8 +42,9 @@ _MOST_CHARACTERS = 140
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Verdict on a run. level: "good", "warn" (something needs attention) or "bad" (crash or failure).
+    """Verdict on a run.
 
+    level: "good", "warn" (something needs attention) or "bad" (crash or failure).
     word: the level as shown on the page.  fates: who flew, and how it ended.  causes: what happened on the way, in order of time.
     """
 
@@ -61,8 +62,9 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True)
 class Fate:
-    """How the flight of one vehicle ended. end: text such as `landed`, the same for all vehicles with the same end.
+    """How the flight of one vehicle ended.
 
+    end: text such as `landed`, the same for all vehicles with the same end.
     flown_s: time from take-off to touchdown [s], 0 if the vehicle did not fly.
     """
 
@@ -72,7 +74,10 @@ class Fate:
 
 
 def verdict(run: RunData, found: Sequence[Happening]) -> Verdict:
-    """Return the verdict on a run. found: what happened (see `arena.report.happenings`)."""
+    """Return the verdict on a run.
+
+    found: what happened (see `arena.report.happenings`).
+    """
     fates = {name: fate_of(name, run, found) for name in run.names}
     causes = [*_causes(run, found), *_run_end(run)]
     attention = bool(causes)
@@ -211,7 +216,10 @@ def _charge(group: Sequence[Happening], run: RunData, found: Sequence[Happening]
 
 
 def _battery_action(params: Mapping[str, Any]) -> str:
-    """Return the action that an autopilot is configured to take at a low battery, as text. params: its parameters."""
+    """Return the action that an autopilot is configured to take at a low battery, as text.
+
+    params: its parameters.
+    """
     action, critical = params.get("COM_LOW_BAT_ACT"), params.get("BAT_CRIT_THR")
     if action is None:
         return "no failsafe acted"
@@ -298,7 +306,11 @@ def _first_sentence(text: str) -> str:
 
 
 def _fault_words(first: Happening, names: Sequence[str], who: str) -> str:
-    """Return the text of a fault of one or several vehicles. first: its first entry.  names, who: its vehicles, and their names as text."""
+    """Return the text of a fault of one or several vehicles.
+
+    first: its first entry.
+    names, who: its vehicles, and their names as text.
+    """
     plain = first.text.removeprefix("injected fault: ")
     if plain.endswith("is not tracked by motion capture"):
         return f"{who} lost {'its' if ',' not in who and ' and ' not in who else 'their'} motion capture (injected fault)"

@@ -78,7 +78,11 @@ class VehicleBridge:
         self._pinged, self._heart = float("-inf"), float("-inf")
 
     def poll(self, ros_now: float, now: float) -> None:
-        """Publish new telemetry, and send each new setpoint and command once. ros_now: ROS time [s]. now: monotonic [s]."""
+        """Publish new telemetry, and send each new setpoint and command once.
+
+        ros_now: ROS time [s].
+        now: monotonic [s].
+        """
         if now - self._pinged >= PING_PERIOD_S:
             self._pinged = now
             self._send(ping_router())
@@ -143,7 +147,10 @@ class VehicleBridge:
 
 
 class Bridge:
-    """Bridge of all vehicles. settings: configuration of the process (slice)."""
+    """Bridge of all vehicles.
+
+    settings: configuration of the process (slice).
+    """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
         self._participant = Participant(int(settings["domain"]), str(settings["address"]))
@@ -166,7 +173,10 @@ class Bridge:
         self._clock_s = -1.0
 
     def poll(self, now: float) -> None:
-        """Receive from both sides and pass on what is new. now: monotonic [s]."""
+        """Receive from both sides and pass on what is new.
+
+        now: monotonic [s].
+        """
         ros_now = self._ros_time()
         if self._publish_clock is not None and ros_now != self._clock_s:
             self._clock_s = ros_now

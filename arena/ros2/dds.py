@@ -40,7 +40,10 @@ def configuration(address: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Sample:
-    """A received message. age_s: time since its sender wrote the message, by the clocks of both computers [s]."""
+    """A received message.
+
+    age_s: time since its sender wrote the message, by the clocks of both computers [s].
+    """
 
     message: Message
     age_s: float

@@ -91,7 +91,9 @@ class Incoming:
         self._mode_at, self._control_mode = -math.inf, frozenset[str]()
 
     def on_heartbeat(self, heart: HeartbeatState, now: float) -> None:
-        """Check whether ROS 2 still controls the vehicle. Call this method with every heartbeat. now: [s].
+        """Check whether ROS 2 still controls the vehicle. Call this method with every heartbeat.
+
+        now: [s].
 
         ROS 2 controls the vehicle while the vehicle is in OFFBOARD and setpoints of ROS 2 arrive.
         """
@@ -114,7 +116,10 @@ class Incoming:
         )
 
     def on_pose(self, sample: Sample, now: float) -> list[mavlink.MAVLink_message]:
-        """Convert a setpoint `geometry_msgs/PoseStamped`: position and yaw [ENU] in the frame `map`. now: [s]."""
+        """Convert a setpoint `geometry_msgs/PoseStamped`: position and yaw [ENU] in the frame `map`.
+
+        now: [s].
+        """
         if not self._takes_setpoint(sample, now) or not self._in_world(sample.message):
             return []
         pose = sample.message["pose"]

@@ -123,7 +123,10 @@ class Outgoing:
         self._due: dict[str, float] = {}
 
     def on_telemetry(self, telemetry: Telemetry, now: float) -> None:
-        """Publish the values that are new since the last call. now: ROS time [s]."""
+        """Publish the values that are new since the last call.
+
+        now: ROS time [s].
+        """
         local, attitude = telemetry.local, telemetry.attitude
         if local is not None and attitude is not None and self._is_new("state", local.boot_s, now):
             for name, made in self._state(telemetry, now):
@@ -138,7 +141,12 @@ class Outgoing:
                     self._publish(name, made)
 
     def on_pose(self, p_n: ArrayLike, q_nb: ArrayLike, time_s: float, now: float) -> None:
-        """Publish a tracked pose of motion capture. p_n: [m] [NED] (3,). q_nb: [-] wxyz (4,). time_s: time of the frame [s]."""
+        """Publish a tracked pose of motion capture.
+
+        p_n: [m] [NED] (3,).
+        q_nb: [-] wxyz (4,).
+        time_s: time of the frame [s].
+        """
         if self._is_new("mocap", time_s, now):
             self._publish("mocap/pose", self._pose(p_n, q_nb, now))
 
@@ -253,7 +261,10 @@ class Outgoing:
 
 
 def clock_message(now: float) -> Message:
-    """Return a message of the topic `/clock`. now: simulation time [s]."""
+    """Return a message of the topic `/clock`.
+
+    now: simulation time [s].
+    """
     return message("rosgraph_msgs/Clock", clock=_stamp(now))
 
 

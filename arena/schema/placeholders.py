@@ -40,7 +40,10 @@ class Placeholder:
     of_vehicle: bool = True
 
     def text(self, arena: Arena, vehicle: Vehicle | None) -> str:
-        """Return the value as text. vehicle: may be None for a value of the whole arena. Raises ValueError."""
+        """Return the value as text.
+
+        vehicle: may be None for a value of the whole arena. Raises ValueError.
+        """
         if vehicle is None:
             if self.of_vehicle:
                 raise ValueError(f"needs a vehicle: {self.meaning}")
@@ -152,7 +155,10 @@ def names_in(text: str) -> Iterator[str]:
 
 
 def known(*, of_vehicle: bool) -> list[str]:
-    """Return the names of the placeholders that exist. of_vehicle: also those that belong to one vehicle."""
+    """Return the names of the placeholders that exist.
+
+    of_vehicle: also those that belong to one vehicle.
+    """
     return [name for name, row in PLACEHOLDERS.items() if of_vehicle or not row.of_vehicle]
 
 

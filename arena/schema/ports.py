@@ -274,7 +274,10 @@ PORTS: tuple[Port, ...] = (
 
 
 def vehicle_ports(vehicle_id: int, port: int | None = None) -> VehiclePorts:
-    """Return the ports of a vehicle by the rules of `PORTS`. port: the vehicle's `port` in the YAML, or None."""
+    """Return the ports of a vehicle by the rules of `PORTS`.
+
+    port: the vehicle's `port` in the YAML, or None.
+    """
     program = PROGRAM_BASE + vehicle_id if port is None else port
     by_rule = {row.key: row.base + row.step * vehicle_id for row in PORTS if row.base is not None}
     return VehiclePorts(program=program, sdk=program + SDK_ABOVE, **by_rule)

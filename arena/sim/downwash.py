@@ -86,5 +86,8 @@ class Downwash:
 
 
 def _widest(places: Array) -> float:
-    """Return the largest distance between two rotors [m]. places: positions of the rotors [m] (R, 2)"""
+    """Return the largest distance between two rotors [m].
+
+    places: positions of the rotors [m] (R, 2)
+    """
     return float(np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1)).max())

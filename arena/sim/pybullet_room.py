@@ -181,7 +181,10 @@ class PybulletRoom:
         )
 
     def _box(self, box: Array) -> int:
-        """Add a fixed box; return its pybullet id. box: centre and half size [m] (6,)"""
+        """Add a fixed box; return its pybullet id.
+
+        box: centre and half size [m] (6,)
+        """
         shape = self._bullet.createCollisionShape(
             self._bullet.GEOM_BOX, halfExtents=box[3:].tolist(), physicsClientId=self._client
         )

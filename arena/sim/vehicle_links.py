@@ -48,7 +48,10 @@ class LinkInterface(Protocol):
         """
 
     def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
-        """Send each (vehicle, link, datagram) of this step. now: simulation time [s]."""
+        """Send each (vehicle, link, datagram) of this step.
+
+        now: simulation time [s].
+        """
 
     def on_request(self, request: Mapping[str, Any]) -> None:
         """Process a request of the supervisor (see `process_context`)."""

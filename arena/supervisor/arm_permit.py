@@ -11,7 +11,10 @@ CONFIRMATION_S = 30.0  # the confirmation of `arena up` counts for vehicles that
 
 
 def permit_request(vehicle: str, by: str) -> dict[str, str]:
-    """Return the request with which the link process of a vehicle gives an arm permit. by: person who gives the permit."""
+    """Return the request with which the link process of a vehicle gives an arm permit.
+
+    by: person who gives the permit.
+    """
     return {"do": "permit", "vehicle": vehicle, "by": by}
 
 
@@ -22,7 +25,10 @@ def real_vehicles(plan: Plan, statuses: Mapping[str, ProcessStatus]) -> dict[str
 
 
 def check_permit(real: Mapping[str, bool], vehicles: Sequence[str]) -> None:
-    """Raise ValueError if one of the vehicles cannot get an arm permit. real: result of `real_vehicles`."""
+    """Raise ValueError if one of the vehicles cannot get an arm permit.
+
+    real: result of `real_vehicles`.
+    """
     if not real:
         raise ValueError("this arena has no real vehicle, and simulated vehicles need no arm permit")
     if not vehicles:

@@ -13,7 +13,10 @@ from arena.plan.model import Plan
 
 
 def check_request(vehicle: str, by: str, *, stop: bool) -> dict[str, str]:
-    """Return the request with which the link process of a vehicle starts or stops an axes check. by: person who asks for the check."""
+    """Return the request with which the link process of a vehicle starts or stops an axes check.
+
+    by: person who asks for the check.
+    """
     return {"do": "stop_axes_check" if stop else "axes_check", "vehicle": vehicle, "by": by}
 
 

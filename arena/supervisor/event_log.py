@@ -54,7 +54,10 @@ class EventLog:
     def transition(
         self, mono: float, process: str, before: State, after: State, reason: str, *, level: Level
     ) -> None:
-        """Log a change of the state of a process. mono: monotonic time [s]."""
+        """Log a change of the state of a process.
+
+        mono: monotonic time [s].
+        """
         self._write({"mono": mono, "process": process, "from": before, "to": after, "reason": reason})
         self.show(Message(source=process, text=transition_text(after, reason), level=level))
 
@@ -75,7 +78,9 @@ class EventLog:
         self.show(Message(source=source, text=shown, level=event_level(text) if level is None else level))
 
     def audit(self, mono: float, process: str, entry: Mapping[str, object]) -> None:
-        """Log a request to a vehicle, for `arena audit`. The request is not shown on the terminal. mono: monotonic time [s].
+        """Log a request to a vehicle, for `arena audit`. The request is not shown on the terminal.
+
+        mono: monotonic time [s].
 
         Requests after the first MAX_REQUESTS_PER_PROCESS of a process are dropped.
         """

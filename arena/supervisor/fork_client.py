@@ -66,7 +66,9 @@ class ForkClient:
         return None if self._server is None else self._server.pid
 
     def loading(self, now: float) -> bool:
-        """Return whether the start of processes must still wait for the fork server. now: monotonic [s].
+        """Return whether the start of processes must still wait for the fork server.
+
+        now: monotonic [s].
 
         If the fork server has ended or needs too long, it is not used.
         """

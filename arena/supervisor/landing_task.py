@@ -52,7 +52,10 @@ class LandingTask:
         self._confirmed: dict[str, float] = {}
 
     def again(self, why: str, now: float) -> None:
-        """Begin another landing, because a vehicle has become armed after the previous landing. why: text for the log."""
+        """Begin another landing, because a vehicle has become armed after the previous landing.
+
+        why: text for the log.
+        """
         self._begin()
         self._log.event(now, "arena", why)
 

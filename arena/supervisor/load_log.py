@@ -28,7 +28,10 @@ class LoadLog:
         self._write(f"{HEADER}\n")
 
     def add(self, loads: Mapping[str, tuple[float, float]]) -> None:
-        """Write one sample. loads: process -> (CPU use as a fraction of one core [-], resident memory [MB])."""
+        """Write one sample.
+
+        loads: process -> (CPU use as a fraction of one core [-], resident memory [MB]).
+        """
         if (time_s := self._time_s()) is not None:
             self._write(
                 "".join(f"{time_s:.3f},{name},{cpu:.4f},{mb:.1f}\n" for name, (cpu, mb) in loads.items())

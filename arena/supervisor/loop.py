@@ -166,7 +166,10 @@ class Supervisor:
         return {"ok": True}
 
     def _down(self, *, at_once: bool) -> None:
-        """End the run. at_once: land real vehicles only."""
+        """End the run.
+
+        at_once: land real vehicles only.
+        """
         if at_once and not self._shutdown.at_once and self._shutdown.landing.task is not None:
             self._shutdown.landing.task.stop("arena down --now")  # it lands simulated vehicles too
         self._shutdown.at_once |= at_once

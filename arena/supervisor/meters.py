@@ -82,19 +82,31 @@ class Meter:
         return self._past_cpu_s + self._cpu_s
 
     def alive_s(self, now: float) -> float:
-        """Return how long the process has run, summed over all starts [s]. now: monotonic [s]."""
+        """Return how long the process has run, summed over all starts [s].
+
+        now: monotonic [s].
+        """
         return self._past_alive_s + (now - self._since if self._since is not None else 0.0)
 
     def cpu_mean(self, now: float) -> float:
-        """Return the mean CPU use while the process ran, as a fraction of one core [-]. now: monotonic [s]."""
+        """Return the mean CPU use while the process ran, as a fraction of one core [-].
+
+        now: monotonic [s].
+        """
         return self.cpu_s / alive if (alive := self.alive_s(now)) > 0 else 0.0
 
     def started(self, now: float) -> None:
-        """Record that the process was started. now: monotonic [s]."""
+        """Record that the process was started.
+
+        now: monotonic [s].
+        """
         self._since = self._sampled_at = now
 
     def sample(self, pid: int, now: float) -> None:
-        """Measure CPU and memory of the process and its descendants. now: monotonic [s]."""
+        """Measure CPU and memory of the process and its descendants.
+
+        now: monotonic [s].
+        """
         used = [u for member in proc_fs.tree(pid) if (u := proc_fs.usage(member)) is not None]
         cpu_s = max(self._cpu_s, sum(u.cpu_s for u in used))
         if now > self._sampled_at:
@@ -104,13 +116,20 @@ class Meter:
         self._cpu_s, self._sampled_at = cpu_s, now
 
     def ended(self, cpu_s: float, now: float) -> None:
-        """Record that the process ended. cpu_s: its CPU time, as the kernel reported at the end [s]. now: monotonic [s]."""
+        """Record that the process ended.
+
+        cpu_s: its CPU time, as the kernel reported at the end [s].
+        now: monotonic [s].
+        """
         self._past_cpu_s += max(self._cpu_s, cpu_s)
         self._past_alive_s += now - self._since if self._since is not None else 0.0
         self._cpu_s, self._since, self.now_cpu, self.now_mb = 0.0, None, 0.0, 0.0
 
     def over_budget(self, spec: ProcessSpec, now: float) -> list[str]:
-        """Return one text per exceeded budget (`cpu_budget`, `memory_budget_mb` of the process). now: monotonic [s]."""
+        """Return one text per exceeded budget (`cpu_budget`, `memory_budget_mb` of the process).
+
+        now: monotonic [s].
+        """
         found = []
         if (mean := self.cpu_mean(now)) > spec.cpu_budget and self.alive_s(now) > 1.0:
             found.append(f"CPU {mean:.2f} of a core, budget {spec.cpu_budget:g}")

@@ -23,7 +23,10 @@ class OperatorPresence:
         self._command_at = float("-inf")
 
     def on_command(self, now: float) -> None:
-        """Record that a person has sent a command to this arena, as a request on the control socket. now: monotonic [s]."""
+        """Record that a person has sent a command to this arena, as a request on the control socket.
+
+        now: monotonic [s].
+        """
         self._command_at = now
 
     def present(self, now: float, *, terminal: bool, blocked_s: float) -> bool:

@@ -67,7 +67,10 @@ class Permits:
         return not self._processes.request(packet, to=[f"link.{vehicle}"])
 
     def check_axes(self, vehicle: str, by: str, *, stop: bool) -> None:
-        """Start the axes check of a vehicle, or stop it. Raises ValueError if it cannot be checked. by: who checks it."""
+        """Start the axes check of a vehicle, or stop it. Raises ValueError if it cannot be checked.
+
+        by: who checks it.
+        """
         check_vehicle(self._real(), vehicle)
         self._processes.request(check_request(vehicle, by, stop=stop), to=[f"link.{vehicle}"])
 

@@ -94,7 +94,10 @@ def children(pid: int) -> list[int]:
 
 
 def tree(pid: int, depth: int = 4) -> Iterator[int]:
-    """Yield the pids of a process and its descendants. depth: number of generations."""
+    """Yield the pids of a process and its descendants.
+
+    depth: number of generations.
+    """
     yield pid
     if depth:
         for child in children(pid):

@@ -136,7 +136,10 @@ Step = tuple[ProcessStatus, Action]
 
 
 def step(spec: ProcessSpec, status: ProcessStatus, observation: Observation, now: float) -> Step:
-    """Advance the state machine of one process and return its new status and the action to carry out. now: monotonic [s]."""
+    """Advance the state machine of one process and return its new status and the action to carry out.
+
+    now: monotonic [s].
+    """
     if observation.exit is not None and status.state in ALIVE:
         return _ended(spec, status, observation, observation.exit, now)
     if status.state is State.STOPPING:

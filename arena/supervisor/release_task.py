@@ -101,7 +101,10 @@ class ReleaseTask:
 
 
 def not_confirmed(vehicle: str, failed: Sequence[str]) -> str:
-    """Return the message for the user about a release that was not confirmed. failed: names of the processes."""
+    """Return the message for the user about a release that was not confirmed.
+
+    failed: names of the processes.
+    """
     return (
         f"{vehicle}: NOT released: {', '.join(failed)} did not confirm within {CONFIRM_S:g} s, so programs may still not fly. "
         f"If `arena ps` shows a paused process, continue it, then repeat `arena release {vehicle}`"

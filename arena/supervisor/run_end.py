@@ -168,7 +168,10 @@ def done_words(plan: Plan) -> str:
 
 
 def end_words(plan: Plan, cause: Cause, *, at_once: bool) -> str:
-    """Return what happens when the user ends a run, as text. at_once: without a landing of simulated vehicles."""
+    """Return what happens when the user ends a run, as text.
+
+    at_once: without a landing of simulated vehicles.
+    """
     if at_once:
         return f"{cause} --now: stopping"
     return f"{cause}: stopping" if plan.is_replay else f"{cause}: landing, then stopping"

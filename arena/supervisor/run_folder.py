@@ -135,7 +135,10 @@ class RunFolder:
         return self.path / "logs" / f"{name}.log"
 
     def write_state(self, plan: Plan, processes: dict[str, Member]) -> None:
-        """Write state.json. processes: name -> record of each process that runs now."""
+        """Write state.json.
+
+        processes: name -> record of each process that runs now.
+        """
         state = RunState(
             name=plan.name,
             run=str(self.path),
@@ -305,7 +308,11 @@ def _endings() -> list[str]:
 
 
 def _slice_path(path: Path, name: str) -> Path:
-    """Return the path of a slice, the JSON configuration file of one process. path: the run folder.  name: name of the slice."""
+    """Return the path of a slice, the JSON configuration file of one process.
+
+    path: the run folder.
+    name: name of the slice.
+    """
     return path / "slices" / (name if name.endswith(".json") else f"{name}.json")
 
 

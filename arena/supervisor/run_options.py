@@ -16,10 +16,17 @@ class Show(Protocol):
         """Show one line of output to the person who watches the run."""
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        """Redraw the live table if the refresh period is over. status: function that returns the state to show. now: monotonic [s]."""
+        """Redraw the live table if the refresh period is over.
+
+        status: function that returns the state to show.
+        now: monotonic [s].
+        """
 
     def blocked_s(self, now: float) -> float:
-        """Return for how long the output has not been accepted [s]. now: monotonic [s]."""
+        """Return for how long the output has not been accepted [s].
+
+        now: monotonic [s].
+        """
 
     def started(self, failed: list[str]) -> None:
         """Report that the start of the arena is complete: each process is ready or has failed.

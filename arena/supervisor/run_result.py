@@ -52,7 +52,10 @@ class RunResult:
         self.task: SideTask | None = None
 
     def write(self, end: End, landing: LandingTask, until_done: bool, now: float) -> None:
-        """Determine the exit code, log every failure, and begin to write outcome.json. now: monotonic [s]."""
+        """Determine the exit code, log every failure, and begin to write outcome.json.
+
+        now: monotonic [s].
+        """
         p = self._processes
         failed = run_end.failures(self._plan, end, p.statuses, p.stats, landing.landed, until_done)
         self.exit_code = run_end.exit_code(end, failed, landing.landed)
@@ -83,7 +86,10 @@ class RunResult:
             self._saved = ""
 
     def step(self, now: float) -> bool:
-        """Wait for outcome.json, then run the report task. Return True when both have ended. now: monotonic [s]."""
+        """Wait for outcome.json, then run the report task. Return True when both have ended.
+
+        now: monotonic [s].
+        """
         if self.task is not None:
             return self._report_ended(self.task, now)
         if self._saved is None:

@@ -77,7 +77,10 @@ class Shutdown:
         self._send_forgotten(vehicle, dead=True)
 
     def recall_forgotten(self, now: float) -> None:
-        """Wait again for a vehicle that was declared dead, if it sends telemetry and is armed. now: monotonic [s]."""
+        """Wait again for a vehicle that was declared dead, if it sends telemetry and is armed.
+
+        now: monotonic [s].
+        """
         facts = self._processes.facts
         for vehicle, by in list(self.forgotten.items()):
             if facts.get(f"{vehicle}.connected") is True and facts.get(f"{vehicle}.armed") is True:

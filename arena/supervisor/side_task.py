@@ -46,7 +46,10 @@ class SideTask:
         now: float,
         on_line: Callable[[str], None],
     ) -> SideTask | Exit:
-        """Start the task. Return an Exit if that fails. timeout_s: time after which the task is killed [s]. now: monotonic [s].
+        """Start the task. Return an Exit if that fails.
+
+        timeout_s: time after which the task is killed [s].
+        now: monotonic [s].
 
         The task continues if the supervisor dies, so that a landing is completed.
         """
@@ -59,7 +62,10 @@ class SideTask:
         return cls(name=spec.name, child=child, deadline=now + timeout_s, on_line=on_line, _shown=shown)
 
     def poll(self, now: float) -> Exit | None:
-        """Call `on_line` with each new line of output. Return how the task ended, or None while it runs. now: monotonic [s]."""
+        """Call `on_line` with each new line of output. Return how the task ended, or None while it runs.
+
+        now: monotonic [s].
+        """
         exit = self.child.reap()
         self._pass_output_on()
         if exit is not None:
@@ -78,7 +84,10 @@ class SideTask:
         return None
 
     def stop(self, why: str = "did not end in time") -> None:
-        """Kill the process group of the task. why: the reason, which `poll` reports with the exit status."""
+        """Kill the process group of the task.
+
+        why: the reason, which `poll` reports with the exit status.
+        """
         self.expired = self.expired or why
         self.child.signal(signal.SIGKILL)
 

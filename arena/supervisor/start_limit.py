@@ -28,11 +28,17 @@ class StartLimit:
         self._until: dict[str, float] = {}
 
     def update(self, now: float) -> None:
-        """Check whether the fork server is ready. now: monotonic [s]."""
+        """Check whether the fork server is ready.
+
+        now: monotonic [s].
+        """
         self._waits_for_forks = self._forks is not None and self._forks.loading(now)
 
     def drop_loaded(self, running: Collection[str], now: float) -> None:
-        """Drop the processes that have ended, or that had enough time to load. now: monotonic [s]."""
+        """Drop the processes that have ended, or that had enough time to load.
+
+        now: monotonic [s].
+        """
         self._until = {name: until for name, until in self._until.items() if until > now and name in running}
 
     @property
@@ -41,7 +47,11 @@ class StartLimit:
         return len(self._until) < MAX_LOADING and not self._waits_for_forks
 
     def add(self, spec: ProcessSpec, now: float, *, forked: bool) -> None:
-        """Count a process that has just started. forked: the fork server started it. now: monotonic [s]."""
+        """Count a process that has just started.
+
+        forked: the fork server started it.
+        now: monotonic [s].
+        """
         if not forked:
             self._until[spec.name] = now + (_LOADING_S if spec.ready == "reported" else _SILENT_LOADING_S)
 

@@ -27,7 +27,10 @@ _COLOURS = {
 
 
 def status_view(status: Mapping[str, Any]) -> Group:
-    """Return a header line and the tables of vehicles and processes. status: reply of the supervisor to `ps`."""
+    """Return a header line and the tables of vehicles and processes.
+
+    status: reply of the supervisor to `ps`.
+    """
     vehicles = [vehicles_table(status)] if status["vehicles"] else []
     return Group(header(status), *vehicles, processes_table(status))
 

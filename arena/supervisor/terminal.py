@@ -54,7 +54,10 @@ class Lines:
         self._writer.flush(_FLUSH_S)
 
     def blocked_s(self, now: float) -> float:
-        """Return for how long the terminal has accepted no output [s]; 0 if it accepts output. now: monotonic [s]."""
+        """Return for how long the terminal has accepted no output [s]; 0 if it accepts output.
+
+        now: monotonic [s].
+        """
         return self._writer.blocked_s(now)
 
     def lost_text(self, lost: int) -> str:
@@ -151,7 +154,10 @@ class LiveTable(Lines):
             self._waiting.append(message)
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        """Print the kept lines and redraw the tables if the refresh period is over. now: monotonic [s]."""
+        """Print the kept lines and redraw the tables if the refresh period is over.
+
+        now: monotonic [s].
+        """
         if self._live is None or now < self._next - (_REFRESH_S - _LINES_S if self._waiting else 0.0):
             return
         self._next = now + _REFRESH_S

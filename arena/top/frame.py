@@ -30,7 +30,10 @@ _UNKNOWN = Text("-", style="dim")
 
 @dataclass(frozen=True, kw_only=True)
 class Rows:
-    """Number of rows of each part of the frame. first: number of vehicles that are scrolled away."""
+    """Number of rows of each part of the frame.
+
+    first: number of vehicles that are scrolled away.
+    """
 
     vehicles: int
     processes: int
@@ -61,7 +64,10 @@ def frame(
 
 
 def waiting_frame(why: str) -> RenderableType:
-    """Return the frame without an arena. why: reason, with what to do."""
+    """Return the frame without an arena.
+
+    why: reason, with what to do.
+    """
     return Padding(
         Group(Text(why), Text("This view shows the arena as soon as it runs.   q: quit", style="dim")), 1
     )
@@ -109,8 +115,10 @@ def header(snapshot: Snapshot) -> Text:
 
 
 def vehicles_table(snapshot: Snapshot, first: int, count: int, width: int | None = None) -> Table:
-    """Return the table of the vehicles. first: number of the first row.  count: number of rows.
+    """Return the table of the vehicles.
 
+    first: number of the first row.
+    count: number of rows.
     width: columns of the terminal, in which the most important values must fit; None for all values.
     """
     fleet, table = snapshot.fleet, _table()

@@ -30,7 +30,10 @@ _SCROLL = {"\x1b[A": -1, "k": -1, "\x1b[B": 1, "j": 1, "\x1b[5~": -_PAGE, "\x1b[
 
 
 def print_once(run: Path | None, console: Console | None = None) -> None:
-    """Print one frame as text. run: run folder; None for the only running arena. Raises RunError if no arena runs."""
+    """Print one frame as text.
+
+    run: run folder; None for the only running arena. Raises RunError if no arena runs.
+    """
     feed = LiveFeed(run)
     try:
         snapshot = _first_complete(feed)
@@ -66,7 +69,10 @@ def is_complete(snapshot: Snapshot) -> bool:
 
 
 def watch(run: Path | None) -> None:
-    """Show the running arena, and the next one when it has ended, until `q` is pressed. run: run folder; None for any."""
+    """Show the running arena, and the next one when it has ended, until `q` is pressed.
+
+    run: run folder; None for any.
+    """
     console, feed, scrolled, next_draw = Console(), LiveFeed(run), 0, 0.0
     try:
         with _keys() as read_key, Live(console=console, screen=True, auto_refresh=False) as live:

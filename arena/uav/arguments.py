@@ -100,7 +100,10 @@ def _of_member(member: Membership) -> dict[str, Any]:
 
 
 def _arguments_of(member: Membership, argv: Sequence[str], clock_of: ClockOf | None = None) -> dict[str, Any]:
-    """Return the keyword arguments for `UAV` of one vehicle of a group. argv: `--uav FILE` and the program's own arguments."""
+    """Return the keyword arguments for `UAV` of one vehicle of a group.
+
+    argv: `--uav FILE` and the program's own arguments.
+    """
     given, others = _parser().parse_known_args(argv)
     found = _from_slice(given.uav, clock_of or (lambda stem, name: member.threads.clock(name)))
     return {**found, "args": others, "receiver": member.receiver}

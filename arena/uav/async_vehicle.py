@@ -87,7 +87,12 @@ class AsyncUAV:
         await self._do("set_pos_yaw", self._uav.steps.pos_yaw(pos, yaw, time))
 
     async def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint. vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz]."""
+        """Send a velocity setpoint.
+
+        vel: [m/s] [NED] (3,).
+        yaw: [rad].
+        freq: [Hz].
+        """
         await self._do("set_vel_yaw", self._uav.steps.vel_yaw(vel, yaw, freq))
 
     async def set_pos_vel_yaw(
@@ -105,26 +110,48 @@ class AsyncUAV:
         await self._do("set_pos_vel_yaw", steps)
 
     async def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint in vehicle axes. vel_body: forward, right, down [m/s] (3,). yaw_rate: [rad/s]. freq: [Hz]."""
+        """Send a velocity setpoint in vehicle axes.
+
+        vel_body: forward, right, down [m/s] (3,).
+        yaw_rate: [rad/s].
+        freq: [Hz].
+        """
         steps = self._uav.steps.vel_body_yaw_rate(vel_body, yaw_rate, freq)
         await self._do("set_vel_body_yaw_rate", steps)
 
     async def set_att_thrust(
         self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
     ) -> None:
-        """Send an attitude setpoint. Arguments as in `UAV.set_att_thrust`; thrust: [N]. freq: [Hz]."""
+        """Send an attitude setpoint. The arguments are those of `UAV.set_att_thrust`.
+
+        thrust: [N].
+        freq: [Hz].
+        """
         await self._do("set_att_thrust", self._uav.steps.att_thrust(att, att_type, thrust, freq))
 
     async def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a rate setpoint. ang_vel: [rad/s] [FRD] (3,). thrust: [N]. freq: [Hz]."""
+        """Send a rate setpoint.
+
+        ang_vel: [rad/s] [FRD] (3,).
+        thrust: [N].
+        freq: [Hz].
+        """
         await self._do("set_ang_vel_thrust", self._uav.steps.ang_vel_thrust(ang_vel, thrust, freq))
 
     async def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
-        """Send an actuator setpoint, for PX4 up to v1.13. group: 0..3. output: up to 8 numbers -1..1 [-]. freq: [Hz]."""
+        """Send an actuator setpoint, for PX4 up to v1.13.
+
+        group: 0..3.
+        output: up to 8 numbers -1..1 [-].
+        freq: [Hz].
+        """
         await self._do("set_act", self._uav.steps.act(group, output, freq))
 
     async def follow(self, trajectory: Trajectory, freq: ArrayLike = STREAM_HZ) -> None:
-        """Fly along a trajectory until it ends. freq: [Hz]."""
+        """Fly along a trajectory until it ends.
+
+        freq: [Hz].
+        """
         await self._do("follow", self._uav.steps.follow(trajectory, freq))
 
     async def wait_for(self, name: str, n: int | None = None, timeout: ArrayLike = 30.0) -> float:
@@ -149,7 +176,10 @@ class AsyncUAV:
         self._uav.reference(p, v, yaw)
 
     def planned_path(self, points: ArrayLike) -> None:
-        """Publish the path that the program plans to fly, for viewers and the record. points: [m] [NED] (k, 3). Return at once."""
+        """Publish the path that the program plans to fly, for viewers and the record.
+
+        points: [m] [NED] (k, 3). Return at once.
+        """
         self._uav.planned_path(points)
 
     def has_control(self) -> bool:

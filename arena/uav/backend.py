@@ -54,7 +54,10 @@ class Command(Protocol):
     """A command to the autopilot that waits for its acknowledgement."""
 
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """Send the command, or send it again. message: COMMAND_LONG with the number of earlier tries as `confirmation`."""
+        """Send the command, or send it again.
+
+        message: COMMAND_LONG with the number of earlier tries as `confirmation`.
+        """
 
     def result(self) -> int | None:
         """Return the MAV_RESULT of the acknowledgement; None before it has arrived."""
@@ -70,7 +73,10 @@ class Backend(Protocol):
         """Send one setpoint. The setpoint has been sent when the method returns."""
 
     def command(self, number: int) -> Command:
-        """Return a command that has not been sent yet. number: MAV_CMD."""
+        """Return a command that has not been sent yet.
+
+        number: MAV_CMD.
+        """
 
     def close(self) -> None:
         """Stop the threads of the backend. Send nothing."""

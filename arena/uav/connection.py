@@ -110,7 +110,10 @@ class Connection:
         self._backend.send_setpoint(message)
 
     def command(self, number: int) -> Command:
-        """Return a command of the backend, which has not been sent yet. number: MAV_CMD. Raises NotConfirmedError as `send` does."""
+        """Return a command of the backend, which has not been sent yet.
+
+        number: MAV_CMD. Raises NotConfirmedError as `send` does.
+        """
         self._known_vehicle()
         return self._backend.command(number)
 

@@ -283,7 +283,10 @@ class Snapshot:
 
     @classmethod
     def of(cls, source: Source, body: Body) -> Snapshot:
-        """Create the data groups, which read their values from `source`. body: constants of the vehicle."""
+        """Create the data groups, which read their values from `source`.
+
+        body: constants of the vehicle.
+        """
         return cls(
             ekf=Ekf(source),
             sen=Sensors(source),

@@ -85,7 +85,10 @@ class Source:
         )
 
     def limit_s(self, what: str) -> float:
-        """Return the age above which a value is stale [s]. what: name of the value, as in error messages."""
+        """Return the age above which a value is stale [s].
+
+        what: name of the value, as in error messages.
+        """
         return self.stale_s * _AGE_LIMITS.get(what, 1.0)
 
     def fresh(self, value: S | None, what: str, limit_s: float | None = None) -> S:

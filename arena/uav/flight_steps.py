@@ -44,7 +44,11 @@ class FlightSteps:
         self._due = -np.inf
 
     def pos_yaw(self, pos: ArrayLike, yaw: ArrayLike, time: ArrayLike) -> Steps[None]:
-        """Send a position setpoint at STREAM_HZ for `time` seconds. pos: [m] [NED] (3,). yaw: [rad]."""
+        """Send a position setpoint at STREAM_HZ for `time` seconds.
+
+        pos: [m] [NED] (3,).
+        yaw: [rad].
+        """
         end = self._clock.now() + duration_s(time)
         self.paths.publish_line(self._position, pos, duration_s(time), self._clock.now())
         due = self._clock.now()

@@ -64,7 +64,10 @@ def send(offboard: Offboard, direct: MavlinkDirect, own: tuple[int, int], messag
 
 
 def as_json(own: tuple[int, int], message: Any) -> MavlinkMessage:
-    """Return a message for the MavlinkDirect plugin. own: system and component id of the program."""
+    """Return a message for the MavlinkDirect plugin.
+
+    own: system and component id of the program.
+    """
     fields = {name: getattr(message, name) for name in message.get_fieldnames()}
     return MavlinkMessage(
         message.get_type(), *own, message.target_system, message.target_component, json.dumps(fields)

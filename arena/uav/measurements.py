@@ -52,7 +52,10 @@ class Measurements:
         self.beacons: dict[int, Received[BeaconMeasurement]] = {}
 
     def on_datagram(self, datagram: bytes, now: float) -> None:
-        """Store the measurements in a datagram. now: time of arrival [s]."""
+        """Store the measurements in a datagram.
+
+        now: time of arrival [s].
+        """
         if not is_sensor_datagram(datagram):
             return
         for found in measurements(datagram, self._system):

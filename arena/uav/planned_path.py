@@ -30,7 +30,10 @@ class PathPublisher:
         self._of_trajectory = False
 
     def publish(self, points: ArrayLike, now: float) -> None:
-        """Publish a path. points: [m] [NED] (k, 3); none removes the path.  now: [s].
+        """Publish a path.
+
+        points: [m] [NED] (k, 3); none removes the path.
+        now: [s].
 
         Raises SetpointError if the points are not finite numbers of this shape.
         """
@@ -45,14 +48,20 @@ class PathPublisher:
         self._publish(found, now)
 
     def publish_trajectory(self, trajectory: Trajectory, now: float) -> None:
-        """Publish the path of a trajectory of `arena.trajectories`; nothing for other classes. now: [s]."""
+        """Publish the path of a trajectory of `arena.trajectories`; nothing for other classes.
+
+        now: [s].
+        """
         points = positions_along(trajectory) if self._send is not None else None
         self._of_trajectory = points is not None
         if points is not None:
             self.publish(points, now)
 
     def end_trajectory(self, now: float) -> None:
-        """Remove the path that `publish_trajectory` has published. now: [s]."""
+        """Remove the path that `publish_trajectory` has published.
+
+        now: [s].
+        """
         if self._of_trajectory:
             self.publish([], now)
 

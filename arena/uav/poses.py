@@ -51,6 +51,9 @@ class Poses:
         return [] if self._body is None else [self._body]
 
     def receive(self, body: str, p_n: Sequence[float], q_nb: Sequence[float], now: float) -> None:
-        """Store the pose of a tracked body. now: time of arrival [s]."""
+        """Store the pose of a tracked body.
+
+        now: time of arrival [s].
+        """
         if body == self._body:
             self.own = Pose(received_at=now, position=p_n, quaternion=q_nb)

@@ -122,7 +122,11 @@ class Encoder:
         return self._local(now, mask, pos=vector(pos, "pos"), yaw=scalar(yaw, "yaw"))
 
     def vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, now: float) -> mavlink.MAVLink_message:
-        """Return a velocity setpoint. vel: [m/s] [NED] (3,). yaw: [rad]."""
+        """Return a velocity setpoint.
+
+        vel: [m/s] [NED] (3,).
+        yaw: [rad].
+        """
         mask = Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW_RATE
         return self._local(now, mask, vel=vector(vel, "vel"), yaw=scalar(yaw, "yaw"))
 
@@ -193,20 +197,32 @@ class Encoder:
         return self._local(now, mask, vel=vel, yaw_rate=rate, frame=mavlink.MAV_FRAME_BODY_NED)
 
     def att_thrust(self, q_nb: Array, thrust: float, now: float) -> mavlink.MAVLink_message:
-        """Return an attitude setpoint. q_nb: [-] wxyz (4,), unit. thrust: normalised 0..1 [-]."""
+        """Return an attitude setpoint.
+
+        q_nb: [-] wxyz (4,), unit.
+        thrust: normalised 0..1 [-].
+        """
         return mavlink.MAVLink_set_attitude_target_message(
             _ms(now), *self._to, int(IgnoreAttitude.RATES), q_nb.tolist(), 0.0, 0.0, 0.0, thrust
         )
 
     def ang_vel_thrust(self, ang_vel: ArrayLike, thrust: float, now: float) -> mavlink.MAVLink_message:
-        """Return a rate setpoint. ang_vel: body rates [rad/s] [FRD] (3,). thrust: normalised 0..1 [-]."""
+        """Return a rate setpoint.
+
+        ang_vel: body rates [rad/s] [FRD] (3,).
+        thrust: normalised 0..1 [-].
+        """
         rates = vector(ang_vel, "ang_vel").tolist()
         return mavlink.MAVLink_set_attitude_target_message(
             _ms(now), *self._to, int(IgnoreAttitude.ATTITUDE), [1.0, 0.0, 0.0, 0.0], *rates, thrust
         )
 
     def act(self, group: int, output: ArrayLike, now: float) -> mavlink.MAVLink_message:
-        """Return an actuator setpoint, for PX4 up to v1.13. group: 0..3. output: up to 8 numbers -1..1 [-]."""
+        """Return an actuator setpoint, for PX4 up to v1.13.
+
+        group: 0..3.
+        output: up to 8 numbers -1..1 [-].
+        """
         if not isinstance(group, int) or not 0 <= group <= 3:
             raise SetpointError(f"group: got {group!r}, expected 0, 1, 2 or 3")
         found = np.asarray(output, dtype=np.float64).ravel()
@@ -218,8 +234,10 @@ class Encoder:
         )
 
     def command(self, number: int, params: tuple[float, ...], confirmation: int) -> mavlink.MAVLink_message:
-        """Return a COMMAND_LONG message. number: MAV_CMD. params: up to 7.
+        """Return a COMMAND_LONG message.
 
+        number: MAV_CMD.
+        params: up to 7.
         confirmation: 0 when the command is first sent, then 1, 2, ... for repetitions.
         """
         return mavlink.MAVLink_command_long_message(

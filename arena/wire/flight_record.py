@@ -95,7 +95,11 @@ def pack_metadata(
 
 @dataclass(frozen=True, kw_only=True)
 class MessageSchema:
-    """Schema record of MCAP. name, encoding: as in the file.  text: definition of the message."""
+    """Schema record of MCAP.
+
+    name, encoding: as in the file.
+    text: definition of the message.
+    """
 
     name: str
     encoding: str
@@ -226,7 +230,10 @@ _LENGTH, _POSE = struct.Struct("<I"), struct.Struct("<7d")
 
 
 def unpack_frame(time_s: float, data: bytes) -> RecordedFrame:
-    """Decode a message of /mocap/frames. time_s: time at which the frame was received, by the run's clock [s]."""
+    """Decode a message of /mocap/frames.
+
+    time_s: time at which the frame was received, by the run's clock [s].
+    """
     number, simulated, exposed_s, sent_s, count = _FRAME_HEAD.unpack_from(data, len(_CDR_HEAD))
     bodies = tuple(_bodies(data[len(_CDR_HEAD) :], _FRAME_HEAD.size, count))
     return RecordedFrame(time_s, number, exposed_s, sent_s, simulated, bodies)

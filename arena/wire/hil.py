@@ -111,7 +111,10 @@ class HilSender:
         return self._frame(HIL_GPS, _GPS.pack(time_usec, *rest))
 
     def sticks(self, time_ms: int, channels: Sequence[int]) -> bytes:
-        """Encode RC_CHANNELS, the stick positions of a simulated radio control. channels: pulse widths [us], up to 18."""
+        """Encode RC_CHANNELS, the stick positions of a simulated radio control.
+
+        channels: pulse widths [us], up to 18.
+        """
         pulses = (*channels, *(_UNUSED_CHANNEL,) * (18 - len(channels)))
         return self._frame(RC_CHANNELS, _RC.pack(time_ms, *pulses, len(channels), _RSSI))
 
@@ -122,7 +125,11 @@ class HilSender:
 
 
 def controls(data: Buffer, found: Frame) -> Controls:
-    """Decode HIL_ACTUATOR_CONTROLS, the motor commands from PX4. data: received bytes. found: position of the frame in `data`."""
+    """Decode HIL_ACTUATOR_CONTROLS, the motor commands from PX4.
+
+    data: received bytes.
+    found: position of the frame in `data`.
+    """
     payload = bytes(data[found.payload : found.payload + found.size]).ljust(_CONTROLS.size, b"\0")
     time_usec, flags, *outputs, mode = _CONTROLS.unpack_from(payload)
     return Controls(time_usec, tuple(outputs), mode, flags)

@@ -23,7 +23,10 @@ class Codec:
     """
 
     def __init__(self, system: int, component: int, sender: Any = None) -> None:
-        """Count the sequence numbers in a sender of its own, or in the given one. sender: object of pymavlink's class MAVLink"""
+        """Count the sequence numbers in a sender of its own, or in the given one.
+
+        sender: object of pymavlink's class MAVLink
+        """
         self._sender = sender or mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self.counts: Counter[str] = Counter()
 

@@ -41,7 +41,11 @@ class LogEntry(NamedTuple):
 
 
 class LogData(NamedTuple):
-    """A part of a log. number: id of the log.  offset: position of the first byte."""
+    """A part of a log.
+
+    number: id of the log.
+    offset: position of the first byte.
+    """
 
     number: int
     offset: int

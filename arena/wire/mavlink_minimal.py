@@ -94,7 +94,10 @@ class MinimalSender:
         return pack_onboard_heartbeat(self)
 
     def command(self, system: int, component: int, number: int, *params: float) -> bytes:
-        """Encode a COMMAND_LONG for `system` and `component`. params: up to seven; missing ones are 0."""
+        """Encode a COMMAND_LONG for `system` and `component`.
+
+        params: up to seven; missing ones are 0.
+        """
         filled = (*params, *(0.0,) * (7 - len(params)))
         return _pack(self, COMMAND_LONG, _COMMAND.pack(*filled, number, system, component, 0))
 

@@ -92,7 +92,10 @@ def request_list(system: int) -> Message:
 
 
 def request_read(system: int, what: str | int) -> Message:
-    """Return a request for one parameter. what: name of the parameter, or its index in the list."""
+    """Return a request for one parameter.
+
+    what: name of the parameter, or its index in the list.
+    """
     if isinstance(what, int):
         return REQUEST_READ, _READ.pack(what, system, AUTOPILOT, b"")
     return REQUEST_READ, _READ.pack(-1, system, AUTOPILOT, what.encode())
@@ -116,7 +119,11 @@ def value_message(value: Value) -> Message:
 
 
 def set_value(system: int, name: str, value: float, kind: int) -> Message:
-    """Return PARAM_SET, the request to change one parameter. value: as returned by `fitted`. kind: MAV_PARAM_TYPE."""
+    """Return PARAM_SET, the request to change one parameter.
+
+    value: as returned by `fitted`.
+    kind: MAV_PARAM_TYPE.
+    """
     return SET, _SET.pack(_to_bytes(value, kind), system, AUTOPILOT, name.encode(), kind)
 
 

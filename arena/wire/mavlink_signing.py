@@ -160,11 +160,17 @@ class SignedConnection:
         return self._signer.timestamp
 
     def sign(self, data: Buffer, wall_s: float) -> bytes | None:
-        """Return a frame with a signature; None if it cannot be signed. wall_s: time of the wall clock [s since 1970]"""
+        """Return a frame with a signature; None if it cannot be signed.
+
+        wall_s: time of the wall clock [s since 1970]
+        """
         return self._signer.sign(data, wall_s)
 
     def accepted(self, data: Buffer, frames: Sequence[Frame], wall_s: float) -> list[Frame]:
-        """Return the frames that have a valid signature. wall_s: time of the wall clock [s since 1970]"""
+        """Return the frames that have a valid signature.
+
+        wall_s: time of the wall clock [s since 1970]
+        """
         local = max(self._signer.timestamp, timestamp_at(wall_s))
         found = []
         for frame in frames:

@@ -31,7 +31,11 @@ _UNUSED = [math.nan] * _PER_MESSAGE
 
 
 def path_messages(points_n: Array, time_us: int) -> list[mavlink.MAVLink_message]:
-    """Return the messages of a path. points_n: [m] [NED] (k, 3).  time_us: identifies the path, normally the time [us]."""
+    """Return the messages of a path.
+
+    points_n: [m] [NED] (k, 3).
+    time_us: identifies the path, normally the time [us].
+    """
     if len(points_n) > MAX_POINTS:
         import numpy as np  # only programs need it, and the recorder starts faster without it
 

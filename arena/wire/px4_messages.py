@@ -109,7 +109,11 @@ def component_information(time_ms: int, uri: str, crc: int) -> Px4Message:
 
 
 def current_event_sequence(sequence: int, flags: int) -> Px4Message:
-    """Return CURRENT_EVENT_SEQUENCE. sequence: number of the newest event. flags: SEQUENCE_RESET or 0"""
+    """Return CURRENT_EVENT_SEQUENCE.
+
+    sequence: number of the newest event.
+    flags: SEQUENCE_RESET or 0
+    """
     return _message(CURRENT_EVENT_SEQUENCE, sequence, flags)
 
 

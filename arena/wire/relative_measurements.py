@@ -89,7 +89,9 @@ def is_sensor_datagram(data: Buffer) -> bool:
 
 
 def measurements(datagram: Buffer, system_id: int) -> Iterator[Measurement]:
-    """Yield the measurements of one vehicle's sensors in a datagram. system_id: MAV_SYS_ID of the vehicle.
+    """Yield the measurements of one vehicle's sensors in a datagram.
+
+    system_id: MAV_SYS_ID of the vehicle.
 
     A frame with a value that is not finite is ignored.
     """

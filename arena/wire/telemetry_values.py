@@ -55,7 +55,10 @@ class Imu:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Mag:
-    """Measured magnetic field, from HIGHRES_IMU. mag: [T] [FRD] (3,)."""
+    """Measured magnetic field, from HIGHRES_IMU.
+
+    mag: [T] [FRD] (3,).
+    """
 
     received_at: float
     mag: Array
@@ -63,7 +66,12 @@ class Mag:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Baro:
-    """Barometer, from HIGHRES_IMU. pressure: [Pa]. temperature: [deg C]. alt: pressure altitude [m]."""
+    """Barometer, from HIGHRES_IMU.
+
+    pressure: [Pa].
+    temperature: [deg C].
+    alt: pressure altitude [m].
+    """
 
     received_at: float
     pressure: float
@@ -96,7 +104,10 @@ class Actuators:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HeartbeatState:
-    """Mode and arming state, from HEARTBEAT. mode: name of the flight mode, as returned by `mode_words`."""
+    """Mode and arming state, from HEARTBEAT.
+
+    mode: name of the flight mode, as returned by `mode_words`.
+    """
 
     received_at: float
     mode: str
@@ -117,7 +128,10 @@ class Status:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ground:
-    """Landed state, from EXTENDED_SYS_STATE. landed: on the ground, according to the land detector."""
+    """Landed state, from EXTENDED_SYS_STATE.
+
+    landed: on the ground, according to the land detector.
+    """
 
     received_at: float
     landed: bool
@@ -153,7 +167,10 @@ class AttitudeReference:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Text:
-    """Message text of the autopilot, from STATUSTEXT. severity: 0 emergency .. 7 debug."""
+    """Message text of the autopilot, from STATUSTEXT.
+
+    severity: 0 emergency .. 7 debug.
+    """
 
     received_at: float
     severity: int

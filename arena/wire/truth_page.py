@@ -59,8 +59,9 @@ class Truth:
 
 
 class TruthWriter:
-    """Writer of the truth page, used by the world. path: file of the page; an existing file is replaced.
+    """Writer of the truth page, used by the world.
 
+    path: file of the page; an existing file is replaced.
     period_s: time between two samples [s]. The page keeps the samples of the last `SPAN_S`.
     """
 

@@ -138,7 +138,10 @@ class TruthRows:
         return self._copy(i), self._copy(i + 1)
 
     def _time(self, number: int) -> float:
-        """Return the time of a sample [s]. number: its place among all samples that were written."""
+        """Return the time of a sample [s].
+
+        number: its place among all samples that were written.
+        """
         return self._all[HEAD + number % self._ring * self._width]
 
     def _copy(self, number: int) -> Floats:

@@ -42,12 +42,18 @@ TEXT_BYTES = 127
 
 
 def message(kind: str, body: bytes) -> bytes:
-    """Return one message. kind: its type, one letter"""
+    """Return one message.
+
+    kind: its type, one letter
+    """
     return _HEAD.pack(len(body), ord(kind)) + body
 
 
 def file_header(time_us: int) -> bytes:
-    """Return the file header and the flag bits. time_us: time since boot at the start of the log [us]"""
+    """Return the file header and the flag bits.
+
+    time_us: time since boot at the start of the log [us]
+    """
     flags = bytes((_HAS_DEFAULTS, *[0] * 7)) + bytes(8 + 3 * 8)
     return MAGIC + struct.pack("<BQ", _VERSION, time_us) + message("B", flags)
 
@@ -63,7 +69,10 @@ def information(values: Mapping[str, str | int]) -> bytes:
 
 
 def topic_format(topic: str, fields: str) -> bytes:
-    """Return the format of a topic. fields: fields as `type name;`, to which padding is added, as PX4 does"""
+    """Return the format of a topic.
+
+    fields: fields as `type name;`, to which padding is added, as PX4 does
+    """
     padding = -(record_type(fields).itemsize - _record_head().itemsize) % 8
     text = f"{topic}:{fields}" + (f"uint8_t[{padding}] _padding0;" if padding else "")
     return message("F", text.encode())
@@ -84,7 +93,10 @@ def record_type(fields: str) -> np.dtype[np.void]:
 
 
 def set_record_head(records: np.ndarray[tuple[int], np.dtype[np.void]], number: int) -> None:
-    """Fill the fields `RECORD_HEAD` of all records of a topic. number: msg_id of the topic"""
+    """Fill the fields `RECORD_HEAD` of all records of a topic.
+
+    number: msg_id of the topic
+    """
     records["size"] = records.dtype.itemsize - _HEAD.size
     records["kind"] = ord("D")
     records["msg_id"] = number
@@ -98,7 +110,11 @@ def subscriptions(topics: Iterable[str]) -> bytes:
 
 
 class ParameterMessages:
-    """Encodes the parameters of a log. types: name -> "int32" or "float".  defaults: name -> default value"""
+    """Encodes the parameters of a log.
+
+    types: name -> "int32" or "float".
+    defaults: name -> default value
+    """
 
     def __init__(self, types: Mapping[str, str], defaults: Mapping[str, float]) -> None:
         self._defaults = defaults
@@ -126,7 +142,11 @@ class ParameterMessages:
 
 
 def text(severity: int, time_us: int, words: str) -> bytes:
-    """Return a logged text. severity: MAV_SEVERITY.  time_us: time since boot [us]"""
+    """Return a logged text.
+
+    severity: MAV_SEVERITY.
+    time_us: time since boot [us]
+    """
     raw = words.encode(errors="replace")[:TEXT_BYTES].decode(errors="ignore").encode()
     return message("L", struct.pack("<BQ", ord("0") + severity, time_us) + raw)
 

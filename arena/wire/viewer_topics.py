@@ -128,5 +128,8 @@ ARENA_TOPICS: dict[Content, Topic] = {
 
 
 def topic_name(content: Content, vehicle: str | None = None) -> str:
-    """Return the name of a topic. vehicle: name of the vehicle; None for a topic of the arena."""
+    """Return the name of a topic.
+
+    vehicle: name of the vehicle; None for a topic of the arena.
+    """
     return f"/{content}" if vehicle is None else f"/{vehicle}/{content}"

@@ -36,7 +36,11 @@ _CONTROL_S = 0.5  # wall time; below the 1 s that the world waits for its client
 
 
 class ActionRunner:
-    """Carries out the actions of a scenario on one running arena. run: path of the run folder. rt: path of the runtime folder."""
+    """Carries out the actions of a scenario on one running arena.
+
+    run: path of the run folder.
+    rt: path of the runtime folder.
+    """
 
     def __init__(self, plan: Plan, run: Path, rt: Path, run_log: RunLog, listener: TelemetryListener) -> None:
         self._run, self._rt, self._run_log, self._listener = run, rt, run_log, listener

@@ -104,7 +104,10 @@ def _reach_m(profile: Mapping[str, Any], cos_tilt: float) -> float:
 
 
 def _cos_tilt(q_nb: Array) -> float:
-    """Return the cosine of the angle between the body z axis and the vertical. q_nb: attitude (4,), w first."""
+    """Return the cosine of the angle between the body z axis and the vertical.
+
+    q_nb: attitude (4,), w first.
+    """
     _, x, y, _ = q_nb.tolist()
     return float(1.0 - 2.0 * (x * x + y * y))
 

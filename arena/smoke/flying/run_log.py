@@ -66,7 +66,9 @@ class RunLog:
         return not any(state in ("STOPPED", "STARTING") for state in self.states.values())
 
     def member(self, process: str) -> Member | None:
-        """Return the newest record of a process in state.json, or None. process: name, or "supervisor".
+        """Return the newest record of a process in state.json, or None.
+
+        process: name, or "supervisor".
 
         After the run, when state.json is deleted, the last record that was read is returned.
         """

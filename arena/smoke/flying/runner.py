@@ -15,7 +15,10 @@ Fly = Callable[[Scenario, FlightOptions], Result]
 
 
 class Interrupted(KeyboardInterrupt):
-    """Exception that is raised when Ctrl-C interrupts the flights. results: results of the scenarios that were complete."""
+    """Exception that is raised when Ctrl-C interrupts the flights.
+
+    results: results of the scenarios that were complete.
+    """
 
     def __init__(self, results: Sequence[Result]) -> None:
         super().__init__()

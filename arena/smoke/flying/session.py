@@ -57,7 +57,10 @@ class LaunchOptions:
     arguments: Sequence[str] = ()
 
     def argv(self, address: str) -> list[str]:
-        """Return the command line of `arena up`. address: loopback address for the ports of the arena."""
+        """Return the command line of `arena up`.
+
+        address: loopback address for the ports of the arena.
+        """
         seeds = [] if self.seed is None else [f"world.seed={self.seed}", f"mocap.seed={self.seed}"]
         sets = [
             part for value in (*self.overrides, f"address={address}", *seeds) for part in ("--set", value)

@@ -71,7 +71,11 @@ class TelemetryListener:
             self._ask(name, now)
 
     def command(self, vehicle: str, number: int, *params: float) -> None:
-        """Send one COMMAND_LONG without waiting for COMMAND_ACK. number: MAV_CMD.  params: up to 7 parameters."""
+        """Send one COMMAND_LONG without waiting for COMMAND_ACK.
+
+        number: MAV_CMD.
+        params: up to 7 parameters.
+        """
         seven = [*params, *[0.0] * 7][:7]
         self._send(
             vehicle, mavlink.MAVLink_command_long_message(self._vehicles[vehicle].id, 1, number, 0, *seven)

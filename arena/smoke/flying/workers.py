@@ -30,7 +30,10 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, kw_only=True)
 class Lost:
-    """The end of a worker that sent no result, for example because it was killed. exit_code: negative for a signal."""
+    """The end of a worker that sent no result, for example because it was killed.
+
+    exit_code: negative for a signal.
+    """
 
     exit_code: int
 

@@ -71,7 +71,10 @@ class Observation:
 
 @dataclass(frozen=True, kw_only=True)
 class Box:
-    """The volume that vehicles must not leave. low_n, high_n: lowest and highest north, east, down [m] [NED]."""
+    """The volume that vehicles must not leave.
+
+    low_n, high_n: lowest and highest north, east, down [m] [NED].
+    """
 
     low_n: Vector
     high_n: Vector
@@ -86,7 +89,10 @@ class Box:
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Place of an entry in a scenario file. text: the entry as written."""
+    """Place of an entry in a scenario file.
+
+    text: the entry as written.
+    """
 
     file: str
     line: int
@@ -199,7 +205,10 @@ class Expectation:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A step, from an entry of `steps`. trigger: None if the step begins as soon as the step before is done."""
+    """A step, from an entry of `steps`.
+
+    trigger: None if the step begins as soon as the step before is done.
+    """
 
     place: Place
     trigger: Trigger | None = None

@@ -20,7 +20,10 @@ from arena.wire.px4_mode import AUTO
 
 @dataclass(frozen=True, kw_only=True)
 class Names:
-    """Names that scenario entries may use: the vehicles and processes of the arena. rotors: vehicle -> number of rotors."""
+    """Names that scenario entries may use: the vehicles and processes of the arena.
+
+    rotors: vehicle -> number of rotors.
+    """
 
     vehicles: tuple[str, ...]
     processes: tuple[str, ...]

@@ -109,7 +109,10 @@ def _armed(vehicle: VehicleState) -> str:
 
 
 def _value(kind: str, flight: FlightHistory, vehicle: VehicleState) -> float | None:
-    """Return a quantity of a vehicle in SI units; None if unknown. kind: name of the quantity, such as `height`."""
+    """Return a quantity of a vehicle in SI units; None if unknown.
+
+    kind: name of the quantity, such as `height`.
+    """
     if kind == "height":
         return vehicle.height_m
     if kind == "speed":
@@ -150,7 +153,10 @@ def unit(condition: Condition) -> tuple[str, float]:
 
 
 def in_words(condition: Condition, value: float) -> str:
-    """Return a value as text with the unit for messages, such as `0.61 m`. value: in SI units."""
+    """Return a value as text with the unit for messages, such as `0.61 m`.
+
+    value: in SI units.
+    """
     shown, si = unit(condition)
     value = value / si
     return f"{value:.2f} {shown}".rstrip() if abs(value) < 100 else f"{value:.0f} {shown}"

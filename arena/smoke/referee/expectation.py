@@ -91,7 +91,10 @@ class ExpectationTracker:
                 self._fail(self._describe())
 
     def close(self, flight: FlightHistory, why: str) -> None:
-        """Decide at the end of the flight whether an open expectation is fulfilled or has failed. why: text about the end of the flight."""
+        """Decide at the end of the flight whether an open expectation is fulfilled or has failed.
+
+        why: text about the end of the flight.
+        """
         if not self.open:
             return
         passed = flight.now.time_s - self.begun_s

@@ -77,7 +77,10 @@ class Referee:
         return actions
 
     def action_failed(self, action: Action, why: str) -> None:
-        """Mark the step of an action as failed, because the action could not be carried out. why: the error."""
+        """Mark the step of an action as failed, because the action could not be carried out.
+
+        why: the error.
+        """
         failure = f"{action.place.text} could not be {'undone' if action.undo else 'done'}: {why}"
         self._targeted -= set(action.processes)
         for step in self._steps:

@@ -55,7 +55,10 @@ class StepTracker:
         return None if since is None else since + trigger.after_s
 
     def begin(self, now: float) -> None:
-        """Begin the step: the times of its expectations count from now. now: simulation time [s]."""
+        """Begin the step: the times of its expectations count from now.
+
+        now: simulation time [s].
+        """
         self.begun_s = now
         self.expectations = [ExpectationTracker(expectation=e, begun_s=now) for e in self.step.expect]
 
