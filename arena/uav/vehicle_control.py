@@ -185,7 +185,12 @@ class VehicleControl:
             return
         self._hold, self._lost = None, ""
         self._offboard = self._armed = False
-        yield from self._command(mavlink.MAV_CMD_DO_SET_MODE, _mode("AUTO.LAND"), "landing")
+        sent_at = self._source.now()
+        try:
+            yield from self._command(mavlink.MAV_CMD_DO_SET_MODE, _mode("AUTO.LAND"), "landing")
+        except NotConfirmedError:
+            if not self._has_entered("AUTO.LAND", sent_at):  # else only the acknowledgements were lost
+                raise
         yield from self._confirm(lambda: self._has_state(mode="AUTO.LAND") or self._is_down(), "in AUTO.LAND")
         if not wait:
             return
@@ -351,6 +356,11 @@ class VehicleControl:
     def _has_state(self, *, mode: str | None = None, armed: bool | None = None) -> bool:
         heart = self._source.telemetry.heartbeat
         return heart is not None and mode in (None, heart.mode) and armed in (None, heart.armed)
+
+    def _has_entered(self, mode: str, since: float) -> bool:
+        """Return whether a heartbeat that arrived after `since` [s] reports this flight mode."""
+        heart = self._source.telemetry.heartbeat
+        return heart is not None and heart.received_at > since and heart.mode == mode
 
     def _is_down(self) -> bool:
         ground = self._source.telemetry.ground
