@@ -1,4 +1,4 @@
-"""The command `arena`, with one module per subcommand. Each module contains only the options and the output of its subcommand.
+"""The command `arena`: one module per subcommand, with its options and its output.
 
 The module of a subcommand defines `register(app)`. Only the module of the requested subcommand is imported. `arena --help`
 imports none of these modules: its list is made from the table `VERBS`. For `land-all` and `kill-all`, `arena.emergency`
@@ -25,35 +25,35 @@ if TYPE_CHECKING:
 # Subcommand -> its line in `arena --help`. A line repeats the docstring of the subcommand, so that `--help` imports no module.
 VERBS = {
     "init": "Create a folder with an example: arena.yaml, a ten-line program, a scenario, a README and a .gitignore.",
-    "doctor": "Check whether this computer has everything that arenas need. Exit code 0: arenas can fly; 2: something is missing.",
+    "doctor": "Check whether this computer has everything that arenas need.",
     "check": "Print every problem of an arena at once, or `ok` and what would run. Starts nothing.",
-    "plan": "Print every process of an arena with its ports, its command and the processes that must be ready before it. Starts nothing.",
-    "schema": "Print the JSON schema of arena.yaml. Editors use this schema to complete and check keys.",
+    "plan": "Print every process of an arena with its ports, its command and the processes that it needs.",
+    "schema": "Print the JSON schema of arena.yaml, with which editors complete and check keys.",
     "params": "Generate, push, pull, compare and check the PX4 parameters of vehicles.",
     "signing": "Make and set up keys for MAVLink message signing.",
-    "smoke": "Fly scenarios without a window, several at a time, and report which passed. All files are checked before the first flight.",
+    "smoke": "Fly scenarios without a window, several at a time, and report which scenarios passed.",
     "campaign": "Fly many simulated flights over seeds and settings: `arena campaign SWEEP`. Show their results.",
     "up": "Start an arena and supervise it until its end. Ctrl-C lands the vehicles, then stops the arena.",
     "fly": "Fly a vehicle of a running arena by hand, with keys or a gamepad, or along a trajectory file: `arena fly uav1 path.csv`.",
-    "shell": "Open a Python shell (IPython if installed) with `uav`, a vehicle of a running arena. Leaving the shell lands the vehicle.",
-    "replay": "Send the recorded messages of a flight again. Nothing flies: a replay reaches no vehicle, and cannot be commanded.",
+    "shell": "Open a Python shell (IPython if installed) with `uav`, a vehicle of a running arena.",
+    "replay": "Send the recorded messages of a flight again. No vehicle flies or receives commands.",
     "runs": "List the run folders of an arena, oldest first, and every running arena.",
     "summary": "Print the full result of a run: the verdict and the report (summary.txt).",
     "render": "Make a film (mp4, gif) or a picture (png) of a recorded flight. Needs no screen.",
-    "report": "Write report.html: what happened in a run, with interactive figures. With two runs: both flights side by side.",
-    "audit": "Print the requests to the vehicles of a run, such as arming and parameter changes: who sent them, and which were refused.",
+    "report": "Write report.html with interactive figures of a run, or a page that compares two flights.",
+    "audit": "Print who sent which requests to the vehicles of a run, such as arming, and which requests were refused.",
     "ps": "Show the vehicles and processes of a running arena.",
-    "top": "Show the vehicles, processes and events of a running arena live in the terminal. q quits.",
-    "monitor": "Show a running arena on a web page, live, with buttons to hold, land and stop vehicles. Waits for an arena if none runs.",
-    "logs": "Print the log of one process: the last lines of its stdout and stderr.",
+    "top": "Show the vehicles, processes and events of a running arena live in the terminal. The key q quits.",
+    "monitor": "Show a running arena live on a web page, with buttons to hold, land and stop vehicles.",
+    "logs": "Print the last lines of the log (stdout and stderr) of one process of a run.",
     "log": "List, describe, export, plot and compare the logs of flights, and fetch logs from vehicles.",
-    "restart": "Restart one process of a running arena. If a flying vehicle depends on the process, --yes is required.",
+    "restart": "Restart one process of a running arena.",
     "forget": "Declare a real vehicle dead: the run does not wait until the vehicle is disarmed.",
     "down": "Land the vehicles, then stop the arena. The exit code is the exit code of the run.",
-    "release": "Allow programs to arm and fly a vehicle again, after land-all, the copilot, a pilot or a ground station took control.",
-    "preflight": "Check that motion capture tracks the right rigid body for a real vehicle. A person lifts and tilts the vehicle.",
-    "arm-permit": "Allow a real vehicle to arm. Needed if the vehicle appeared, rebooted or reconnected after the start of the arena.",
-    "land-all": "Land all vehicles and wait until each is on the ground and disarmed. Works without supervisor and router.",
+    "release": "Allow programs to arm and fly a vehicle again.",
+    "preflight": "Check that motion capture tracks the right rigid body for a real vehicle.",
+    "arm-permit": "Allow a real vehicle to arm after it was connected, rebooted or reconnected in a running arena.",
+    "land-all": "Land all vehicles, and wait until each vehicle is on the ground and disarmed.",
     "kill-all": "Stop every motor at once, also in the air. To land, use land-all.",
 }
 GROUPS = ("params", "signing", "campaign", "log")
@@ -65,7 +65,10 @@ _GARBAGE_THRESHOLD = 50_000
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command line and return the exit code. A traceback is printed only with `--debug`."""
+    """Run one command line and return the exit code.
+
+    Errors are printed without a traceback, except with `--debug`.
+    """
     arguments = list(sys.argv[1:] if argv is None else argv)
     debug = _take_debug(arguments)
     gc.set_threshold(_GARBAGE_THRESHOLD)
@@ -91,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if debug:
             raise
         print(
-            f"arena: {type(error).__name__}: {error}. This is a bug in arena. --debug shows the traceback.",
+            f"arena: {type(error).__name__}: {error}. This is a bug in arena. Run the command with --debug to see the traceback.",
             file=sys.stderr,
         )
         return EXIT_FAILED
@@ -113,7 +116,10 @@ def build(arguments: Sequence[str]) -> typer.Typer:
 
 
 def build_complete() -> typer.Typer:
-    """Return the typer app with all subcommands. Imports the modules of all subcommands."""
+    """Return the typer app with all subcommands.
+
+    This imports the modules of all subcommands.
+    """
     app = _empty_app()
     for name in VERBS:
         _register(app, name)
@@ -167,7 +173,9 @@ def _emergency(arguments: list[str]) -> int:
 
 @contextlib.contextmanager
 def _fork_server(arguments: Sequence[str]) -> Iterator[ForkClient | None]:
-    """Start the fork server for `arena up`, because it imports packages while this process reads the YAML. End it at the end.
+    """Start the fork server of `arena up`, yield its client, and end the server after the `with` block.
+
+    The fork server imports packages while this process reads the YAML. For other commands, yield None.
 
     A detached run has no fork server, because its supervisor is another process.
     """
@@ -189,7 +197,10 @@ def _fork_server(arguments: Sequence[str]) -> Iterator[ForkClient | None]:
 
 
 def _run(app: typer.Typer, arguments: list[str], forks: ForkClient | None) -> int:
-    """Run a subcommand and return its exit code. forks: client of the fork server, for `arena up`."""
+    """Run a subcommand and return its exit code.
+
+    forks: client of the fork server, for `arena up`.
+    """
     try:
         app(args=arguments, prog_name="arena", obj=forks)
     except SystemExit as done:
@@ -202,7 +213,10 @@ def _code(done: SystemExit) -> int:
 
 
 def _take_debug(arguments: list[str]) -> bool:
-    """Remove `--debug` from the arguments, unless it comes after a `--`. Return True if `--debug` was removed."""
+    """Remove `--debug` from the arguments, and return True if the option was there.
+
+    A `--debug` after `--` is not an option and stays.
+    """
     end = arguments.index("--") if "--" in arguments else len(arguments)
     found = "--debug" in arguments[:end]
     if found:

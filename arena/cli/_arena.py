@@ -1,4 +1,4 @@
-"""Functions shared by the commands that read an arena's YAML: options, choice of a free address, description of the arena."""
+"""Functions that several commands use: options for the YAML, choice of a free address, text about an arena."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ if TYPE_CHECKING:
 
 File = Annotated[Path, typer.Argument(help="YAML file of the arena, or a folder with arena.yaml")]
 Set = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML, such as sim.speed=2"),
 ]
 
 
 def at_free_address(arena: Arena, plan: Plan, overrides: Sequence[str]) -> tuple[Arena, Plan, str]:
-    """Return the arena with the first free loopback address, if its present address is in use.
+    """Move an arena to the first free loopback address if its address is in use, and return the arena.
 
     Returns (arena, plan of its processes, reason for the new address). The reason is "" if the address was not changed.
 
@@ -47,7 +48,10 @@ def at_free_address(arena: Arena, plan: Plan, overrides: Sequence[str]) -> tuple
 
 
 def what_would_run(arena: Arena, plan: Plan) -> list[str]:
-    """Return lines that describe what `arena up` would run: vehicles, notes, ports open to other computers, processes."""
+    """Return lines of text that describe what `arena up` would start.
+
+    The lines contain the vehicles, notes, ports that other computers can reach, and the number of processes.
+    """
     from arena.plan.open_ports import open_lines
 
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
@@ -64,7 +68,7 @@ def what_would_run(arena: Arena, plan: Plan) -> list[str]:
 
 
 def _how_many(arena: Arena, plan: Plan) -> str:
-    """Return a line that says whether world, motion capture, forwarders, router and recorder run in one process or in several, and why."""
+    """Return a line about the number of processes of the simulation: one (a fused arena) or several, and why."""
     from arena.plan.fused import why_many, why_one
 
     members = [member.name for spec in plan.processes if spec.kind == "world" for member in spec.members]
@@ -83,10 +87,11 @@ def not_possible(arena: Arena) -> list[str]:
 
 
 def without_effect(arena: Arena) -> list[str]:
-    """Return a line for each parameter in the YAML that has no effect, because the vehicle's autopilot is not PX4.
+    """Return a line for each PX4 parameter of the YAML that has no effect in the built-in autopilot.
 
-    The built-in autopilot of the simulation has only some of PX4's parameters. The parameters of a `params_file` are only
-    counted, because such a file usually contains all parameters of a PX4.
+    The vehicle does not fly PX4. The built-in autopilot of the simulation has only some of PX4's parameters.
+    The parameters of a `params_file` are only counted, because such a file usually contains all parameters of
+    a PX4.
     """
     found = []
     for v in arena.vehicles:
@@ -106,7 +111,10 @@ def without_effect(arena: Arena) -> list[str]:
 
 
 def clock_notes(arena: Arena) -> list[str]:
-    """Return a note if the arena runs at speed 1 although the user asked for another speed, because of a wall-clock program."""
+    """Return a note if a program that uses the wall clock forces simulation speed 1 against the user's setting.
+
+    The list is empty if the user asked for no other speed.
+    """
     from arena.schema.resolve import wall_clock_programs
 
     asked, programs = arena.source.value(("sim", "speed")), wall_clock_programs(arena.vehicles)
@@ -119,9 +127,10 @@ def clock_notes(arena: Arena) -> list[str]:
 
 
 def copilot_notes(arena: Arena) -> list[str]:
-    """Return notes about the copilot, the process that commands vehicles to hold or land when they violate a rule.
+    """Return warnings about the copilot's settings, for the terminal.
 
-    There is a note if real vehicles have no copilot, and for two simulated vehicles that start closer to each other than
+    The copilot commands vehicles to hold or land when they violate a rule. There is a note if real vehicles
+    have no copilot, and for two simulated vehicles that start closer to each other than
     `copilot.separation.at_m`.
     """
     if arena.copilot is None:

@@ -1,4 +1,4 @@
-"""Questions that the user must answer by typing a word, such as the confirmation before real vehicles may be armed."""
+"""Questions that the user answers by typing a word, such as the confirmation that real vehicles may arm."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ WORD = "yes"
 
 
 def ask_consent(plan: Plan, *, yes: bool) -> str:
-    """List the real vehicles of a plan, and ask the user to type `yes`. Return how the user has confirmed, such as `--yes`.
+    """List the real vehicles of a plan, ask the user to type `yes`, and return how the user has confirmed.
+
+    The result is `typed yes` or `--yes`.
 
     Without real vehicles, return "" and ask nothing.
     yes: option --yes: list the vehicles, but do not ask.
@@ -27,7 +29,7 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
         print(f"  {v.name}: system id {v.id}, {v.profile}, flown by {programs.get(v.name, 'no program')}")
     for v in real:
         if v.radio == "none":
-            print(f"  {v.name} has no pilot with an RC transmitter: nobody can take control manually")
+            print(f"  {v.name} has no pilot with an RC transmitter: nobody can take manual control")
     for v in real:
         if v.axes_check == "none":
             print(
@@ -43,7 +45,7 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
     )
     if yes:
         return "--yes"
-    confirm(WORD, f"Type {WORD} to start: ", needs="real vehicles need", unchanged="Nothing was started")
+    confirm(WORD, f"Type {WORD} to start: ", subject="real vehicles", consequence="Nothing was started")
     return f"typed {WORD}"
 
 
@@ -54,18 +56,22 @@ def _program_path(plan: Plan, process: ProcessSpec) -> str:
     return process.argv[1] if len(process.argv) > 1 else process.argv[0]
 
 
-def confirm(word: str, prompt: str, *, needs: str, unchanged: str) -> None:
-    """Ask the user to type a word. Raises InputError if the user types something else, or if stdin is not a terminal.
+def confirm(expected_word: str, prompt: str, *, subject: str, consequence: str) -> None:
+    """Ask the user to type a word. Raise InputError for a different answer.
 
-    needs: beginning of the error, such as "real vehicles need". unchanged: end of the error, such as "Nothing was started".
+    Also raises InputError if stdin is not a terminal.
+
+    subject: beginning of the error, such as "real vehicles". consequence: end of the error, such as "Nothing was started".
     """
     if not sys.stdin.isatty():
         raise InputError(
-            f"{needs} your confirmation, but stdin is not a terminal: use a terminal, or add --yes"
+            f"{subject}: your confirmation is needed, but stdin is not a terminal: use a terminal, or add --yes"
         )
     try:
         answer = input(prompt).strip()
     except EOFError:
         answer = ""
-    if answer != word:
-        raise InputError(f"{needs} your confirmation: got {answer!r}, expected {word}. {unchanged}")
+    if answer != expected_word:
+        raise InputError(
+            f"{subject}: not confirmed: you typed {answer!r}, expected {expected_word}. {consequence}"
+        )

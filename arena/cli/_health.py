@@ -1,4 +1,7 @@
-"""The checks of `arena doctor`: Python, packages, PX4, ports, runs, PX4 lock files, serial devices. They change nothing."""
+"""The checks of `arena doctor`: Python, packages, PX4, ports, runs, PX4 lock files, serial devices.
+
+The checks change nothing.
+"""
 
 from __future__ import annotations
 
@@ -104,7 +107,10 @@ def _kernels() -> Finding:
 
 
 def _px4() -> Finding:
-    """Return a `Finding` about the PX4 that arenas use if their YAML names no PX4."""
+    """Return a `Finding` about the PX4 that arenas use by default.
+
+    The YAML of an arena can name a different PX4.
+    """
     try:
         px4 = need_px4()
     except NotInstalledError as error:
@@ -116,7 +122,7 @@ def _px4() -> Finding:
 
 
 def _ports(probe: Probe) -> Iterator[Finding]:
-    """Check whether the ports of an arena with _VEHICLES vehicles on the default address are free."""
+    """Check whether the default UDP ports of an arena with ten vehicles are free."""
     defaults = ArenaFile(vehicles={"uav1": VehicleKeys()})
     address = defaults.address
     wanted = {
@@ -143,7 +149,7 @@ def _ports(probe: Probe) -> Iterator[Finding]:
 
 
 def _serial(folder: Path) -> Iterator[Finding]:
-    """Yield a line per serial device, with a note if this user has no permission to open the device."""
+    """Yield a `Finding` for each serial device, with a note if the user has no permission to open the device."""
     for device in sorted((*folder.glob("ttyACM*"), *folder.glob("ttyUSB*"))):
         if os.access(device, os.R_OK | os.W_OK):
             yield Finding(sign="ok", what=f"{device}: serial device, possibly a flight controller")
@@ -172,7 +178,10 @@ def _runs() -> Iterator[Finding]:
 
 
 def _locks(folder: Path) -> Iterator[Finding]:
-    """Yield the PX4 instances that run now. A second PX4 with the same instance number cannot start."""
+    """Yield a note for each PX4 instance that is running now.
+
+    A second PX4 with the same instance number cannot start.
+    """
     for lock in sorted(folder.glob("px4_lock-*")):
         number = lock.name.partition("-")[2]
         try:

@@ -1,4 +1,4 @@
-"""`arena log fetch`: download logs from vehicles over MAVLink."""
+"""The command `arena log fetch`, which downloads logs from vehicles over MAVLink."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ def fetch(
         Path, typer.Option("--arena", metavar="FILE", help="the arena's YAML, or its folder")
     ] = Path("arena.yaml"),
     number: Annotated[
-        int | None, typer.Option("--log", metavar="N", help="id of the log. Default: the newest log")
+        int | None,
+        typer.Option(
+            "--log", metavar="N", help="number of the log, as --list shows it. Default: the newest log"
+        ),
     ] = None,
     only_list: Annotated[
         bool, typer.Option("--list", help="list the logs of the vehicles; download none")
@@ -72,7 +75,7 @@ def fetch(
 def _targets(
     names: list[str] | None, file: Path, url: str, system: int, set_: list[str]
 ) -> tuple[dict[str, ParamTarget], Path]:
-    """Return vehicle name -> address, and the default folder of the logs."""
+    """Return {vehicle name: address} of the vehicles to fetch from, and the default folder for the logs."""
     if not url:
         from arena.cli._params import run_folder_of, selected_vehicles, targets_of
         from arena.schema import load_arena
@@ -87,7 +90,7 @@ def _targets(
     except ValueError as error:
         raise InputError(f"--url: {error}") from error
     if names and len(names) > 1:
-        raise InputError(f"got {len(names)} vehicles, expected one name for the vehicle at --url")
+        raise InputError(f"--url {url}: got {len(names)} vehicle names, expected one")
     name = names[0] if names else f"vehicle{system}"
     if at.kind == "serial":
         return {name: ParamTarget(system=system, device=at.device, baud=at.baud)}, Path("ulog")
@@ -101,7 +104,7 @@ def _targets(
 
 
 def _lines(name: str, result: Fetched, *, only_list: bool, ending: str) -> list[str]:
-    """Return the lines that report the result of one vehicle."""
+    """Return the lines of text that report a download, or the list of logs, of one vehicle."""
     if only_list and result.entries:
         return [
             f"{name}: log {entry.number}: {entry.size / 1e6:.2f} MB{_date(entry.time_s)}"
@@ -119,5 +122,8 @@ def _lines(name: str, result: Fetched, *, only_list: bool, ending: str) -> list[
 
 
 def _date(time_s: int) -> str:
-    """Return the time of the last change of a log as text; "" if the vehicle does not know the date."""
+    """Return the date of a log as text for the list; "" if the log has no date.
+
+    time_s: Unix time of the last change of the log [s]; 0 if the vehicle does not know the date.
+    """
     return f", {datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M:%S} UTC" if time_s else ""

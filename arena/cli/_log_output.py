@@ -1,4 +1,4 @@
-"""Tables of `arena log`."""
+"""Output of the commands `arena log ...`: tables of logs, topics and differences."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ _LOGS = ("flight*.mcap", "ulog/*.ulg", "px4/*/log/**/*.ulg", "csv/*.csv", "parqu
 
 
 def show(table: Table) -> None:
-    """Print a table. Without a terminal its lines are not wrapped."""
+    """Print a table on the terminal.
+
+    If stdout is not a terminal, lines are not wrapped.
+    """
     from rich.console import Console
 
     console = Console()
@@ -55,7 +58,7 @@ def _log_row(run: Path, path: Path) -> tuple[str, str, str, str, str]:
 
 
 def show_info(found: LogInfo) -> None:
-    """Print what a log file contains."""
+    """Print the content of a log file: size, length, and a table of its topics."""
     from rich.table import Table
 
     print(f"{found.path}: {found.kind}, {size_text(found.size_bytes)}, {_number(found.length_s, 1)} s")
@@ -74,7 +77,7 @@ def show_info(found: LogInfo) -> None:
 
 
 def show_comparison(pair: Pair) -> None:
-    """Print the differences of two flights, and their figures side by side."""
+    """Print two tables about two flights: their differences, and the figures of each flight side by side."""
     from rich.table import Table
 
     from arena.report.flight_pair import difference
@@ -103,7 +106,7 @@ def show_comparison(pair: Pair) -> None:
 
 
 def size_text(size: int) -> str:
-    """Return a number of bytes with a unit, such as `12.3 MB`."""
+    """Return a file size as text with a unit, such as `12.3 MB`."""
     value = float(size)
     for unit in ("B", "kB", "MB"):
         if value < 1000:

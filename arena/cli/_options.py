@@ -1,4 +1,4 @@
-"""Options that several commands have."""
+"""Command-line options that several commands share."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ Jobs = Annotated[
         "--jobs",
         metavar="N",
         min=1,
-        help="number of flights at the same time; default: number of CPU cores (`arena smoke` at the speed max: one more)",
+        help="number of flights to fly at the same time; default: one per CPU core (`arena smoke` at the speed max: one more)",
     ),
 ]
 
 TimeLimit = Annotated[
-    float | None, typer.Option("--time-limit", metavar="S", min=0.0, help="end after S seconds of wall time")
+    float | None,
+    typer.Option("--time-limit", metavar="S", min=0.0, help="end the run after S seconds of wall time"),
 ]
 NoReport = Annotated[
     bool,
@@ -37,5 +38,5 @@ AsJson = Annotated[bool, typer.Option("--json", help="print one JSON object per 
 
 
 def jobs_or_cores(jobs: int | None) -> int:
-    """Return the number of flights at the same time: as given, or one per CPU core of this computer."""
+    """Return the number of flights to fly at the same time: `jobs`, or one per CPU core if `jobs` is None."""
     return jobs or len(os.sched_getaffinity(0))

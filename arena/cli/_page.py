@@ -1,4 +1,4 @@
-"""Page of `arena up --monitor`: chooses its address before the start, so that the terminal can show its URL."""
+"""Address of the live page of `arena up --monitor`, chosen before the start so that its URL can be printed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from arena.plan.open_ports import MONITOR_COMMAND
 
 
 def with_page(plan: Plan) -> tuple[Plan, str]:
-    """Return the plan with the address of the page, and a line for the terminal; "" if the arena has no page.
+    """Return the plan with an address for the live page, and a line with the URL for the terminal.
+
+    The line is "" if the arena has no page.
 
     Without viser, or without a free port, the plan is returned without the page: a flight does not need it.
     """

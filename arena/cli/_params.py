@@ -39,7 +39,7 @@ _RESUME_OR_DELETE = (
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
-    """Return whether `arena params diff` hides a row: a parameter that is missing in set `a` or `b` where this is normal.
+    """Return whether `arena params diff` hides a parameter that normally exists in only one of the sets `a`, `b`.
 
     - The set from the YAML has no value, because the YAML does not require every parameter.
     - Only PX4's defaults have a value, because they contain the parameters of all vehicles.
@@ -50,7 +50,7 @@ def not_applicable(row: Difference, a: str, b: str) -> bool:
 
 
 def selected_vehicles(arena: Arena, names: Sequence[str] | None) -> list[Vehicle]:
-    """Return the vehicles with these names; all vehicles if no name is given. Raises InputError for an unknown name."""
+    """Return the vehicles with these names, or all without names. Raises InputError for an unknown name."""
     known = {v.name: v for v in arena.vehicles}
     for name in names or ():
         if name not in known:
@@ -121,7 +121,7 @@ def address_text(arena: Arena, v: Vehicle) -> str:
 
 
 def reboot_vehicles(targets: Mapping[str, ParamTarget], *, without_asking: bool) -> bool:
-    """Reboot autopilots. On a terminal, ask the user first. Return False if a vehicle refuses."""
+    """Reboot autopilots; on a terminal, ask the user first. Return False if an autopilot refuses."""
     question = f"reboot {', '.join(targets)}, so that the new values take effect?"
     if not targets or not (without_asking or (sys.stdin.isatty() and typer.confirm(question))):
         return True
@@ -137,7 +137,7 @@ def reboot_vehicles(targets: Mapping[str, ParamTarget], *, without_asking: bool)
 
 
 def split_arena(what: Sequence[str], default: Path) -> tuple[Path, list[str]]:
-    """Split the arguments of `arena params check` into the arena's YAML and all other arguments.
+    """Split the arguments of `arena params check` into the arena's YAML and the parameter sources to check.
 
     what: the arguments; at most one of them is a YAML file or a folder.
     default: YAML to use if none of the arguments is a YAML file or a folder.
@@ -151,7 +151,7 @@ def split_arena(what: Sequence[str], default: Path) -> tuple[Path, list[str]]:
 
 @contextmanager
 def writable(path: Path) -> Iterator[None]:
-    """Convert an OSError in the `with` block to an InputError that names the file and the reason."""
+    """Convert an OSError inside the `with` block to an InputError that names the file and the reason."""
     try:
         yield
     except OSError as error:
@@ -159,21 +159,24 @@ def writable(path: Path) -> Iterator[None]:
 
 
 def version_for(vehicle: Vehicle | None, asked: str) -> str:
-    """Return the PX4 version whose parameter names are used: `asked` if given, else the vehicle's `px4_version`, else 1.16."""
+    """Return the PX4 version whose parameter names apply: `asked`, or the vehicle's `px4_version`, or 1.16."""
     from arena.plan.firmware import px4_version
 
     return px4_version(vehicle, asked)
 
 
 def required_parameters(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
-    """Return the PX4 parameters that the YAML requires for a vehicle. asked: PX4 version given on the command line, or ""."""
+    """Return the PX4 parameters that the YAML requires of a vehicle.
+
+    asked: PX4 version given on the command line, or "".
+    """
     from arena.plan.firmware import firmware
 
     return firmware(arena, vehicle, asked)
 
 
 def params_file_text(arena: Arena, vehicle: Vehicle, asked: str) -> str:
-    """Return the text of a vehicle's QGroundControl .params file. Comments give the meaning and reason of each parameter."""
+    """Return a QGroundControl .params file with a vehicle's required parameters and comments, as text."""
     from arena.params.facts.parameter_table import is_unreleased, parameters
     from arena.params.generation.generate import generate as make
     from arena.plan.firmware import requirements, unmeasured
@@ -204,14 +207,14 @@ def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> di
         return {name: value for name, value in read_values(file).values.items() if name != "MAV_SYS_ID"}
     made = required_parameters(arena, vehicle, asked)
     for sentence in made.not_possible:
-        print(f"{vehicle.name}: not possible: {sentence}")
+        print(f"{vehicle.name}: PX4 cannot meet a requirement of the YAML: {sentence}")
     return made.values
 
 
 def refuse_beyond_limits(
     wanted: Mapping[str, Mapping[str, float]], tables: Mapping[str, Mapping[str, Parameter]]
 ) -> None:
-    """Raise InputError with every value outside PX4's limits. The check is needed because PX4 accepts any number."""
+    """Raise InputError if a value is outside PX4's limits. PX4 itself would accept any number."""
     problems = [
         f"  {vehicle}: {name}: got {value:g}, expected {expected}"
         for vehicle, values in wanted.items()
@@ -225,7 +228,7 @@ def refuse_beyond_limits(
 
 
 def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarget]:
-    """Return the address for parameter transfers of each vehicle, as vehicle name -> address.
+    """Return {vehicle name: address}, with the address at which to read and write the vehicle's parameters.
 
     Vehicles of a running arena are reached through its MAVLink router, and the arena signs the messages if the vehicle has
     a key. Without a running arena, real vehicles are reached directly, with the signing key of the YAML.
@@ -260,13 +263,13 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarg
 
 
 def run_folder_of(arena: Arena) -> Path:
-    """Return the run folder of the running arena that belongs to this YAML; the current folder if none is running."""
+    """Return the run folder of the running arena of this YAML, or the current folder if no arena is running."""
     run = _run_of(arena)
     return Path(run.run) if run is not None else Path()
 
 
 def _uid_of_run(run: RunState, v: Vehicle) -> str:
-    """Return the hardware uid of a real vehicle's autopilot, as the running arena has recorded it; "" if unknown."""
+    """Return the hardware uid that the running arena has recorded for a real vehicle; "" if unknown."""
     if v.wire is None:
         return ""
     try:
@@ -276,7 +279,7 @@ def _uid_of_run(run: RunState, v: Vehicle) -> str:
 
 
 def _run_of(arena: Arena) -> RunState | None:
-    """Return the running arena that belongs to this YAML, or None.
+    """Return the state of the running arena that belongs to this YAML, or None if no arena is running.
 
     If the YAML has an `address`, return the arena at this address. Else prefer the arena that was started
     from this YAML to the arena at the default address.
@@ -298,7 +301,7 @@ def _run_of(arena: Arena) -> RunState | None:
 
 
 def _check_run_has(run: RunState, vehicles: Sequence[Vehicle]) -> None:
-    """Raise InputError if the running arena does not have these vehicles with these ids."""
+    """Raise InputError if a vehicle, with its name and id, is not part of the running arena."""
     from arena.supervisor import plan_of
 
     plan = plan_of(run)
@@ -313,7 +316,9 @@ def _check_run_has(run: RunState, vehicles: Sequence[Vehicle]) -> None:
 
 
 class ParamSources:
-    """Reader of the parameter sets of `diff` and `check`: vehicles, files, logs, the YAML, PX4's defaults.
+    """Reader of the parameter sets that `arena params diff` and `check` compare.
+
+    A set comes from a vehicle, a file, a log, the YAML, or PX4's defaults.
 
     file: path of the arena's YAML, which is loaded only when needed.
     sets: overrides of the YAML (`--set`).
@@ -326,7 +331,7 @@ class ParamSources:
 
     @property
     def arena(self) -> Arena:
-        """The arena of the YAML. Raises InputError if the YAML is wrong or missing."""
+        """The arena that the YAML describes. Raises InputError if the YAML is wrong or missing."""
         from arena.schema import load_arena
 
         self._arena = self._arena or load_arena(self._file, list(self._sets))
@@ -370,7 +375,7 @@ class ParamSources:
         return ParamSource(values=values, types={}, version=version_for(vehicle, self._version), origin=name)
 
     def environment(self, name: str) -> Environment:
-        """Return the conditions in which a vehicle flies (vision, GPS, radio control, ceiling), to check its parameters.
+        """Return the conditions in which a vehicle flies, such as GPS and room height, for the parameter check.
 
         name: the source as written on the command line. If no vehicle has this name (a file), the first vehicle is used.
         Without a YAML, the default `Environment` is returned.

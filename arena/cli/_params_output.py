@@ -1,4 +1,4 @@
-"""Output of `arena params`: progress bars, the report of a push, the table of differences, counts of findings."""
+"""Output of `arena params`: progress bars, the report of a push, tables of differences, counts of findings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class ProgressBars:
-    """Progress bars on stderr, one per vehicle, shown only if stderr is a terminal."""
+    """Progress bars on stderr, one per vehicle. They appear only if stderr is a terminal."""
 
     def __init__(self, names: Mapping[str, Any] | Sequence[str]) -> None:
         from rich.console import Console
@@ -39,7 +39,7 @@ class ProgressBars:
 
     @property
     def show(self) -> Callable[[Mapping[str, Any]], None]:
-        """Function that updates the bars during a parameter transfer. Its argument is a mapping: vehicle name -> progress."""
+        """Function that updates the bars. Its argument is {vehicle name: progress}."""
 
         def update(progress: Mapping[str, Any]) -> None:
             for name, each in progress.items():
@@ -58,7 +58,7 @@ _ENDINGS = {
 
 
 def ending_text(ending: str, why: str) -> str:
-    """Return the reason why a parameter transfer ended early, as text for the user.
+    """Return why a parameter transfer ended early, as text for the user.
 
     ending: how the transfer ended. why: why the connection could not be opened; "" if it was opened.
     """
@@ -66,7 +66,10 @@ def ending_text(ending: str, why: str) -> str:
 
 
 def push_report_lines(name: str, report: PushReport) -> list[str]:
-    """Return the lines that report a push to one vehicle: counts, then one line per parameter that changed or failed."""
+    """Return the lines that report a parameter push to one vehicle.
+
+    The first line has counts. Then there is one line per parameter that changed or failed.
+    """
     counts = Counter(r.outcome for r in report.results.values())
     summary = ", ".join(f"{n} {outcome}" for outcome, n in counts.items() if n) or "nothing to write"
     ending = "" if report.ending == "done" else f"{ending_text(report.ending, report.why)}; "
@@ -89,8 +92,9 @@ def push_report_lines(name: str, report: PushReport) -> list[str]:
 
 
 def measured_lines(vehicle: Vehicle, unmeasured: Mapping[str, float]) -> list[str]:
-    """Return the lines of `arena params measured` for one vehicle: each measured parameter, and the parameters
-    that nobody has set or measured.
+    """Return the lines of `arena params measured` for one vehicle.
+
+    They list the measured parameters, and the parameters that nobody has set or measured.
 
     unmeasured: parameter that nobody has set or measured -> its value in the simulation.
     """
@@ -103,7 +107,10 @@ def measured_lines(vehicle: Vehicle, unmeasured: Mapping[str, float]) -> list[st
 
 
 def print_differences(rows: Sequence[Difference], a: str, b: str) -> None:
-    """Print a table of differences. a, b: names of the two parameter sets."""
+    """Print a table of the parameters that differ between two sets.
+
+    a, b: names of the two parameter sets.
+    """
     from rich.console import Console
     from rich.table import Table
 
@@ -117,7 +124,7 @@ def print_differences(rows: Sequence[Difference], a: str, b: str) -> None:
 
 
 def count_text(found: Sequence[Finding]) -> str:
-    """Return the number of findings by severity, such as "1 error, 2 warnings"."""
+    """Return the number of findings by severity as text, such as "1 error, 2 warnings"."""
     counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "note")}
     return (
         ", ".join(f"{n} {severity}{'s' * (n != 1)}" for severity, n in counts.items() if n)

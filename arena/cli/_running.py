@@ -1,4 +1,4 @@
-"""Search for the running arena to which a command applies: the only running one, or the one named by `--run`."""
+"""Functions that find the running arena to which a command applies, and connect to its supervisor."""
 
 from __future__ import annotations
 
@@ -13,12 +13,16 @@ from arena.supervisor import Control, RunState, active_runs, open_run
 
 RunOption = Annotated[
     Path | None,
-    typer.Option("--run", metavar="DIR", help="run folder of the arena, if several arenas are running"),
+    typer.Option(
+        "--run", metavar="DIR", help="run folder of the arena; needed only if several arenas are running"
+    ),
 ]
 
 
 def find(run: Path | None, *, stale: bool = False) -> RunState:
-    """Return the run to which a command applies: the folder given by `--run`, else the only running arena.
+    """Return the state of the run to which a command applies.
+
+    This is the run of the folder that `--run` names, or the only running arena.
 
     run: path of the run folder; None for the only running arena.
     stale: also accept a run whose supervisor has died.
@@ -45,12 +49,12 @@ def find(run: Path | None, *, stale: bool = False) -> RunState:
 
 
 def connect(state: RunState) -> Control:
-    """Connect to the supervisor of a run, which starts, monitors and ends its processes."""
+    """Connect to the supervisor of a run. The supervisor is the process `arena up`."""
     return Control(Path(state.rt) / "control.sock")
 
 
 def user_name() -> str:
-    """Return the name of the user who runs this command."""
+    """Return the login name of the user who runs this command."""
     try:
         return getpass.getuser()
     except (OSError, KeyError):  # a container without this user id

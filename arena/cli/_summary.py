@@ -1,4 +1,4 @@
-"""The result of a run for the terminal: the verdict in one sentence and a short table, read from the run folder."""
+"""Result of a run for the terminal, read from the run folder: a sentence and a short table."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SLOW_FACTOR = 0.98
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Return the object in a JSON file; {} if the file is missing or contains no JSON object."""
+    """Return the object in a JSON file; {} if the file is missing or does not contain an object."""
     try:
         found = json.loads(path.read_text())
     except (OSError, ValueError):
@@ -26,7 +26,10 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def verdict(run: Path) -> str:
-    """Return the result of a run in one sentence. run: path of the run folder."""
+    """Return the result of a run as one sentence.
+
+    run: path of the run folder.
+    """
     outcome, summary = read_json(run / "outcome.json"), read_json(run / "summary.json")
     if not outcome:
         return f"{run.name}: no outcome was recorded: the supervisor was killed, or could not write it"
@@ -44,7 +47,10 @@ def verdict(run: Path) -> str:
 
 
 def slowness(outcome: Mapping[str, Any]) -> str:
-    """Return a text if the simulation ran slower than requested, else "". outcome: content of outcome.json."""
+    """Return a warning if the simulation ran slower than requested, else "".
+
+    outcome: content of outcome.json.
+    """
     real_time = outcome.get("real_time") or {}
     factor, asked = real_time.get("factor"), real_time.get("asked")
     if factor is None or asked is None or factor >= SLOW_FACTOR * asked:
@@ -53,7 +59,7 @@ def slowness(outcome: Mapping[str, Any]) -> str:
 
 
 def failsafes(run: Path) -> list[str]:
-    """Return the last failsafe event of each vehicle, from the events of the router in events.jsonl."""
+    """Return the text of the last failsafe event of each vehicle, read from the events.jsonl of a run."""
     found: dict[str, str] = {}
     try:
         lines = (run / "events.jsonl").read_text().splitlines()
@@ -70,7 +76,7 @@ def failsafes(run: Path) -> list[str]:
 
 
 def short_table(run: Path) -> Table | None:
-    """Return a table with one row per vehicle; None if the run has no summary or no vehicles."""
+    """Return a table with one row per vehicle, or None if the run has no summary or no vehicles."""
     from rich.table import Table
 
     vehicles = read_json(run / "summary.json").get("vehicles") or {}
@@ -95,7 +101,7 @@ def short_table(run: Path) -> Table | None:
 
 
 def _landings(vehicles: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Group the vehicles by how their flight ended, and return one text per group, such as `uav1, uav2 landed`."""
+    """Return one text per group of vehicles whose flights ended in the same way, such as `uav1, uav2 landed`."""
     groups: dict[str, list[str]] = {}
     for name, found in vehicles.items():
         groups.setdefault(_result(found), []).append(name)
@@ -115,7 +121,10 @@ def _figure(value: float | None, form: str) -> str:
 
 
 def lines_of(run: Path, *, columns: int | None = None) -> Sequence[str]:
-    """Return the verdict and the short table as lines of text. columns: width of the terminal; None for 160 columns."""
+    """Return the verdict and the short table of a run as lines of text.
+
+    columns: width of the terminal; None for 160 columns.
+    """
     from rich.console import Console
 
     lines = [verdict(run)]

@@ -1,4 +1,7 @@
-"""`arena arm-permit VEHICLE...`: permit arming of real vehicles that appeared, rebooted or reconnected after the arena's start."""
+"""`arena arm-permit VEHICLE...`: allow real vehicles to arm that were connected after the start of the arena.
+
+This includes vehicles that rebooted or reconnected.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +29,10 @@ def register(app: typer.Typer) -> None:
         ],
         run: RunOption = None,
     ) -> None:
-        """Allow a real vehicle to arm. Needed if the vehicle appeared, rebooted or reconnected after the start of the arena.
+        """Allow a real vehicle to arm after it was connected, rebooted or reconnected in a running arena.
 
-        Its program can then arm the vehicle at once: clear the room first.
+        Vehicles that were connected at the start of the arena do not need this. The program of the vehicle
+        can arm it at once: clear the room first.
         """
         arena = connect(find(run))
         by = f"{user_name()} (arena arm-permit)"
@@ -57,7 +61,7 @@ def register(app: typer.Typer) -> None:
 
 
 def vehicle_line(vehicle: str, stats: Mapping[str, Any]) -> str:
-    """Return one line that shows the user which vehicle gets a permit: uid, address, battery and failing checks.
+    """Return one line about a vehicle that gets an arm permit: uid, address, battery and failing checks.
 
     stats: statistics that the process link.<vehicle> has reported.
     """
@@ -70,6 +74,6 @@ def vehicle_line(vehicle: str, stats: Mapping[str, Any]) -> str:
 
 
 def _links(status: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return vehicle -> statistics that the process link.<vehicle> has reported; only vehicles with a flight controller."""
+    """Return {vehicle: statistics of its process link.<vehicle>} for the vehicles with a real flight controller."""
     processes = status["processes"].values()
     return {row["vehicle"]: row["stats"] for row in processes if row["kind"] == "link"}

@@ -1,4 +1,4 @@
-"""`arena audit RUN`: print the requests to the vehicles of a run with their senders, and who had control of the vehicles."""
+"""`arena audit RUN`: print the requests to the vehicles of a run, and who had control of the vehicles."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def register(app: typer.Typer) -> None:
         vehicle: Annotated[str, typer.Option("--vehicle", metavar="NAME", help="only this vehicle")] = "",
         as_json: Annotated[bool, typer.Option("--json", help="print one JSON object per line")] = False,
     ) -> None:
-        """Print the requests to the vehicles of a run, such as arming and parameter changes: who sent them, and which were refused."""
+        """Print who sent which requests to the vehicles of a run, such as arming, and which requests were refused."""
         found = [entry for entry in entries(run) if vehicle in ("", entry["vehicle"])]
         if as_json:
             for entry in found:
@@ -36,19 +36,24 @@ def register(app: typer.Typer) -> None:
 
 
 def entries(run: Path) -> list[dict[str, Any]]:
-    """Return the requests to vehicles, the changes of control and the emergency commands of a run, in the order of time.
+    """Return the requests, changes of control and emergency commands of a run, in the order of time.
 
     Raises InputError if the folder is not a run folder.
     """
     if not (run / "plan.json").is_file():
-        raise InputError(f"{run}: no plan.json: expected a run folder; `arena runs` lists them")
+        raise InputError(
+            f"{run}: not a run folder, because it has no plan.json. `arena runs` lists the run folders"
+        )
     vehicles = [str(v["name"]) for v in json.loads((run / "plan.json").read_text())["vehicles"]]
     found = [*_from_events(run / "events.jsonl", vehicles), *_emergency(run / "emergency.jsonl")]
     return sorted(found, key=lambda entry: float(entry["mono"]))
 
 
 def line_of(entry: dict[str, Any]) -> str:
-    """Return one entry of the audit (a request to a vehicle, or a change of control) as a line of text."""
+    """Return one entry of the audit as a line of text.
+
+    An entry is a request to a vehicle, or a change of control.
+    """
     at = f"{entry['time_s']:8.1f} s" if "time_s" in entry else str(entry.get("t", ""))[11:21].rjust(10)
     if "event" in entry:
         return f"{at}  {entry['vehicle']}: {entry['event']}"
@@ -74,7 +79,10 @@ def _emergency(commands: Path) -> Iterator[dict[str, Any]]:
 
 
 def _lines(file: Path) -> Iterator[dict[str, Any]]:
-    """Yield the JSON objects of a file; none if the file does not exist. The last line may be incomplete."""
+    """Yield the JSON objects of a file with one object per line.
+
+    A missing file has none. A line that is not complete is skipped.
+    """
     if not file.is_file():
         return
     for line in file.read_text(errors="replace").splitlines():

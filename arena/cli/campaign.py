@@ -27,10 +27,10 @@ _LOG_COLUMNS = 160  # width without a terminal, so that the lines in a log file 
 
 
 class _FlyByDefault(TyperGroup):
-    """Group whose command `fly` can be left out: `arena campaign SWEEP` is `arena campaign fly SWEEP`."""
+    """Command group in which the word `fly` is optional: `arena campaign SWEEP` means `arena campaign fly SWEEP`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Insert `fly` if the first word is neither a command nor the option for help."""
+        """Insert the word `fly` if the first argument is not the name of a command or `--help`."""
         known = {*self.commands, *self.get_help_option_names(ctx)}
         return super().parse_args(ctx, ["fly", *args] if args and args[0] not in known else args)
 
@@ -48,7 +48,12 @@ def register(app: typer.Typer) -> None:
 
 
 def fly(
-    sweep: Annotated[Path, typer.Argument(metavar="SWEEP", help="the sweep file, which lists what varies")],
+    sweep: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SWEEP", help="sweep file of the campaign, with the seeds and settings that vary"
+        ),
+    ],
     jobs: Jobs = None,
     results: Annotated[
         Path | None,
@@ -68,7 +73,10 @@ def fly(
         bool, typer.Option("--list", help="check and list the flights, without flying them")
     ] = False,
 ) -> None:
-    """Fly a campaign, or resume it: flights that have a result are not flown again. The word `fly` can be left out."""
+    """Fly a campaign, or resume a campaign: flights that have a result are not flown again.
+
+    The word `fly` can be left out.
+    """
     from arena.campaign import design, preparation
     from arena.campaign.campaign import fly_campaign
     from arena.campaign.report import describe
@@ -79,7 +87,7 @@ def fly(
 
     if cluster is not None and jobs is not None:
         raise InputError(
-            "got --cluster and --jobs, expected one of them: a cluster flies one flight per CPU core"
+            "got both --cluster and --jobs, expected one of them: a cluster always flies one flight per CPU core"
         )
     found = load_sweep(sweep)
     flights = design.flights(found)
@@ -106,7 +114,10 @@ def fly(
 def show(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="folder of the results of a campaign")],
 ) -> None:
-    """Print the results of a campaign, also while it flies. Write the table and the plots of all flights so far."""
+    """Print the results of a campaign, and write its table and its plots.
+
+    The campaign may still be flying: then the results are those of all flights so far.
+    """
     from arena.campaign.report import in_campaign
     from arena.campaign.store import Store
     from arena.campaign.table import WITHOUT_PYARROW, has_pyarrow, write_all
@@ -115,7 +126,7 @@ def show(
     listing = store.listing()
     if listing is None:
         raise InputError(
-            f"{folder}: has no campaign.json, expected the folder of a campaign, such as campaigns/NAME"
+            f"{folder}: not the folder of a campaign, because it has no campaign.json. Expected a folder such as campaigns/NAME"
         )
     write_all(listing, in_campaign(listing, store.records().values()), folder)
     if not has_pyarrow():
@@ -124,7 +135,7 @@ def show(
 
 
 def _fly_all(jobs: int | None, cluster: str | None, sweep: Path, inputs: Mapping[str, str]) -> FlyAll:
-    """Return the function that flies the flights: on a Ray cluster, or on this computer alone."""
+    """Return the function that flies the flights of a campaign: on a Ray cluster, or on this computer."""
     if cluster is None:
         from arena.campaign import runner
 

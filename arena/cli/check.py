@@ -1,4 +1,4 @@
-"""`arena check`: prints every problem of an arena at once, or `ok` with a summary of the vehicles."""
+"""`arena check`: prints every problem of an arena at once, or `ok` with a description of what would run."""
 
 from __future__ import annotations
 

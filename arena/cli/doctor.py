@@ -12,7 +12,10 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def doctor() -> None:
-        """Check whether this computer has everything that arenas need. Exit code 0: arenas can fly; 2: something is missing."""
+        """Check whether this computer has everything that arenas need.
+
+        Exit code 0: arenas can fly. Exit code 2: something is missing.
+        """
         from arena.cli._health import examine
 
         findings = list(examine())

@@ -1,4 +1,4 @@
-"""`arena down`: land the vehicles and stop an arena, also if its supervisor is dead or paused by SIGSTOP."""
+"""`arena down`: land the vehicles and stop an arena, even if its supervisor is dead or paused (SIGSTOP)."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _stays_stopped(state: RunState) -> bool:
-    """Return whether the supervisor is paused by SIGSTOP and stays paused for _STOPPED_S seconds."""
+    """Return whether the supervisor is paused (SIGSTOP) and stays paused for _STOPPED_S seconds."""
     deadline = time.monotonic() + _STOPPED_S
     while (stopped := state.stopped) and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -81,7 +81,7 @@ def _down(state: RunState, now: bool) -> int | None:
 
 
 def _print_lines(control: Control, state: RunState, deadline: float) -> None:
-    """Print the log lines of the run until the run has ended or its supervisor is paused by SIGSTOP.
+    """Print the log lines of a run until the run ends or its supervisor is paused (SIGSTOP).
 
     deadline: time [s] at which to return in any case.
     """

@@ -19,17 +19,30 @@ def register(app: typer.Typer) -> None:
         file: Annotated[
             Path | None,
             typer.Argument(
-                metavar="[FILE]", help="CSV file of a trajectory or of setpoints; without it, fly by hand"
+                metavar="[FILE]",
+                help="CSV file with a trajectory or with setpoints; without a file, you fly by hand",
             ),
         ] = None,
         run: RunOption = None,
         gamepad: Annotated[
-            bool, typer.Option("--gamepad", help="sticks of a gamepad in place of keys; needs pygame")
+            bool,
+            typer.Option(
+                "--gamepad", help="fly with the sticks of a gamepad instead of keys; needs the package pygame"
+            ),
         ] = False,
         check: Annotated[
-            bool, typer.Option("--check", help="check the file against room and vehicle; do not fly")
+            bool,
+            typer.Option(
+                "--check", help="only check that the trajectory fits the room and the vehicle; do not fly"
+            ),
         ] = False,
-        real: Annotated[bool, typer.Option("--real", help="allow a real vehicle; asks for its name")] = False,
+        real: Annotated[
+            bool,
+            typer.Option(
+                "--real",
+                help="allow the flight of a real vehicle; you must then type the name of the vehicle",
+            ),
+        ] = False,
     ) -> None:
         """Fly a vehicle of a running arena by hand, with keys or a gamepad, or along a trajectory file: `arena fly uav1 path.csv`."""
         from arena.fly.running_vehicle import find_vehicle
@@ -45,7 +58,7 @@ def register(app: typer.Typer) -> None:
         trajectory = read_trajectory(file)
         if check:
             check_flight(found, trajectory)
-            print(f"{file}: ok, {trajectory.duration_s:.1f} s")
+            print(f"{file}: ok, the trajectory takes {trajectory.duration_s:.1f} s")
             return
         raise SystemExit(fly_file(found, trajectory, lambda text: print(text, flush=True)))
 
@@ -60,7 +73,10 @@ def _by_hand(vehicle: object, *, gamepad: bool) -> int:
 
 
 def ask_for_real(name: str, *, allowed: bool) -> None:
-    """Ask the user to type the name of a real vehicle. Raises InputError without --real, or if the answer is another one."""
+    """Ask the user to type the name of a real vehicle, to confirm the flight.
+
+    Raises InputError for a different answer, and if the option --real is missing.
+    """
     from arena.cli._consent import confirm
     from arena.errors import InputError
 
@@ -70,4 +86,4 @@ def ask_for_real(name: str, *, allowed: bool) -> None:
         f"{name} is a real vehicle. Is the room clear? Is the pilot with the RC transmitter ready?",
         flush=True,
     )
-    confirm(name, f"Type {name} to fly: ", needs="a real vehicle needs", unchanged="Nothing was sent")
+    confirm(name, f"Type {name} to fly: ", subject=name, consequence="Nothing was sent")

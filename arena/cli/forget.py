@@ -1,4 +1,4 @@
-"""`arena forget VEHICLE`: declare a real vehicle dead, so that the run does not wait for this vehicle any more."""
+"""`arena forget VEHICLE`: declare a real vehicle dead. The run then ends without waiting for this vehicle."""
 
 from __future__ import annotations
 
@@ -32,17 +32,19 @@ def register(app: typer.Typer) -> None:
 
 
 def _confirm(vehicle: str, armed: bool | None, connected: bool | None) -> None:
-    """Ask the user to type the name of the vehicle. Raises InputError if the user types something else or there is no terminal.
+    """Ask the user to type the name of the vehicle, to confirm that the vehicle is dead.
+
+    Raises InputError for a different answer, or if stdin is not a terminal.
 
     armed, connected: last reports of the vehicle; None if there is none.
     """
-    words = {True: "armed", False: "disarmed", None: "unknown"}[armed]
-    received = {True: "it still arrives", False: "none arrives now", None: "none in this run"}[connected]
-    print(f"{vehicle} was last reported as {words} (telemetry: {received}).")
+    state = {True: "armed", False: "disarmed", None: "unknown"}[armed]
+    telemetry = {True: "it still arrives", False: "none arrives now", None: "none in this run"}[connected]
+    print(f"{vehicle} was last reported as {state} (telemetry: {telemetry}).")
     print("Look at the vehicle: are its motors stopped, or is its battery unplugged?", flush=True)
     confirm(
         vehicle,
         f"Type {vehicle} to declare it dead: ",
-        needs="`arena forget` needs",
-        unchanged="Nothing was changed",
+        subject="`arena forget`",
+        consequence="Nothing was changed",
     )

@@ -1,4 +1,4 @@
-"""`arena init`: create a folder with an example arena that is ready to fly."""
+"""`arena init NAME`: create a folder with an example arena that is ready to fly."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ def register(app: typer.Typer) -> None:
 
 
 def scaffold(folder: Path) -> list[Path]:
-    """Write the files of a new arena and return their paths. Raises InputError if one of the files already exists."""
+    """Write the files of a new arena and return their paths.
+
+    Raises InputError if one of the files already exists.
+    """
     import jinja2
 
     from arena.schema import data_folder
@@ -43,8 +46,10 @@ def scaffold(folder: Path) -> list[Path]:
         )
     templates = sorted((data_folder("templates") / "init").glob("*.j2"))
     targets = {template: folder / _file_name(template) for template in templates}
-    if there := [str(target) for target in targets.values() if target.exists()]:
-        raise InputError(f"{', '.join(there)} already exists and is not overwritten. Choose another name.")
+    if existing := [str(target) for target in targets.values() if target.exists()]:
+        raise InputError(
+            f"{', '.join(existing)} already exists and is not overwritten. Choose another name for the arena."
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for template, target in targets.items():

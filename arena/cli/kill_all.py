@@ -1,4 +1,7 @@
-"""`arena kill-all --yes`: stops all motors, also in the air. This module has the help; `arena.emergency` has the code."""
+"""Options and help of `arena kill-all --yes`, which stops all motors, even in the air.
+
+The package `arena.emergency` has the code.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`arena land-all`: lands all vehicles in an emergency. This module has the help; `arena.emergency` has the code."""
+"""Options and help of `arena land-all`, which lands all vehicles in an emergency.
+
+The package `arena.emergency` has the code.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +29,9 @@ def register(app: typer.Typer) -> None:
         ] = "",
         timeout: Annotated[float, typer.Option(help="Give up after this many seconds.")] = LAND_TIMEOUT_S,
     ) -> None:
-        """Land all vehicles and wait until each is on the ground and disarmed. Works without supervisor and router."""
+        """Land all vehicles, and wait until each vehicle is on the ground and disarmed.
+
+        Works without supervisor and router.
+        """
         code = land_all(arena=arena, run=run, only=names(only), spared=names(spared), timeout_s=timeout)
         raise typer.Exit(code)

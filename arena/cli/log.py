@@ -28,7 +28,7 @@ Vehicles = Annotated[
 
 
 class Kind(StrEnum):
-    """Formats of `arena log export`."""
+    """File formats that `arena log export` can write."""
 
     CSV = "csv"
     PARQUET = "parquet"
@@ -38,7 +38,7 @@ class Kind(StrEnum):
 
 
 class Align(StrEnum):
-    """Moments by which `arena log compare` aligns two flights."""
+    """Moments of a flight at which `arena log compare` sets time 0 of both flights."""
 
     STEP = "step"
     OFFBOARD = "offboard"
@@ -60,7 +60,10 @@ def register(app: typer.Typer) -> None:
 def list_logs(
     run: Annotated[
         Path | None,
-        typer.Argument(metavar="RUN", help="run folder; default: the newest one of this folder's arena"),
+        typer.Argument(
+            metavar="RUN",
+            help="run folder; default: the newest run folder of the arena in the current folder",
+        ),
     ] = None,
 ) -> None:
     """List the logs in a run folder, with their sizes, lengths and numbers of messages."""
@@ -68,7 +71,7 @@ def list_logs(
 
     folder = _newest() if run is None else run
     if not folder.is_dir():
-        raise InputError(f"{folder}: got no folder, expected a run folder. `arena runs` lists them")
+        raise InputError(f"{folder}: not a folder, expected a run folder. `arena runs` lists the run folders")
     print(folder)
     show(logs_table(folder))
 
@@ -76,7 +79,7 @@ def list_logs(
 def info(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="flight.mcap, .ulg or .csv; or a run folder")],
 ) -> None:
-    """Show what a log file contains: topics, messages, rates, gaps, and whether the file ended cleanly."""
+    """Show the content of a log file: topics, messages, rates, gaps, and whether the file is complete."""
     from arena.cli._log_output import show_info
     from arena.flight_log.log_info import log_info
     from arena.wire.flight_record import FILE_NAME
@@ -101,7 +104,10 @@ def export(
     ] = None,
     vehicle: Vehicles = None,
 ) -> None:
-    """Write the logs of a run, or a log file, in another format. Also writes the CSV files of a run that was killed."""
+    """Write the logs of a run, or one log file, in a different format.
+
+    Also works for a run that was killed before it wrote its CSV files.
+    """
     from arena.flight_log.export import export as write
 
     for path in write(run, to.value, output, vehicle or ()):
@@ -157,12 +163,15 @@ def compare(
 
 
 def _title(path: Path) -> str:
-    """Return the name of a run folder, or of a file without its suffix."""
+    """Return a title for a log: the name of the run folder, or the name of the file without its suffix."""
     return path.resolve().name if path.is_dir() else path.stem
 
 
 def _flights(path: Path, vehicles: Sequence[str]) -> list[Flight]:
-    """Return the flights in a log. vehicles: names of the wanted vehicles, empty for all."""
+    """Return the flights in a log, one per vehicle.
+
+    vehicles: names of the wanted vehicles; empty for all. Raises InputError for an unknown name.
+    """
     from arena.flight_log.open import read_flights
 
     flights = read_flights(path)

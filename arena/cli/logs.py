@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
         ] = 50,
         run: RunOption = None,
     ) -> None:
-        """Print the log of one process: the last lines of its stdout and stderr."""
+        """Print the last lines of the log (stdout and stderr) of one process of a run."""
         folder = run.resolve() if run is not None else Path(find(None, stale=True).run)
         log = _log(folder, name)
         with log.open("rb") as file:
@@ -47,13 +47,13 @@ def register(app: typer.Typer) -> None:
 def _log(folder: Path, name: str) -> Path:
     log = folder / "logs" / f"{_process_of(folder, name)}.log"
     if "/" in name or not log.is_file():
-        there = ", ".join(sorted(p.stem for p in folder.glob("logs/*.log"))) or "none yet"
-        raise InputError(f"{folder}: no log of {name!r}; there are logs of: {there}")
+        logged_processes = ", ".join(sorted(p.stem for p in folder.glob("logs/*.log"))) or "none yet"
+        raise InputError(f"{folder}: no log of {name!r}; there are logs of: {logged_processes}")
     return log
 
 
 def _process_of(folder: Path, name: str) -> str:
-    """Return the name of the process whose log contains the output of `name`.
+    """Return the name of the process in which the part `name` of the arena runs.
 
     A simulated arena can run its router, pose forwarders and recorder in the process `world`: `router` -> `world`.
     Programs can share a process `group.NAME`. The name of a process is returned unchanged.

@@ -1,4 +1,4 @@
-"""`arena monitor`: a web page of a running arena. This module has the options; `arena.monitor` has the code."""
+"""Options of `arena monitor`, the live web page of a running arena. The package `arena.monitor` has the code."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ def register(app: typer.Typer) -> None:
         run: Annotated[
             Path | None,
             typer.Option(
-                "--run", metavar="DIR", help="run folder of the arena, if several arenas are running"
+                "--run",
+                metavar="DIR",
+                help="run folder of the arena; needed only if several arenas are running",
             ),
         ] = None,
         host: Annotated[
@@ -34,18 +36,24 @@ def register(app: typer.Typer) -> None:
         port: Annotated[
             int,
             typer.Option(
-                "--port", min=1, max=65535, help="TCP port of the page; if taken, the next free one"
+                "--port",
+                min=1,
+                max=65535,
+                help="TCP port of the page; if this port is in use, the next free port",
             ),
         ] = MONITOR_PORT,
         token: Annotated[
             bool,
             typer.Option(
                 "--token",
-                help="require the token of the printed URL on this computer, too: for a browser of another user or in a container",
+                help="browsers on this computer also need the token of the printed URL: for a browser of another user or in a container",
             ),
         ] = False,
     ) -> None:
-        """Show a running arena on a web page, live, with buttons to hold, land and stop vehicles. Waits for an arena if none runs."""
+        """Show a running arena live on a web page, with buttons to hold, land and stop vehicles.
+
+        Waits for an arena if no arena is running.
+        """
         from arena.monitor.__main__ import serve
 
         raise SystemExit(serve(run, host, port, token=token, say=lambda text: print(text, flush=True)))

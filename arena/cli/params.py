@@ -68,7 +68,10 @@ def generate(
     ] = None,
     set_: Set = None,
 ) -> None:
-    """Print a QGroundControl .params file for every vehicle. Comments give the effect and the reason of each parameter."""
+    """Print a QGroundControl .params file for every vehicle.
+
+    Comments give the effect and the reason of each parameter.
+    """
     from arena.schema import load_arena
 
     arena = load_arena(file, set_ or [])
@@ -89,7 +92,7 @@ def measured(
     px4_version: VersionOption = "",
     set_: Set = None,
 ) -> None:
-    """Show which parameters of real vehicles were measured, when and how, and which parameters nobody has set or measured."""
+    """Show which parameters of real vehicles were measured (when, how), and which nobody has set or measured."""
     from arena.plan.firmware import unmeasured
     from arena.schema import load_arena
 
@@ -121,9 +124,9 @@ def push(
     ] = False,
     set_: Set = None,
 ) -> None:
-    """Write to vehicles the parameters that the YAML requires: read all parameters, write those that differ, and read them again.
+    """Write the parameters that the YAML requires into the autopilots of vehicles.
 
-    Refuses armed vehicles.
+    Reads all parameters, writes those that differ, and reads these again. Refuses armed vehicles.
     """
     from arena.params.facts.parameter_table import parameters
     from arena.params.transfer.session import push as push_now
@@ -179,8 +182,8 @@ def pull(
     for v in chosen:
         pulled = found[v.name]
         if not pulled.complete:
-            read = f"{len(pulled.values)} read, {len(pulled.missing)} missing"
-            print(f"{v.name}: {ending_text(pulled.ending, pulled.why)} ({read}): no file written")
+            counts = f"{len(pulled.values)} read, {len(pulled.missing)} missing"
+            print(f"{v.name}: {ending_text(pulled.ending, pulled.why)} ({counts}): no file written")
             continue
         values = {name: value.value for name, value in sorted(pulled.values.items())}
         types = {name: value.kind for name, value in pulled.values.items()}
@@ -195,13 +198,21 @@ def pull(
 
 def diff(
     a: Annotated[str, typer.Argument(help="a vehicle, a .params file, a ULog, `yaml:VEHICLE` or `defaults`")],
-    b: Annotated[str, typer.Argument(help="second set of parameters, in one of the forms of A")],
+    b: Annotated[
+        str,
+        typer.Argument(
+            help="set to compare with: a vehicle, a .params file, a ULog, `yaml:VEHICLE` or `defaults`"
+        ),
+    ],
     arena: ArenaOption = Path("arena.yaml"),
     px4_version: VersionOption = "",
     all_: Annotated[bool, typer.Option("--all", help="also compare calibrations and counters")] = False,
     set_: Set = None,
 ) -> None:
-    """Compare two sets of parameters, from vehicles, files, logs, the YAML or PX4's defaults. Exit code 1 if they differ."""
+    """Compare two sets of parameters, from vehicles, files, logs, the YAML or PX4's defaults.
+
+    Exit code 1 if the sets differ.
+    """
     from arena.params.checks.diff import diff as differences_of
 
     sources = ParamSources(arena, set_ or [], px4_version)
@@ -224,7 +235,9 @@ def check(
     px4_version: VersionOption = "",
     set_: Set = None,
 ) -> None:
-    """Find parameters that are dangerous or cannot work in an indoor arena. Exit code 1 if there is an error.
+    """Find parameters that are dangerous or cannot work in an indoor arena.
+
+    Exit code 1 if there is an error.
 
     `arena params check arena.yaml` checks the parameters that the YAML requires of every vehicle.
     `arena params check arena.yaml uav1` reads the parameters from the vehicle uav1 and checks them.

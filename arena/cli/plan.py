@@ -1,4 +1,4 @@
-"""`arena plan`: prints the processes of an arena, or with `--explain` where a value of the YAML comes from."""
+"""`arena plan`: prints the processes of an arena, or with `--explain` the sources of values of the YAML."""
 
 from __future__ import annotations
 
@@ -34,11 +34,14 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--explain",
                 metavar="KEY",
-                help="print where the value of a key, or of all keys below it, comes from",
+                help="print the value of a key, and of all keys below it, each with its source, such as arena.yaml:7",
             ),
         ] = "",
     ) -> None:
-        """Print every process of an arena with its ports, its command and the processes that must be ready before it. Starts nothing."""
+        """Print every process of an arena with its ports, its command and the processes that it needs.
+
+        Starts nothing.
+        """
         from arena.plan import make_plan
         from arena.schema import load_arena
 
@@ -51,7 +54,7 @@ def register(app: typer.Typer) -> None:
 
 
 def explained(arena: Arena, key: str) -> list[str]:
-    """Return one line per value at or below a dotted YAML key: the value, and where it comes from, such as `arena.yaml:7`.
+    """Return a line for each YAML value at or below a key, with the source of the value, such as `arena.yaml:7`.
 
     Raises InputError, with the most similar key, if the key is unknown.
     """
@@ -76,7 +79,7 @@ def _text(value: object) -> str:
 
 
 def _from(source: str) -> str:
-    """Return the origin of a value as text: `from arena.yaml:7`, `from --set`, or a reason such as `(default)`."""
+    """Return the source of a YAML value as text: `from arena.yaml:7`, `from --set` or `(default)`."""
     return f"from {source}" if source == "--set" or source.rpartition(":")[2].isdigit() else f"({source})"
 
 
@@ -97,12 +100,12 @@ def _show(arena: Arena, made: Plan) -> None:
 
 
 def row(spec: ProcessSpec) -> tuple[str, ...]:
-    """Return the row of the printed table for one process: name, needs, readiness probe, ports and command."""
+    """Return one row of the table of processes: name, needs, readiness probe, ports and command."""
     ports = ", ".join(str(x.port) for x in spec.listens)
     return spec.name, ", ".join(spec.needs), spec.ready, ports, command(spec)
 
 
 def command(spec: ProcessSpec) -> str:
-    """Return the command line of a process. The Python interpreter is shown without its folder."""
+    """Return the command line of a process as text, without the folder of the Python interpreter."""
     first = Path(spec.argv[0]).name
     return " ".join((first, *(arg if "{run}" in arg else shlex.quote(arg) for arg in spec.argv[1:])))

@@ -1,4 +1,7 @@
-"""`arena preflight VEHICLE...`: guided check that motion capture tracks the right rigid body for a real vehicle."""
+"""`arena preflight VEHICLE...`: check that motion capture tracks the right rigid body for a real vehicle.
+
+A person moves the vehicle as the command prints it.
+"""
 
 from __future__ import annotations
 
@@ -28,12 +31,13 @@ def register(app: typer.Typer) -> None:
         ],
         run: RunOption = None,
     ) -> None:
-        """Check that motion capture tracks the right rigid body for a real vehicle. A person lifts and tilts the vehicle.
+        """Check that motion capture tracks the right rigid body for a real vehicle.
 
-        The command prints each step: lift the vehicle, tilt it nose down, then right side down. The motion also shows whether
-        the axes of the rigid body are right. The vehicle must be disarmed and cannot be armed during the check. It needs a new
-        arm permit afterwards, because somebody stood beside it. Real vehicles need this check after each start of their
-        autopilot (`preflight.axes_check`). It also measures the delay of the poses and proposes EKF2_EV_DELAY.
+        A person lifts and tilts the vehicle. The command prints each step: lift the vehicle, tilt it nose
+        down, then right side down. The motion also shows whether the axes of the rigid body are right. The
+        vehicle must be disarmed and cannot be armed during the check. It needs a new arm permit afterwards,
+        because somebody stood beside it. Real vehicles need this check after each start of their autopilot
+        (`preflight.axes_check`). It also measures the delay of the poses and proposes EKF2_EV_DELAY.
         """
         arena = connect(find(run))
         results = {vehicle: _check(arena, vehicle) for vehicle in vehicles}
@@ -45,7 +49,10 @@ def register(app: typer.Typer) -> None:
 
 
 def _check(arena: Control, vehicle: str) -> bool:
-    """Check one vehicle, and print what the person must do, and the result. Return whether the check has passed."""
+    """Run the identity and axes check of one vehicle on the terminal. Return whether the check has passed.
+
+    Prints what the person must do, and the result.
+    """
     by = f"{user_name()} (arena preflight)"
     before = _status(arena, vehicle).get("number")
     arena.ask(do="preflight", vehicle=vehicle, by=by)
@@ -62,7 +69,7 @@ def _check(arena: Control, vehicle: str) -> bool:
 
 
 def _started(arena: Control, vehicle: str, before: object) -> Mapping[str, Any]:
-    """Wait until the process link.<vehicle> reports that the check has started. Return the status of the check.
+    """Wait until the process link.<vehicle> reports the start of a check. Return the status of the check.
 
     before: number of the vehicle's previous check, which may still be reported; None if there was none.
     Raises RunError if no new check is reported within 5 s.
@@ -79,7 +86,7 @@ def _started(arena: Control, vehicle: str, before: object) -> Mapping[str, Any]:
 
 
 def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Print each instruction to the person until the check has ended. Return the last status of the check."""
+    """Print each instruction to the person until the check ends. Return the last status of the check."""
     number, shown, since = status["number"], "", time.monotonic()
     while status["state"] == "running":
         if status["text"] != shown:
@@ -100,7 +107,7 @@ def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[s
 
 
 def _status(arena: Control, vehicle: str) -> Mapping[str, Any]:
-    """Return the status of the vehicle's last check, as link.<vehicle> has reported it; {} before the first check."""
+    """Return the status of the last check that link.<vehicle> has reported; {} before the first check."""
     for row in arena.ask(do="ps")["processes"].values():
         if row["kind"] == "link" and row["vehicle"] == vehicle:
             return row["stats"].get("axes_check") or {}

@@ -55,7 +55,7 @@ def pages() -> dict[str, str]:
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """Return a table in Markdown."""
+    """Return a table as Markdown text. head: titles of the columns."""
     head = list(head)
     lines = [
         "| " + " | ".join(row) + " |"
@@ -65,7 +65,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def yaml_page() -> str:
-    """Return the page of all keys of arena.yaml, made from the JSON schema."""
+    """Return the reference page of all keys of arena.yaml, made from the JSON schema."""
     schema = json_schema()
     defs = schema["$defs"]
     text = "# Keys of arena.yaml\n\n- Unknown keys, repeated keys, NaN and infinity are refused.\n"
@@ -120,7 +120,7 @@ def _default(schema: dict[str, Any], required: bool) -> str:
 
 
 def _type(schema: dict[str, Any]) -> str:
-    """Return the type that a JSON schema describes, as short text: `number above 0`."""
+    """Return a short text about the type of a value in a JSON schema, such as `number above 0`."""
     if "$ref" in schema:
         name = schema["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
@@ -157,7 +157,7 @@ def _range(schema: dict[str, Any]) -> str:
 
 
 def ports_page() -> str:
-    """Return the page of all ports."""
+    """Return the reference page of all ports."""
     rows = [(port.rule, port.owner, port.use, _accepted_senders(port)) for port in PORTS]
     for vendor in VENDORS:
         for key, use in vendor_settings(vendor).PORTS.items():
@@ -179,9 +179,9 @@ def ports_page() -> str:
 
 
 def _accepted_senders(port: Port) -> str:
-    """Return a cell of the table of ports: the senders from which a port accepts datagrams, such as `router`: any sender.
+    """Return a cell of the table of ports: from which senders the port accepts datagrams.
 
-    There is one entry per kind of process that can open the port.
+    Example: `router`: any sender. There is one entry per kind of process that can open the port.
     """
     found: dict[str, list[str]] = {}
     for binder in port.binders:
@@ -190,7 +190,7 @@ def _accepted_senders(port: Port) -> str:
 
 
 def processes_page() -> str:
-    """Return the page of processes: a table of all kinds of process, then an example, the processes of an arena with one vehicle."""
+    """Return the reference page of processes: all kinds of process, and the example of an arena with one vehicle."""
     head = ("process", "module", "purpose", "CPU, memory budget", "restart", "ports")
     text = "# Processes\n\nThe table lists every kind of process, in start order. `ps` shows a process as `arena:NAME`.\n"
     text += "Each vehicle has a separate process of the kinds with `.VEHICLE`, each group of programs one of the kind `group.NAME`.\n\n"
@@ -245,7 +245,7 @@ def _process(spec: ProcessSpec) -> list[str]:
 
 
 def log_columns_page() -> str:
-    """Return the page of all columns of a vehicle's log, with an example program that reads a log."""
+    """Return the reference page of all columns of a vehicle's log, with an example program that reads a log."""
 
     def rows(groups: Iterable[columns.Group]) -> Iterator[tuple[str, ...]]:
         for group in groups:
@@ -267,7 +267,7 @@ def log_columns_page() -> str:
 
 
 def scenarios_page() -> str:
-    """Return the page of all keys, words and operators that a scenario can use."""
+    """Return the reference page of all keys, words and operators of a scenario."""
     states = {f"V.{state}": meaning for state, meaning in vocabulary.STATES.items()}
     values = {f"V.{name} < X {q.unit}": f"{q.meaning}; also `>`" for name, q in vocabulary.QUANTITIES.items()}
     actions = ((f"`{form.form}`", "yes" if form.lasting else "", form.meaning) for form in vocabulary.ACTIONS)
@@ -310,7 +310,7 @@ def _meanings(head: str, words: Mapping[str, str]) -> str:
 
 
 def exit_codes_page() -> str:
-    """Return the page of exit codes and exceptions."""
+    """Return the reference page of exit codes and exceptions."""
     codes = [
         (errors.EXIT_OK, "done"),
         (errors.EXIT_FAILED, "the run failed because of a vehicle, a program, a process or an assertion"),
@@ -338,7 +338,7 @@ def _family(kind: type[errors.ArenaError]) -> Iterator[type[errors.ArenaError]]:
 
 
 def cli_page() -> str:
-    """Return the page of all commands with their arguments and options, made from the typer app."""
+    """Return the reference page of all commands with their arguments and options."""
     group: Any = typer.main.get_command(build_complete())
     text = "# The command line\n\n`--debug` before or after any command shows the traceback of a failure.\n"
     for verb, command in _commands(group):
@@ -354,7 +354,10 @@ def cli_page() -> str:
 
 
 def _commands(group: Any) -> Iterator[tuple[str, Any]]:
-    """Yield (name, command) for every command. Commands of a group are yielded one by one, as `params push`."""
+    """Yield (name, command) for every command of `arena`.
+
+    The commands of a group have names such as `params push`.
+    """
     for verb in (v for v in VERBS if v in group.commands):
         command = group.commands[verb]
         if inner := getattr(command, "commands", None):
@@ -377,7 +380,7 @@ def _parameter(p: Any) -> tuple[str, str]:
 
 
 def main(folder: Path) -> None:
-    """Write all generated pages to a folder."""
+    """Write all generated reference pages to a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in pages().items():
         (folder / name).write_text(text)

@@ -1,4 +1,4 @@
-"""Page of the channels in `flight.mcap` and on the WebSocket for Foxglove, for `arena.cli.reference`."""
+"""Reference page of the channels in `flight.mcap` and on the WebSocket for Foxglove."""
 
 from __future__ import annotations
 
@@ -39,7 +39,10 @@ _RAW: Mapping[str, tuple[str, str]] = {
 
 
 def channels_page(table: Callable[[Iterable[str], Iterable[Iterable[str]]], str]) -> str:
-    """Return the page. table: function that makes a table in Markdown from its head and rows."""
+    """Return the reference page of the channels as Markdown.
+
+    table: function that makes a table in Markdown from its head and rows.
+    """
     raw = ((f"`{topic}`", schema, content) for topic, (schema, content) in _RAW.items())
     return "\n".join(
         (
@@ -66,7 +69,7 @@ def _topics() -> Iterator[tuple[str, ...]]:
 
 
 def _messages(table: Callable[[Iterable[str], Iterable[Iterable[str]]], str]) -> Iterator[str]:
-    """Yield the definition of each message that arena defines."""
+    """Yield Markdown text with the definition of each message type that arena defines."""
     shown = {
         topic.numbers.name: topic.numbers for topic in VEHICLE_TOPICS.values() if topic.numbers is not None
     }

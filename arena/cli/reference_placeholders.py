@@ -1,4 +1,4 @@
-"""Reference page of the placeholders in the arguments of programs and tools, made from their table."""
+"""Reference page of the placeholders in the arguments of programs and tools."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ Programs and tools have the same values in their environment.
 
 
 def placeholders_page(table: Table) -> str:
-    """Return the page of all placeholders, with their environment variables. table: makes a table in Markdown."""
+    """Return the page of all placeholders, with their environment variables, as Markdown.
+
+    table: function that makes a table in Markdown.
+    """
     rows = (
         (
             f"`{{{name}}}`",

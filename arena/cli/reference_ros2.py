@@ -1,4 +1,4 @@
-"""Reference page of the ROS 2 topics of the bridge, made from its tables."""
+"""Reference page of the ROS 2 topics that the bridge to ROS 2 publishes and subscribes to."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ _ONCE = """
 
 
 def ros2_page(table: Table) -> str:
-    """Return the page of all topics. table: makes a table in Markdown."""
+    """Return the page of all ROS 2 topics as Markdown.
+
+    table: function that makes a table in Markdown.
+    """
     head = ("topic", "message", "content")
     published = ((f"`{t.name}`", _full(t.message), t.meaning) for t in TOPICS)
     read = ((f"`{topic}`", _full(name), meaning) for topic, (name, meaning) in SETPOINTS.items())

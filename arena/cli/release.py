@@ -1,4 +1,7 @@
-"""`arena release VEHICLE...`: allow programs to fly a vehicle again, after land-all, the copilot or a pilot took control of it."""
+"""`arena release VEHICLE...`: allow programs to fly a vehicle again after another sender took control.
+
+Control is taken by land-all, the copilot, a ground station or a pilot.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,10 @@ def register(app: typer.Typer) -> None:
         ],
         run: RunOption = None,
     ) -> None:
-        """Allow programs to arm and fly a vehicle again, after land-all, the copilot, a pilot or a ground station took control."""
+        """Allow programs to arm and fly a vehicle again.
+
+        Needed after land-all, the copilot, a pilot or a ground station took control.
+        """
         arena = connect(find(run))
         arena.ask(do="release", vehicles=vehicles, by=user_name())
         results = _wait(arena, vehicles)
@@ -37,7 +43,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _wait(arena: Control, vehicles: list[str]) -> dict[str, list[str]]:
-    """Wait until the processes have confirmed the release of each vehicle, or their time limit has passed.
+    """Wait until all processes have confirmed the release of each vehicle, or a time limit has passed.
 
     Return vehicle -> names of the processes that did not confirm; an empty list if programs may fly the vehicle again.
     """

@@ -1,4 +1,4 @@
-"""`arena render RUN`: a film or a picture of a recorded flight, without a screen."""
+"""`arena render RUN`: make a film or a picture of a recorded flight, without a screen."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def register(app: typer.Typer) -> None:
             list[Path],
             typer.Argument(
                 metavar="RUN...",
-                help="run folder, log file (flight.mcap, CSV, ULog), or folder of an arena: its last run",
+                help="run folder, log file (flight.mcap, CSV, ULog), or folder of an arena, for its last run",
             ),
         ],
         output: Annotated[
@@ -57,7 +57,10 @@ def register(app: typer.Typer) -> None:
             ),
         ] = None,
         speed: Annotated[
-            float, typer.Option(metavar="X", min=0.01, max=1000.0, help="flight seconds per second of film")
+            float,
+            typer.Option(
+                metavar="X", min=0.01, max=1000.0, help="speed: seconds of flight per second of film"
+            ),
         ] = 1.0,
         size: Annotated[
             str,
@@ -76,7 +79,8 @@ def register(app: typer.Typer) -> None:
             str,
             typer.Option(
                 metavar="VIEW",
-                help="corner, north, east, south, west, top, orbit, follow:VEHICLE, or AZIMUTH,ELEVATION [deg] from the room to the camera",
+                help="camera: corner, north, east, south, west, top, orbit, follow:VEHICLE, or AZIMUTH,ELEVATION [deg] from the room "
+                "to the camera",
             ),
         ] = "corner",
         vehicle: Annotated[
@@ -84,7 +88,14 @@ def register(app: typer.Typer) -> None:
             typer.Option(metavar="NAME", help="show only this vehicle; may be given several times"),
         ] = None,
         trail_s: Annotated[
-            float, typer.Option("--trail", metavar="S", min=0.0, max=3600.0, help="length of the trails [s]")
+            float,
+            typer.Option(
+                "--trail",
+                metavar="S",
+                min=0.0,
+                max=3600.0,
+                help="length of the trail behind each vehicle [s]",
+            ),
         ] = _TRAIL_S,
         jobs: Annotated[
             int | None,
@@ -132,7 +143,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _recorded_run(path: Path) -> Path:
-    """Return a run folder or a log file as given, and the last run folder of the folder of an arena."""
+    """Return the run folder or log file to draw. For the folder of an arena, return its last run folder."""
     if not path.exists():
         raise InputError(f"{path}: does not exist. `arena runs` lists run folders")
     if path.is_dir() and not (path / "plan.json").is_file() and (path / "runs").is_dir():
@@ -144,7 +155,7 @@ def _recorded_run(path: Path) -> Path:
 
 
 def _size(text: str, kind: str) -> tuple[int, int]:
-    """Return width and height [px] from a text such as `1280x720`. Both are even, because mp4 needs that."""
+    """Return (width, height) [px] of a text such as `1280x720`, rounded down to even numbers for mp4."""
     if not text:
         return _SIZES[kind]
     match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
@@ -165,7 +176,7 @@ def _check_span(start_s: float, end_s: float) -> None:
 
 @contextmanager
 def _progress_line() -> Iterator[Progress]:
-    """Show a line with the number of drawn pictures and the remaining time, on a terminal."""
+    """Show the number of drawn pictures and the remaining time on the terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

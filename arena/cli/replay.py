@@ -1,4 +1,4 @@
-"""`arena replay`: send a recorded flight again, to the monitor, to the recorder and to user programs."""
+"""`arena replay`: send a recorded flight again to viewers, the recorder and user programs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,12 @@ def register(app: typer.Typer) -> None:
     def replay(  # noqa: PLR0913, PLR0917 - an option each
         paths: Paths,
         speed: Annotated[
-            str, typer.Option("--speed", metavar="X", help="recorded seconds per second of wall time, or max")
+            str,
+            typer.Option(
+                "--speed",
+                metavar="X",
+                help="speed: recorded seconds per second of wall time, or max for the highest speed",
+            ),
         ] = "1",
         from_s: Annotated[
             float,
@@ -42,7 +47,9 @@ def register(app: typer.Typer) -> None:
                 "--from", metavar="T", min=0.0, help="begin T seconds after the start of the record"
             ),
         ] = 0.0,
-        loop: Annotated[bool, typer.Option("--loop", help="begin again at the end")] = False,
+        loop: Annotated[
+            bool, typer.Option("--loop", help="begin again when the end of the record is reached")
+        ] = False,
         pause: Annotated[
             bool,
             typer.Option("--pause", help="begin paused; the time bar of the monitor continues the replay"),
@@ -58,7 +65,7 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--gcs",
                 metavar="ADDRESS",
-                help="send the telemetry also to the ground station on another computer",
+                help="also send the telemetry to a ground station at this address on another computer",
             ),
         ] = None,
         no_gcs: Annotated[
@@ -67,13 +74,20 @@ def register(app: typer.Typer) -> None:
         address: Annotated[
             str | None,
             typer.Option(
-                "--address", metavar="A", help="loopback address; default: the first free one from 127.0.77.1"
+                "--address",
+                metavar="A",
+                help="loopback address of the replay; default: the first free address from 127.0.77.1 on",
             ),
         ] = None,
         detach: Annotated[
-            bool, typer.Option("--detach", help="return when the replay runs; it continues in the background")
+            bool,
+            typer.Option(
+                "--detach", help="return as soon as the replay runs; the replay continues in the background"
+            ),
         ] = False,
-        headless: Annotated[bool, typer.Option("--headless", help="without the live table")] = False,
+        headless: Annotated[
+            bool, typer.Option("--headless", help="do not show the live table in the terminal")
+        ] = False,
         time_limit: TimeLimit = None,
         no_report: NoReport = False,
         runs: Annotated[
@@ -88,7 +102,7 @@ def register(app: typer.Typer) -> None:
         verbose: Verbose = False,
         as_json: AsJson = False,
     ) -> None:
-        """Send the recorded messages of a flight again. Nothing flies: a replay reaches no vehicle, and cannot be commanded."""
+        """Send the recorded messages of a flight again. No vehicle flies or receives commands."""
         from arena.cli.up import output_of, run_detached, run_plan
         from arena.plan.make import without_report
 
@@ -116,7 +130,10 @@ def register(app: typer.Typer) -> None:
 
 
 def settings_of(paths: Sequence[Path]) -> ReplaySettings:
-    """Return what is to be replayed, with default options. Raises InputError if a file cannot be read."""
+    """Return the settings of a replay of these logs, with default options.
+
+    Raises InputError if a file cannot be read.
+    """
     from arena.plan.replay import ReplayedVehicle, ReplaySettings, recorded_yaml
     from arena.replay.describe import describe
 
@@ -135,7 +152,10 @@ def settings_of(paths: Sequence[Path]) -> ReplaySettings:
 
 
 def _plan(settings: ReplaySettings, address: str | None) -> Plan:
-    """Return the plan of a replay on the address, or on the first free loopback address if None."""
+    """Return the plan of a replay at the given address.
+
+    address: None means the first free loopback address. Raises InputError if the address is in use.
+    """
     from arena.plan.machine import Machine, choose_address
     from arena.plan.replay import ADDRESS, make_replay_plan
 
@@ -145,12 +165,13 @@ def _plan(settings: ReplaySettings, address: str | None) -> Plan:
     if choice.address == plan.address:
         return plan
     if address is not None:
-        raise InputError(f"{choice.why.partition(':')[0]}. Omit --address, or try {choice.address}")
+        address_problem = choice.why.partition(":")[0]
+        raise InputError(f"{address_problem}. Omit --address, or try {choice.address}")
     return make_replay_plan(settings, choice.address)
 
 
 def _real_vehicles_run() -> bool:
-    """Return whether an arena with real vehicles runs on this computer.
+    """Return whether an arena with real vehicles is running on this computer.
 
     A ground station would then mix up real and replayed vehicles with the same id, so a replay sends it nothing. An arena counts also
     if its supervisor has died, or if its plan cannot be read.

@@ -1,4 +1,4 @@
-"""`arena report RUN [RUN2]`: write the page of a run, or the page that compares two flights."""
+"""`arena report RUN [RUN2]`: write the report page of one run, or a page that compares two flights."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def register(app: typer.Typer) -> None:
             typer.Argument(
                 metavar="[RUN2]",
                 show_default=False,
-                help="second flight. With two flights, both can be run folders or logs (CSV, ULog, flight.mcap). PATH:VEHICLE "
+                help="second flight, to compare with the first. Each can be a run folder or a log (CSV, ULog, flight.mcap). PATH:VEHICLE "
                 "takes one vehicle of a run",
             ),
         ] = "",
@@ -43,12 +43,12 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--align",
                 metavar="MOMENT",
-                help="time 0 of two flights: step (first setpoint away from the start), offboard or takeoff; default: the "
+                help="time 0 of both flights: step (first setpoint away from the start), offboard or takeoff; default: the "
                 "first of them that both logs contain",
             ),
         ] = "",
     ) -> None:
-        """Write report.html: what happened in a run, with interactive figures. With two runs: both flights side by side."""
+        """Write report.html with interactive figures of a run, or a page that compares two flights."""
         if other:
             print(_compare(run, other, output or Path(COMPARISON_FILE), align))
             return

@@ -1,4 +1,4 @@
-"""`arena restart NAME`: end one process of a running arena and start it again."""
+"""`arena restart NAME`: stop one process of a running arena and start it again."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ def register(app: typer.Typer) -> None:
             typer.Option("--yes", help="restart even if a vehicle that depends on the process may be flying"),
         ] = False,
     ) -> None:
-        """Restart one process of a running arena. If a flying vehicle depends on the process, --yes is required."""
+        """Restart one process of a running arena.
+
+        The option --yes is required if a flying vehicle depends on the process.
+        """
         connect(find(run)).ask(do="restart", name=name, yes=yes)
         print(f"{name}: restart requested; `arena ps` shows its state")

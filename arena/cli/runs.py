@@ -43,14 +43,14 @@ def register(app: typer.Typer) -> None:
 
 
 def run_folders(folder: Path) -> list[Path]:
-    """Return the run folders in `folder/runs`, or in `folder` if `folder/runs` does not exist, oldest first."""
+    """Return the run folders in `folder/runs`, oldest first. Without `folder/runs`, search in `folder`."""
     inside = folder / "runs"
     candidates = (inside if inside.is_dir() else folder).glob("*/plan.json")
     return sorted((path.parent for path in candidates), key=lambda run: run.name)
 
 
 def row(run: Path) -> tuple[str, str, str, str]:
-    """Return the row of the table for one run folder: start time, name of the arena, result, path."""
+    """Return the table row of one run folder: start time, name of the arena, result, path."""
     outcome, plan = read_json(run / "outcome.json"), read_json(run / "plan.json")
     began = str(outcome.get("start", ""))[:19].replace("T", " ") or _modified(run / "plan.json")
     return began, str(plan.get("name", "?")), _result(run, outcome), str(run)

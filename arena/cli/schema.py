@@ -1,4 +1,4 @@
-"""`arena schema`: prints the JSON schema of arena.yaml, which editors use to complete and check keys."""
+"""`arena schema`: prints the JSON schema of arena.yaml, with which editors complete and check keys."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def schema() -> None:
-        """Print the JSON schema of arena.yaml. Editors use this schema to complete and check keys."""
+        """Print the JSON schema of arena.yaml, with which editors complete and check keys."""
         from arena.schema.models import json_schema
 
         print(json.dumps(json_schema(), indent=2))

@@ -1,4 +1,4 @@
-"""`arena shell`: a Python shell with a connected vehicle of a running arena."""
+"""`arena shell`: opens a Python shell that is connected to a vehicle of a running arena."""
 
 from __future__ import annotations
 
@@ -16,12 +16,24 @@ def register(app: typer.Typer) -> None:
     def shell(
         vehicle: Annotated[
             str | None,
-            typer.Argument(metavar="[VEHICLE]", help="name of the vehicle; by default the only one"),
+            typer.Argument(
+                metavar="[VEHICLE]",
+                help="name of the vehicle; can be omitted if the arena has only one vehicle",
+            ),
         ] = None,
         run: RunOption = None,
-        real: Annotated[bool, typer.Option("--real", help="allow a real vehicle; asks for its name")] = False,
+        real: Annotated[
+            bool,
+            typer.Option(
+                "--real",
+                help="allow the control of a real vehicle; you must then type the name of the vehicle",
+            ),
+        ] = False,
     ) -> None:
-        """Open a Python shell (IPython if installed) with `uav`, a vehicle of a running arena. Leaving the shell lands the vehicle."""
+        """Open a Python shell (IPython if installed) with `uav`, a vehicle of a running arena.
+
+        Leaving the shell lands the vehicle.
+        """
         from arena.cli.fly import ask_for_real
         from arena.fly.connect import Session
         from arena.fly.running_vehicle import find_vehicle, lock_pilot

@@ -1,4 +1,4 @@
-"""`arena signing`: makes keys for MAVLink message signing, and gives a key to a vehicle over a cable."""
+"""`arena signing`: makes keys for MAVLink message signing, and sends a key to a vehicle over a cable."""
 
 from __future__ import annotations
 
@@ -29,11 +29,13 @@ def register(app: typer.Typer) -> None:
 
 
 def new(file: Annotated[Path, typer.Argument(metavar="FILE", help="the new file")]) -> None:
-    """Make a random key and write it to a new file that only you can read."""
+    """Write a random signing key to a new file that only you can read."""
     from arena.signing_key import write_new_key
 
     write_new_key(file)
-    print(f"{file}: a new key. Keep a copy in a safe place; do not add it to a repository")
+    print(
+        f"{file}: contains a new signing key. Keep a copy in a safe place; do not add the file to a repository"
+    )
 
 
 def setup(
@@ -47,11 +49,11 @@ def setup(
     ] = "",
     old_key: Annotated[
         Path | None,
-        typer.Option("--old-key", metavar="FILE", help="file with the key that the vehicle has now"),
+        typer.Option("--old-key", metavar="FILE", help="file with the signing key that the vehicle has now"),
     ] = None,
     sets: Set = None,
 ) -> None:
-    """Give a vehicle the key in `signing.key_file` of the YAML, over USB or a serial cable. The vehicle must be disarmed."""
+    """Send the key of `signing.key_file` in the YAML to a disarmed vehicle, over USB or a serial cable."""
     from arena.cli._params import selected_vehicles
     from arena.schema import load_arena
     from arena.signing_key import read_key
@@ -72,7 +74,10 @@ def setup(
 
 
 def serial_connection(vehicle: Vehicle, url: str) -> ConnectionUrl:
-    """Return the serial connection to a vehicle. Raises InputError for UDP, because SETUP_SIGNING contains the key."""
+    """Return the serial connection to a vehicle.
+
+    Raises InputError for UDP, because the message SETUP_SIGNING contains the key as plain text.
+    """
     from arena.transport import parse_url
 
     try:
@@ -90,7 +95,9 @@ def serial_connection(vehicle: Vehicle, url: str) -> ConnectionUrl:
 def run_exchange(
     exchange: KeyExchange, connection: ConnectionUrl, name: str, timeout_s: float = SETUP_TIMEOUT_S
 ) -> None:
-    """Give the signing key to the vehicle over a serial device. Raises RunError if the vehicle does not use the key afterwards.
+    """Send the signing key to a vehicle over a serial device, and wait until the vehicle signs with it.
+
+    Raises RunError if the vehicle does not sign in time.
 
     timeout_s: time after which the exchange fails [s].
     """
@@ -113,15 +120,15 @@ def run_exchange(
                 buffer, found = stream.feed(data)
                 exchange.receive(buffer, found.frames)
     except OSError as error:
-        raise RunError(f"{name}: {connection.device} failed: {error.strerror}") from error
+        raise RunError(f"{name}: the serial device {connection.device} failed: {error.strerror}") from error
     finally:
         port.close()
     if exchange.problem:
         raise RunError(f"{name}: {exchange.problem}")
     if not exchange.done:
-        what = (
+        problem = (
             "the vehicle does not sign its messages after SETUP_SIGNING. PX4 signs from version 1.18; is an SD card in it?"
             if exchange.seen
             else f"no heartbeat of the vehicle on {connection}: is it powered, and is its id right?"
         )
-        raise RunError(f"{name}: {what} (waited {timeout_s:g} s)")
+        raise RunError(f"{name}: {problem} (waited {timeout_s:g} s)")

@@ -44,12 +44,18 @@ def register(app: typer.Typer) -> None:
         jobs: Jobs = None,
         speed: Annotated[
             str,
-            typer.Option("--speed", metavar="X", help="simulated seconds per second of wall time, or max"),
+            typer.Option(
+                "--speed",
+                metavar="X",
+                help="speed of the simulation: simulated seconds per second of wall time, or max",
+            ),
         ] = "max",
         seed: Annotated[
             int | None,
             typer.Option(
-                "--seed", metavar="N", help="seed of world and motion capture; default: from the YAML files"
+                "--seed",
+                metavar="N",
+                help="seed of the noise of world and motion capture; default: the seeds in the YAML files",
             ),
         ] = None,
         set_: Annotated[
@@ -66,7 +72,10 @@ def register(app: typer.Typer) -> None:
             bool, typer.Option("--list", help="check and list the scenarios, without flying them")
         ] = False,
     ) -> None:
-        """Fly scenarios without a window, several at a time, and report which passed. All files are checked before the first flight."""
+        """Fly scenarios without a window, several at a time, and report which scenarios passed.
+
+        All files are checked before the first flight.
+        """
         from arena.kernels import INTERPRETED
         from arena.smoke.flying.fly_scenario import FlightOptions
 
@@ -87,7 +96,9 @@ def register(app: typer.Typer) -> None:
 
 
 def _jobs(jobs: int | None, speed: str) -> int:
-    """Return the number of flights at the same time: as given, or at the greatest speed one more than there are CPU cores.
+    """Return the number of flights to fly at the same time.
+
+    This is `jobs`, or one per CPU core, and one more at the speed `max`.
 
     A flight needs no CPU time in a part of its start and its end. At a given speed one more flight could be too much for the cores.
     """
@@ -95,7 +106,7 @@ def _jobs(jobs: int | None, speed: str) -> int:
 
 
 def _make(folder: Path) -> None:
-    """Create a folder and its parents. Raises InputError if that is not possible."""
+    """Create a folder and its parents. Raise InputError if the folder cannot be created."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -103,7 +114,9 @@ def _make(folder: Path) -> None:
 
 
 def files(named: list[Path]) -> list[Path]:
-    """Return the paths of the scenario files. A folder is replaced by all scenario files in it and its subfolders.
+    """Return the paths of all scenario files in a list of files and folders.
+
+    A folder stands for all scenario files in it and its subfolders.
 
     Raises InputError if a folder contains no scenario file.
     """
@@ -117,7 +130,10 @@ def files(named: list[Path]) -> list[Path]:
 
 
 def load(paths: list[Path], overrides: list[str]) -> list[Scenario]:
-    """Load all scenario files and return their scenarios. Raises InputError with the problems of all files."""
+    """Load all scenario files and return their scenarios.
+
+    Raises InputError with the problems of all files.
+    """
     from arena.smoke.flying.fly_scenario import refuse_real
     from arena.smoke.language.scenario import load_scenarios
 

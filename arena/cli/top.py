@@ -17,7 +17,7 @@ def register(app: typer.Typer) -> None:
         run: RunOption = None,
         once: Annotated[bool, typer.Option("--once", help="print one frame as text and exit")] = False,
     ) -> None:
-        """Show the vehicles, processes and events of a running arena live in the terminal. q quits."""
+        """Show the vehicles, processes and events of a running arena live in the terminal. The key q quits."""
         from arena.top.screen import print_once, watch
 
         if once:

@@ -67,7 +67,10 @@ def register(app: typer.Typer) -> None:
             ),
         ] = False,
         headless: Annotated[
-            bool, typer.Option("--headless", help="without pybullet's window and without the live table")
+            bool,
+            typer.Option(
+                "--headless", help="show neither pybullet's window nor the live table in the terminal"
+            ),
         ] = False,
         gui: Annotated[bool, typer.Option("--gui", help="open pybullet's window")] = False,
         speed: Annotated[
@@ -75,7 +78,7 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--speed",
                 metavar="X",
-                help="simulated seconds per second of wall time, or max; the same as --set sim.speed=X",
+                help="speed of the simulation: simulated seconds per second of wall time, or max; the same as --set sim.speed=X",
             ),
         ] = None,
         seed: Annotated[
@@ -84,7 +87,7 @@ def register(app: typer.Typer) -> None:
                 "--seed",
                 metavar="N",
                 min=0,
-                help="seed of world and motion capture; the same as --set world.seed=N --set mocap.seed=N",
+                help="seed of the noise of world and motion capture; the same as --set world.seed=N --set mocap.seed=N",
             ),
         ] = None,
         processes: Annotated[
@@ -129,7 +132,7 @@ def register(app: typer.Typer) -> None:
         until_done: Annotated[
             bool,
             typer.Option(
-                "--until-done", help="end when every program has ended and every vehicle is disarmed"
+                "--until-done", help="end the run when every program has ended and every vehicle is disarmed"
             ),
         ] = False,
         time_limit: TimeLimit = None,
@@ -171,7 +174,9 @@ def register(app: typer.Typer) -> None:
 
 
 def output_of(*, quiet: bool, verbose: bool, as_json: bool, headless: bool) -> Output:
-    """Return what prints a run: a live table on a terminal, else lines. Raises InputError for -q with -v.
+    """Return the object that prints the progress of a run: live table, lines or JSON.
+
+    The live table needs a terminal. Raises InputError for -q together with -v.
 
     headless: no live table.
     """
@@ -189,10 +194,11 @@ def _without_report(plan: Plan) -> Plan:
 
 
 def _plan(file: Path, overrides: list[str]) -> Plan:
-    """Prepare a run and return its plan: load the YAML, end the processes of crashed earlier runs, and make all checks.
+    """Load the YAML, make all checks, and return the plan of the run.
 
-    A crashed run is a run on the same address whose supervisor has died.
-    Raises InputError for problems of the YAML or of this computer, RunError if another arena uses the same address or ports.
+    Also ends the processes of crashed earlier runs. A crashed run is a run on the same address whose
+    supervisor has died. Raises InputError for problems of the YAML or of this computer, RunError if another
+    arena uses the same address or ports.
     """
     from arena.plan import make_plan
     from arena.plan.machine import check_machine
@@ -215,7 +221,7 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
 
 
 def _refuse_second(plan: Plan) -> None:
-    """Raise RunError if another running arena uses the same address or the same ports as this plan."""
+    """Raise RunError if a running arena uses the same address or the same ports as this plan."""
     for state in active_runs():
         other = plan_of(state)
         shared = _sockets(plan) & _sockets(other) if other else set()
@@ -234,9 +240,10 @@ def _refuse_second(plan: Plan) -> None:
 
 
 def _refuse_beside_replay(plan: Plan) -> None:
-    """Raise RunError if the plan has real vehicles while a replay sends telemetry to a ground station.
+    """Raise RunError if a ground station would receive real and replayed vehicles at the same time.
 
-    The ground station would mix up real and replayed vehicles with the same id, and show the state of the wrong one.
+    The plan has real vehicles, and a replay is running. The ground station would mix up real and replayed
+    vehicles with the same id, and show the state of the wrong one.
     """
     if all(v.simulated for v in plan.vehicles):
         return
@@ -256,7 +263,7 @@ def _sockets(plan: Plan) -> set[tuple[str, str, int]]:
 def run_plan(
     plan: Plan, folder: RunFolder, show: Lines, options: Options, forks: ForkClient | None = None
 ) -> int:
-    """Run the plan in this process (main thread), print the result and return the exit code.
+    """Run a plan in this process, print the result and return the exit code. Call it in the main thread.
 
     forks: client of the fork server, which starts the processes of a simulated arena; None: none. It is closed.
     """
@@ -275,7 +282,10 @@ def run_plan(
 
 
 def _print_result(run: Path, code: int, show: Lines) -> None:
-    """Print the verdict and the short table. With -q, print the verdict only; with -v, print the full summary, too."""
+    """Print the verdict and the short table of a run.
+
+    With -q, print the verdict only; with -v, print the full summary, too.
+    """
     from arena.cli._summary import lines_of, read_json, verdict
 
     if isinstance(show, JsonLines):
@@ -298,14 +308,20 @@ def _print_result(run: Path, code: int, show: Lines) -> None:
 
 
 class _Piped(Lines):
-    """Output of a detached run (`--detach`): writes the log, and reports the start or the end to the parent process by a pipe."""
+    """Output of a run with `--detach`: writes to the log, and reports start or end through a pipe.
+
+    The parent process, `arena up --detach`, reads the pipe.
+    """
 
     def __init__(self, pipe: int) -> None:
         super().__init__(Level.DETAIL)
         self._pipe = pipe
 
     def report(self, **packet: Any) -> None:
-        """Send one JSON object to the parent process and close the pipe. Later calls do nothing."""
+        """Send one JSON object to the parent process and close the pipe.
+
+        Later calls do nothing.
+        """
         if self._pipe >= 0:
             with contextlib.suppress(OSError):
                 os.write(self._pipe, json.dumps(packet).encode() + b"\n")
@@ -313,12 +329,15 @@ class _Piped(Lines):
             self._pipe = -1
 
     def started(self, failed: list[str]) -> None:
-        """Report to the parent process, `arena up --detach`, that the start is complete. failed: one text per failed process."""
+        """Report to the parent process, `arena up --detach`, that the start is complete.
+
+        failed: one text per process that failed to start.
+        """
         self.report(started=True, failed=failed)
 
 
 def run_detached(plan: Plan, folder: RunFolder, options: Options) -> int:
-    """Fork the supervisor into its own session. Wait until all processes are started or the run has ended.
+    """Fork the supervisor into its own session, and wait until all processes are started or the run has ended.
 
     Return the exit code of `arena up --detach`.
     """

@@ -1,4 +1,4 @@
-"""Makes a `Flight` from the measured quantities of a vehicle, and computes the columns that follow from others."""
+"""Makes a `Flight` (the log of one vehicle) from arrays of measured quantities, and computes further columns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _GROUPS: Mapping[str, Group] = {group.name: group for group in THESIS + FURTHER 
 
 @dataclass(frozen=True, kw_only=True)
 class States:
-    """States of the autopilot in each row of a log.
+    """States of an autopilot (mode, armed, landed, battery) in each of the n rows of a log.
 
     mode: names of the flight modes (n,), "" if unknown.
     armed, landed: 1 or 0 (n,), NaN if unknown.  battery: remaining charge [%] (n,), NaN if unknown.
@@ -27,7 +27,7 @@ class States:
 
 
 def make_flight(name: str, stamps: Array, groups: Mapping[str, Array], states: States) -> Flight:
-    """Return the log of one vehicle.
+    """Return the log of one vehicle, made from arrays of its measured quantities.
 
     stamps: values of the column `time.seconds` [s] (n,).
     groups: name of a quantity of `arena.flight_log.columns` -> its values (n, k), or (n,) for one component; NaN where unknown.
@@ -54,7 +54,7 @@ def make_flight(name: str, stamps: Array, groups: Mapping[str, Array], states: S
 
 
 def _derived(groups: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the quantities that are computed from others: Euler angles, velocity in body axes, errors of the estimate."""
+    """Return the quantities that are computed from measured ones: Euler angles, body velocity, estimate errors."""
     found: dict[str, Array] = {}
     for attitude, angles in (
         ("ekf.att_q", "ekf.att_euler"),

@@ -28,9 +28,10 @@ SETPOINT_MAX_AGE_S, STATE_MAX_AGE_S, BATTERY_MAX_AGE_S = 0.5, 3.0, 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """A measured quantity and its columns in the log: one column per component, such as `ekf.pos.north`.
+    """A measured quantity and the names of its columns in a log, such as `ekf.pos.north`.
 
-    A quantity without components has one column with the name of the quantity, such as `info.battery`.
+    There is one column per component. A quantity without components has one column with the name of the
+    quantity, such as `info.battery`.
 
     instant: time to which the value of a row belongs. "interpolated": between two samples, for the time of the row;
         "held": value of the last message; "row": exactly the time of the row.
@@ -47,7 +48,7 @@ class Group:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns of this quantity."""
+        """Names of the columns of this quantity, such as `ekf.pos.north`."""
         return tuple(f"{self.name}.{part}" for part in self.parts) or (self.name,)
 
 
@@ -146,7 +147,10 @@ TRUTH: tuple[Group, ...] = (
 
 
 def columns(simulated: bool) -> tuple[str, ...]:
-    """Return the names of all columns of a log, in order."""
+    """Return the names of all columns of a log, in the order of the file.
+
+    simulated: True includes the columns of the true state.
+    """
     groups = THESIS + FURTHER + (TRUTH if simulated else ())
     return tuple(column for group in groups for column in group.columns)
 

@@ -1,4 +1,4 @@
-"""Computes the logs of all vehicles (`Flight`) from the record of a flight, `flight.mcap`."""
+"""Computes the logs (`Flight`) of all vehicles from a recorded flight, the file `flight.mcap`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ _BYTES_AT_ONCE = 200_000_000  # of the file: its data need about twice as much m
 def flights_of(
     recording: Recording, row_hz: float = ROW_HZ, ulogs: Mapping[str, Sequence[Path]] | None = None
 ) -> Iterator[Flight]:
-    """Yield the log of each vehicle that sent messages, in the order of the arena.
+    """Yield the log of each vehicle of a recording, in the order of the arena's vehicles.
+
+    A vehicle without a recorded message has no log.
 
     row_hz: rows per second of a vehicle without true states. A simulated vehicle has one row per recorded true state.
     ulogs: vehicle -> logs that its autopilot has written (ULog). They contain quantities that no MAVLink message has.
@@ -38,7 +40,10 @@ def flights_of(
 
 
 def read_vehicles(recording: Recording, vehicles: Sequence[RecordedVehicle]) -> list[VehicleRecord]:
-    """Return the recorded data of some vehicles. The file is read once, for all of them."""
+    """Return the recorded messages, poses and true states of the given vehicles.
+
+    The file is read once for all vehicles.
+    """
     records = [VehicleRecord(vehicle) for vehicle in vehicles]
     by_topic = {
         topic: receive

@@ -1,4 +1,4 @@
-"""Writes the log of a vehicle as a CSV file, with the columns of `arena.flight_log.columns`."""
+"""Writes the log of a vehicle as a CSV file. The module `arena.flight_log.columns` lists the columns."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ TIME = "time.seconds"
 
 
 def write_csv(path: Path, flight: Flight) -> None:
-    """Write a flight. Numbers have seven digits; cells of unknown values are empty. An existing file is replaced."""
+    """Write the log of a vehicle to a CSV file, and replace an existing file.
+
+    Numbers have seven digits. Cells of unknown values are empty.
+    """
     partial = path.with_suffix(".partial")
     with partial.open("w") as file:
         file.writelines(csv_lines(flight))
@@ -23,12 +26,15 @@ def write_csv(path: Path, flight: Flight) -> None:
 
 
 def header(simulated: bool) -> str:
-    """Return the first line of a log, with the names of the columns. simulated: the log has columns of the true state."""
+    """Return the first line of a CSV log: the names of the columns, separated by commas.
+
+    simulated: the log has columns of the true state.
+    """
     return ",".join(columns(simulated)) + "\n"
 
 
 def csv_lines(flight: Flight) -> Iterator[str]:
-    """Yield the lines of a log, as `write_csv` writes them."""
+    """Yield the lines of a CSV log, the header first."""
     yield header(flight.simulated)
     missing = np.full(flight.t.size, np.nan)
     texts: list[str] = []

@@ -1,4 +1,4 @@
-"""Writes the logs of a run, or of any log file that arena reads, in another format: `export`."""
+"""Converts the logs of a run, or a log file, to a different file format."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from arena.wire.flight_record import FILE_NAME
 
 @dataclass(frozen=True, kw_only=True)
 class Format:
-    """Format of an exported log.
+    """A file format for exported logs, with the function that writes the files.
 
     meaning: what is written, for the help text.
     suffix: end of the names of the files.  each: one file per vehicle; else all vehicles are in one file or folder.
@@ -33,7 +33,9 @@ class Format:
 
 
 def export(source: Path, kind: str, output: Path | None = None, vehicles: Sequence[str] = ()) -> list[Path]:
-    """Write a log in another format. Return the paths of the written files, or of the folder of a ROS 2 bag.
+    """Convert a log to a different file format. Return the paths of the written files.
+
+    For a ROS 2 bag, the path is that of its folder.
 
     source: as in `read_flights`.  kind: key of FORMATS.
     output: folder of the files, or path of the one file; None: in the run folder, or beside the file.
@@ -47,7 +49,7 @@ def export(source: Path, kind: str, output: Path | None = None, vehicles: Sequen
 
 
 def _target(source: Path, kind: str, form: Format) -> Path:
-    """Return the folder of the exported files, or the path of the one file."""
+    """Return the default output path: a folder for formats with one file per vehicle, else a file."""
     base = source if source.is_dir() else source.parent
     if form.each:
         return base / kind if source.is_dir() else base
@@ -70,14 +72,19 @@ def _check_names(source: Path, vehicles: Sequence[str], names: Sequence[str]) ->
 def _each(
     write: Callable[[Path, Flight], None], suffix: str
 ) -> Callable[[Path, Path, Sequence[str]], list[Path]]:
-    """Return a function that writes one file per vehicle."""
+    """Return a function that exports each vehicle to a file of its own.
+
+    write: function that writes the log of one vehicle. suffix: end of the file names.
+    """
 
     def write_all(source: Path, folder: Path, vehicles: Sequence[str]) -> list[Path]:
         written = []
         for flight in _chosen(source, vehicles):
             path = folder / f"{flight.name}{suffix}"
             if path.resolve() == source.resolve():
-                raise InputError(f"{path}: this is the file to export; choose another folder with -o")
+                raise InputError(
+                    f"{path}: the export would overwrite the file to export; choose another folder with -o"
+                )
             write(path, flight)
             written.append(path)
         return written
@@ -88,11 +95,16 @@ def _each(
 def _all(
     write: Callable[[Path, Sequence[Flight]], int],
 ) -> Callable[[Path, Path, Sequence[str]], list[Path]]:
-    """Return a function that writes all vehicles to one file or folder."""
+    """Return a function that exports all vehicles to one file or folder.
+
+    write: function that writes the logs of several vehicles.
+    """
 
     def write_all(source: Path, path: Path, vehicles: Sequence[str]) -> list[Path]:
         if path.resolve() == source.resolve() or path.name == FILE_NAME:
-            raise InputError(f"{path}: this is the record of a flight; choose another path with -o")
+            raise InputError(
+                f"{path}: the export would overwrite the record of a flight; choose another path with -o"
+            )
         write(path, _chosen(source, vehicles))
         return [path]
 
@@ -103,8 +115,8 @@ def _tlogs(source: Path, folder: Path, vehicles: Sequence[str]) -> list[Path]:
     record = source / FILE_NAME if source.is_dir() else source
     if not _is_mcap(record):
         raise InputError(
-            f"{source}: got a log without MAVLink messages, expected a run folder with a {FILE_NAME}, or such a file: only they"
-            " can be exported as tlog"
+            f"{source}: cannot be exported as tlog, because this log is without MAVLink messages. "
+            f"Expected a {FILE_NAME}, or a run folder that contains one"
         )
     recording = Recording(record)
     names = [vehicle.name for vehicle in recording.vehicles]

@@ -40,18 +40,21 @@ class Flight:
     landed: NDArray[np.bool_]
 
     def group(self, name: str, parts: Sequence[str] = NED) -> Array:
-        """Return the columns `name.part` as one array (n, len(parts)); NaN for columns that the log does not have."""
+        """Return the columns `name.part` of a quantity as one array (n, len(parts)).
+
+        Columns that the log does not have are NaN. parts: components, such as north, east, down.
+        """
         missing = np.full(self.t.size, np.nan)
         return np.stack([self.numbers.get(f"{name}.{part}", missing) for part in parts], axis=1)
 
     @property
     def simulated(self) -> bool:
-        """True if the log contains ground truth, so that the vehicle is simulated."""
+        """True for a simulated vehicle: its log contains the true state."""
         return "truth.pos.north" in self.numbers
 
     @property
     def position_source(self) -> PositionSource:
-        """Source of the vehicle's actual position: ground truth of the simulation, motion capture, or PX4's estimate.
+        """Source of the vehicle's position: the true state, motion capture, or the autopilot's estimate.
 
         Motion capture is used if there is no ground truth and at least half of the rows while armed have a measured position.
         """
@@ -63,12 +66,12 @@ class Flight:
 
     @property
     def pos(self) -> Array:
-        """Actual position [m] [NED] (n, 3), from the best available source (see `position_source`); NaN if unknown."""
+        """Position [m] [NED] (n, 3) from the best source (`position_source`); NaN if unknown."""
         return self.group(COLUMNS_OF[self.position_source] + ".pos")
 
     @property
     def euler(self) -> Array:
-        """Actual roll, pitch, yaw [rad] (n, 3), from the best available source (see `position_source`); NaN if unknown."""
+        """Roll, pitch, yaw [rad] (n, 3) from the best source (`position_source`); NaN if unknown."""
         return self.group(COLUMNS_OF[self.position_source] + ".att_euler", RPY)
 
     @property
@@ -78,7 +81,7 @@ class Flight:
 
 
 def read_flight(path: Path) -> Flight | None:
-    """Return the log in a CSV file; None if the file does not exist or has no complete row."""
+    """Return the log in a CSV file, or None if the file is missing or has no complete row."""
     try:
         lines = path.read_text(errors="replace").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Content of a log file: topics, number of messages, rates, gaps, and whether the file is complete."""
+"""Summary of a log file: topics, number of messages, rates, gaps, and whether the file is complete."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GAP_S = 0.5
 
 @dataclass
 class Stream:
-    """Messages of one kind.
+    """Number, rate and gaps of the messages of one topic in a log file.
 
     name: topic, or topic and message.  count: number of messages.  first_s, last_s: times of the first and the last one [s].
     longest_s: longest time between two messages [s].  gaps: number of gaps, see GAP_S.
@@ -38,7 +38,7 @@ class Stream:
     _long: list[float] = field(default_factory=list, repr=False)
 
     def add(self, time_s: float) -> None:
-        """Count a message. time_s: its time [s]."""
+        """Count a message of this topic. time_s: time of the message [s]."""
         if self.count:
             between = time_s - self.last_s
             self.longest_s = max(self.longest_s, between)
@@ -51,20 +51,20 @@ class Stream:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate [Hz]; NaN for fewer than two messages."""
+        """Mean message rate [Hz]; NaN for fewer than two messages."""
         span = self.last_s - self.first_s
         return (self.count - 1) / span if self.count > 1 and span > 0 else math.nan
 
     @property
     def gaps(self) -> int:
-        """Number of gaps, see GAP_S."""
+        """Number of gaps: intervals longer than `GAP_S` and than five usual intervals."""
         usual = 1.0 / self.rate_hz if math.isfinite(self.rate_hz) else math.inf
         return sum(between > 5.0 * usual for between in self._long)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogInfo:
-    """Content of a log file.
+    """Summary of a log file: format, size, topics, and what is missing.
 
     path: the file.  kind: format of the file.  size_bytes: of the file, with its later parts.
     facts: lines about the whole file.  incomplete: "" if the file ended cleanly, else what is missing.
@@ -89,7 +89,9 @@ class LogInfo:
 
 
 def log_info(path: Path, *, brief: bool = False) -> LogInfo:
-    """Return the content of a record (`flight.mcap`), a ULog or a CSV log. Raises InputError for other files.
+    """Return the summary of a log file: `flight.mcap`, a ULog, or a CSV log.
+
+    Raises InputError for other files.
 
     brief: do not count the MAVLink messages of each type.
     """
@@ -149,7 +151,7 @@ def _stream(streams: dict[str, Stream], name: str) -> Stream:
 
 
 def _has_end(path: Path) -> bool:
-    """Return whether an MCAP file was completed: it ends with the magic bytes."""
+    """Return whether an MCAP file was closed correctly, which means that it ends with the magic bytes."""
     with path.open("rb") as file:
         file.seek(0, 2)
         file.seek(max(0, file.tell() - len(MCAP_MAGIC)))

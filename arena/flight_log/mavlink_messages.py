@@ -1,4 +1,4 @@
-"""Collects the MAVLink messages of one sender and decodes all messages of a type at once, as one numpy array."""
+"""Collects the MAVLink messages of one sender, and decodes all messages of a type into one numpy array."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from arena.wire.mavlink_layout import layout, payload_bytes
 
 
 class MessageSeries:
-    """All messages of some types from one sender, in the order of reception.
+    """All messages of selected types from one MAVLink sender, in the order of reception.
 
     system_id, component_id: sender; other senders are ignored.  wanted: message ids to collect.
     """
@@ -30,7 +30,7 @@ class MessageSeries:
         self._sizes = {number: payload_bytes(number) for number in wanted}
 
     def add(self, time_s: float, datagram: bytes) -> None:
-        """Add the messages in a datagram. Damaged frames are skipped. time_s: time of reception [s]."""
+        """Add the messages in a datagram; damaged frames are skipped. time_s: time of reception [s]."""
         sender, payloads = self._sender, self._payloads
         for _, _, start, size, system, component, number, _, _ in parse_frames(datagram).frames:
             if number not in payloads or (system, component) != sender:
@@ -42,22 +42,22 @@ class MessageSeries:
 
     @property
     def first_s(self) -> float | None:
-        """Time of reception of the first message [s]; None if there is none."""
+        """Time of reception of the first message [s], or None without messages."""
         return min((times[0] for times in self._times.values() if times), default=None)
 
     @property
     def last_s(self) -> float | None:
-        """Time of reception of the last message [s]; None if there is none."""
+        """Time of reception of the last message [s], or None without messages."""
         return max((times[-1] for times in self._times.values() if times), default=None)
 
     def messages(self, number: int) -> Messages:
-        """Return all messages of a type."""
+        """Return all messages of one type. number: MAVLink message id."""
         fields = np.frombuffer(bytes(self._payloads[number]), payload_dtype(number))
         return Messages(fields, np.array(self._times[number], np.float64))
 
 
 class Messages:
-    """All messages of one type: fields by name, with the times of reception and of the sender [s] (m,)."""
+    """All m messages of one type: their fields as arrays, and their times of reception and of sending."""
 
     def __init__(self, fields: NDArray[np.void], received: Array) -> None:
         self._fields, self.received = fields, received
@@ -67,21 +67,27 @@ class Messages:
         return int(self.received.size)
 
     def sent(self, stamp: str = "time_boot_ms", unit_s: float = 1e-3) -> Array:
-        """Return the time stamps of the sender on the run's clock [s] (m,). stamp: field with the time stamp."""
+        """Return the sender's time stamps, converted to the clock of the log [s] (m,).
+
+        stamp: field with the time stamp. unit_s: unit of the field [s].
+        """
         return sender_times(self._fields[stamp] * unit_s, self.received)
 
     def values(self, names: str) -> Array:
-        """Return some fields as one array (m, k), with all elements of arrays. names: separated by spaces."""
+        """Return the given fields as one array (m, k) of floats.
+
+        names: field names, separated by spaces. An array field gives one column per element.
+        """
         return np.asarray(structured_to_unstructured(self._fields[names.split()], dtype=np.float64))
 
     def numbers(self, name: str) -> NDArray[Any]:
-        """Return a field as integers (m,)."""
+        """Return one field as it was sent, for example as integers (m,)."""
         return np.asarray(self._fields[name])
 
 
 @functools.cache
 def payload_dtype(number: int) -> np.dtype[np.void]:
-    """Return the type of a structured array whose elements are complete payloads of a message."""
+    """Return the numpy type of one complete MAVLink payload. number: MAVLink message id."""
     fields = layout(number)
     formats = [
         f"S{field.elements}"
@@ -100,5 +106,5 @@ def payload_dtype(number: int) -> np.dtype[np.void]:
 
 
 def _kind(code: str) -> str:
-    """Return numpy's type string of a type code of the module `struct`."""
+    """Convert a type code of the module `struct` to numpy's type string."""
     return np.dtype(code).str.lstrip("<>|=")

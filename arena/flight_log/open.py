@@ -1,4 +1,4 @@
-"""Opens the log of a flight in any format that arena reads: `read_flights`."""
+"""Opens the log of a flight in any file format that arena can read."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _EXPECTED = (
 
 
 def read_flights(path: Path | str) -> list[Flight]:
-    """Return the flights in a run folder or in a log file, one per vehicle, in the order of their names.
+    """Return the logs in a run folder or log file, one `Flight` per vehicle, in the order of their names.
 
     path: run folder, record of a flight (`flight.mcap`), CSV file of arena or of the thesis from which arena was developed, or
         PX4 log (ULog, `.ulg`). The flights of a run folder are computed from its record; an older run folder has only CSV files.
@@ -59,8 +59,8 @@ def _of_folder(folder: Path) -> list[Flight]:
         return _not_empty(flights_of_run(folder), folder / FILE_NAME)
     files = sorted(folder.glob("csv/*.csv")) or sorted(folder.glob("*.csv"))
     if not files:
-        there = ", ".join(sorted(p.name for p in folder.iterdir())) or "nothing"
-        raise InputError(f"{folder}: got a folder with {there}, expected {_EXPECTED}")
+        contents = ", ".join(sorted(p.name for p in folder.iterdir())) or "nothing"
+        raise InputError(f"{folder}: got a folder that contains {contents}, expected {_EXPECTED}")
     flights = [flight for file in files if (flight := _read_csv(file)) is not None]
     if not flights:
         raise InputError(
@@ -96,10 +96,11 @@ def _read_csv(path: Path) -> Flight | None:
 
 
 def _mended(flight: Flight) -> Flight:
-    """Return the flight without the faults of the thesis's logs: its logger filled two groups of columns with values of others.
+    """Return a log of the thesis with its two wrong groups of columns removed or computed again.
 
-    Its `imu.mag` repeats `imu.ang_vel`, so it is removed. Its `mocap.att_euler` repeats `ekf.att_euler`, so it is computed from
-    `mocap.att_q`.
+    The logger of the thesis (from which arena was developed) filled two groups of columns with the values of
+    other groups. Its `imu.mag` repeats `imu.ang_vel`, so it is removed. Its `mocap.att_euler` repeats
+    `ekf.att_euler`, so it is computed from `mocap.att_q`.
     """
     numbers = dict(flight.numbers)
     if _same(flight, "imu.mag", NED, "imu.ang_vel", RPY):

@@ -1,4 +1,4 @@
-"""Writes the log of a vehicle as a Parquet file, with the columns of the CSV file. Needs pyarrow."""
+"""Writes the log of a vehicle as a Parquet file, with the same columns as the CSV file. Needs pyarrow."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ WITHOUT_PYARROW = (
 
 
 def write_parquet(path: Path, flight: Flight) -> None:
-    """Write a flight. Unknown values are null. The file's metadata contain the name of the vehicle.
+    """Write the log of a vehicle to a Parquet file.
+
+    Unknown values are null. The metadata of the file contain the name of the vehicle.
 
     Raises NotInstalledError if pyarrow is missing.
     """

@@ -1,4 +1,6 @@
-"""Reads a log file of PX4 (ULog, `.ulg`) as a `Flight`, with pyulog. Versions 1.9 to 1.16 were checked.
+"""Reads a PX4 log file (ULog, `.ulg`) as a `Flight`, with the package pyulog.
+
+PX4 versions 1.9 to 1.16 were checked.
 
 PX4's topics already have the frames and units of a `Flight`: local NED, FRD, SI, quaternions wxyz. Exceptions are converted
 here: gauss, and outputs in microseconds of PWM. The origin is the origin of PX4's estimate; in an arena this is the origin of the room.
@@ -55,7 +57,10 @@ _EV_NED, _EV_FRD = 1, 2  # pose_frame of vehicle_visual_odometry
 
 
 class _Topics:
-    """Topics of a ULog: name -> field -> values (m,). The first instance of each topic is used."""
+    """Topics of a ULog, as {topic: {field: values (m,)}}.
+
+    Only the first instance of each topic is used.
+    """
 
     def __init__(self, data: Mapping[str, Mapping[str, NDArray[Any]]]) -> None:
         self._data = data
@@ -64,14 +69,21 @@ class _Topics:
         return topic in self._data
 
     def times(self, topic: str) -> Array:
-        """Return the time of each message [s] (m,): when its values were measured, or else when it was published."""
+        """Return the time of each message of a topic [s] (m,).
+
+        This is the time of the measurement if the topic has it (timestamp_sample), else the time of
+        publication.
+        """
         fields = self._data[topic]
         stamps = np.asarray(fields["timestamp"], float)
         sampled = np.asarray(fields.get("timestamp_sample", np.zeros(stamps.size)), float)
         return np.asarray(np.where(sampled > 0, sampled, stamps) * 1e-6)
 
     def values(self, topic: str, *names: str) -> Array:
-        """Return fields as one array (m, k); NaN for a field that this version of PX4 does not have."""
+        """Return fields of a topic as one array (m, k).
+
+        A field that this version of PX4 does not have is NaN.
+        """
         fields = self._data[topic]
         missing = np.full(len(fields["timestamp"]), np.nan)
         return np.stack([np.asarray(fields.get(name, missing), float) for name in names], axis=1)
@@ -84,7 +96,9 @@ class _Topics:
 
 
 def read_ulog_flight(path: Path, row_hz: float = ROW_HZ) -> Flight:
-    """Return the flight in a ULog file, with rows at `row_hz`. `time.seconds` is the time since PX4 booted.
+    """Return the flight in a ULog file, with `row_hz` rows per second.
+
+    The column `time.seconds` is the time since PX4 booted.
 
     Raises InputError if the file is not a ULog, or has no estimate of the position.
     """
@@ -102,7 +116,10 @@ def read_ulog_flight(path: Path, row_hz: float = ROW_HZ) -> Flight:
 
 
 def load_ulog(path: Path) -> ULog:
-    """Return a ULog file as pyulog reads it. Raises InputError if the file is not a ULog or is damaged."""
+    """Return a ULog file as an object of the package pyulog.
+
+    Raises InputError if the file is not a ULog or is damaged.
+    """
     with path.open("rb") as file:
         head = file.read(len(MAGIC))
     if head != MAGIC:
@@ -119,13 +136,16 @@ def load_ulog(path: Path) -> ULog:
 
 
 def read_topics(path: Path) -> _Topics:
-    """Return the topics of a ULog file. Raises InputError if the file is not a ULog, or has no estimate of the position."""
+    """Return the topics of a ULog file.
+
+    Raises InputError if the file is not a ULog, or has no position estimate.
+    """
     log = load_ulog(path)
     data = {found.name: found.data for found in reversed(log.data_list) if len(found.data["timestamp"])}
     if _NEEDED not in data:
-        there = ", ".join(sorted(data)) or "none"
+        topics = ", ".join(sorted(data)) or "none"
         raise InputError(
-            f"{path}: the PX4 log has no topic {_NEEDED}, expected the estimated position; its topics are: {there}."
+            f"{path}: the PX4 log has no topic {_NEEDED}, which contains the estimated position; its topics are: {topics}."
             " Set PX4's parameter SDLOG_PROFILE to 1 (default)."
         )
     return _Topics(data)
@@ -249,7 +269,7 @@ def _references(topics: _Topics, stamps: Array) -> dict[str, Array]:
 
 
 def estimator_health(topics: _Topics, stamps: Array) -> dict[str, Array]:
-    """Return the quantities that describe how well PX4's estimator works: innovations, test ratios, biases, wind.
+    """Return quantities about the health of PX4's estimator: innovations, test ratios, biases, wind.
 
     stamps: times of the rows, by the clock of the log file [s] (n,).
     """
@@ -300,13 +320,16 @@ def _innovations(topics: _Topics, stamps: Array) -> dict[str, Array]:
 
 
 def _position_aid(topics: _Topics) -> str:
-    """Return the prefix of the innovations of the sensor that aids the position: external vision, or else GPS."""
+    """Return the prefix of the innovation fields for the position: `ev` for external vision, else `gps`."""
     seen = topics.values("estimator_innovations", "ev_hpos[0]")
     return "ev" if (np.nan_to_num(seen) != 0).any() else "gps"
 
 
 def _truth(topics: _Topics, stamps: Array) -> dict[str, Array]:
-    """Return the true state, which a simulator sends to PX4, in the frame of the estimate."""
+    """Return the true state that a simulator sent to PX4, as {quantity: values (n, k)}.
+
+    Positions are relative to the origin of the estimate. stamps: times of the rows [s] (n,).
+    """
     topic, turning = "vehicle_local_position_groundtruth", "vehicle_attitude_groundtruth"
     if topic not in topics or turning not in topics:
         return {}
@@ -328,7 +351,7 @@ def _truth(topics: _Topics, stamps: Array) -> dict[str, Array]:
 
 
 def _origin_of_truth(topics: _Topics) -> Array:
-    """Return the origin of the true position in the frame of the estimate [m] [NED] (3,).
+    """Return the origin of the true positions, relative to the origin of the estimate [m] [NED] (3,).
 
     PX4 measures the true position from the first one that it received. The heights of both origins above sea level cannot be
     compared, because arena sets the height of the estimate's origin to zero. So the first heights of both are equal.

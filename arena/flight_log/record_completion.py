@@ -1,4 +1,7 @@
-"""Completion of a record whose recorder was killed or restarted: one file with an index, which every MCAP reader opens."""
+"""Repair of a record (flight.mcap) after its recorder was killed or restarted.
+
+The result is one file with an index, which every MCAP reader opens.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,10 @@ if TYPE_CHECKING:
 
 
 def is_complete(path: Path) -> bool:
-    """Return whether a record is one file with an end. False if its recorder was killed or restarted. Raises InputError."""
+    """Return whether a record is one file that was closed correctly.
+
+    False if its recorder was killed or restarted. Raises InputError if the file cannot be read.
+    """
     try:
         with path.open("rb") as file:
             if file.seek(0, 2) < 2 * len(MCAP_MAGIC):
@@ -26,11 +32,11 @@ def is_complete(path: Path) -> bool:
             file.seek(-len(MCAP_MAGIC), 2)
             return file.read() == MCAP_MAGIC and not later_parts(path)
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
 
 
 def complete_record(path: Path) -> bool:
-    """Join all parts of a record in one file with an index, if it is not complete. Return whether the file has changed.
+    """Join the parts of an incomplete record into one file with an index. Return whether the file has changed.
 
     A record that a recorder still writes is not changed. A message that was not written completely is lost.
     Raises InputError if a file cannot be read, OSError if it cannot be written.
@@ -50,7 +56,7 @@ def complete_record(path: Path) -> bool:
 
 
 def _is_being_written(part: Path) -> bool:
-    """Return whether a recorder has locked the file, because it writes to it."""
+    """Return whether a recorder is writing this file. A recorder holds a lock on its file."""
     with part.open("rb") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -74,7 +80,10 @@ def _write(new: Path, files: tuple[Path, ...]) -> None:
 
 
 class _Copier:
-    """Copies the channels, messages and metadata of several files to one file. A topic becomes one channel."""
+    """Copier of the channels, messages and metadata of several MCAP files into one file.
+
+    All channels of one topic become one channel.
+    """
 
     def __init__(self, writer: Writer) -> None:
         self._writer = writer
@@ -101,7 +110,7 @@ class _Copier:
                 self._writer.add_metadata(record.name, record.metadata)
 
     def _channel(self, channel: Channel, schema: Schema | None) -> int:
-        """Return the number of a channel in the new file. Register the channel if its topic is new."""
+        """Return the id that a channel has in the new file. A new topic is registered first."""
         if channel.topic not in self._channel_of_topic:
             writer = self._writer
             number = (
@@ -114,7 +123,7 @@ class _Copier:
 
 
 def _records(path: Path) -> Iterator[McapRecord]:
-    """Yield the records of a file up to the end, or up to the first incomplete or damaged one."""
+    """Yield the records of an MCAP file up to the end, or up to the first damaged record."""
     from mcap.exceptions import McapError
     from mcap.records import DataEnd
     from mcap.stream_reader import StreamReader
@@ -129,4 +138,4 @@ def _records(path: Path) -> Iterator[McapRecord]:
     except (McapError, ZstdError, RuntimeError, ValueError, struct.error):
         return
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error

@@ -1,4 +1,4 @@
-"""Reader of `flight.mcap`, the record of a flight: MAVLink datagrams, motion-capture frames, true states and events.
+"""Reader of `flight.mcap`: MAVLink datagrams, motion-capture frames, true states and events of a flight.
 
 It also reads the record of a recorder that was killed: all complete chunks of the file, then those of its tail
 (`arena.recorder.mcap_file`). `arena.wire.flight_record` describes the messages.
@@ -53,7 +53,10 @@ _CHANNEL, _MESSAGE_CODE, _CHUNK, _METADATA, _DATA_END = 0x04, 0x05, 0x06, 0x0C, 
 
 
 class RecordedMessage(NamedTuple):
-    """Message as in the file. topic: its channel.  time_s: time on the run's clock [s].  data: its bytes."""
+    """A message in the record of a flight, not decoded.
+
+    topic: name of its channel. time_s: time on the run's clock [s]. data: bytes of the message.
+    """
 
     topic: str
     time_s: float
@@ -61,7 +64,11 @@ class RecordedMessage(NamedTuple):
 
 
 class RecordedDatagram(NamedTuple):
-    """MAVLink datagram. time_s: time of reception [s].  up: it was sent to the vehicle.  data: one or more MAVLink frames."""
+    """A MAVLink datagram in the record of a flight.
+
+    time_s: time of reception [s]. up: True if the datagram was sent to the vehicle. data: one or more MAVLink
+    frames.
+    """
 
     time_s: float
     up: bool
@@ -69,7 +76,10 @@ class RecordedDatagram(NamedTuple):
 
 
 class RecordedEvent(NamedTuple):
-    """Line of events.jsonl. time_s: time on the run's clock [s].  process: name, "" if none.  fields: the whole line."""
+    """A line of events.jsonl in the record of a flight.
+
+    time_s: time on the run's clock [s]. process: name of the process, "" if none. fields: the whole line.
+    """
 
     time_s: float
     process: str
@@ -77,13 +87,13 @@ class RecordedEvent(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Text of the event; "" for lines of other kinds, such as changes of the state of a process."""
+        """Text of the event; "" if the line is no event but, for example, a change of a process state."""
         return str(self.fields.get("event", ""))
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrueStates:
-    """True states of one vehicle at n instants.
+    """True states (position, velocity, attitude, body rates) of one simulated vehicle at n instants.
 
     t: time on the run's clock [s] (n,).  p_n: position of the body origin [m] [NED] (n, 3).  v_n: velocity [m/s] [NED] (n, 3).
     q_nb: attitude [-] wxyz (n, 4).  omega_b: body rates [rad/s] [FRD] (n, 3).
@@ -101,7 +111,9 @@ DRAWN = ("fence", "obstacles")
 
 
 class Recording:
-    """Record of a flight. Every method reads the file again, so a large record needs little memory.
+    """Reader of the record of one flight.
+
+    Every method reads the file again, so a large record needs little memory.
 
     path: flight.mcap. If the recorder was restarted in the run, the record continues in flight.2.mcap, flight.3.mcap, ... beside it.
     name: name of the arena.  clock: `simulation` or `unix`.  size_m: size of the room, north, east, height [m].
@@ -125,7 +137,7 @@ class Recording:
             self.vehicles = tuple(RecordedVehicle(**v) for v in json.loads(found["vehicles"]))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"{self.path}: this is not the record of an arena: its metadata `{METADATA}` lack {error}"
+                f"{self.path}: this is not the record of an arena: its metadata `{METADATA}` lack the key {error}"
             ) from error
 
     @property
@@ -134,11 +146,17 @@ class Recording:
 
     @functools.cached_property
     def topics(self) -> tuple[str, ...]:
-        """Return the topics that have messages, in alphabetical order. The first call reads the whole file."""
+        """Return the topics that have messages, in alphabetical order.
+
+        The first call reads the whole file.
+        """
         return tuple(sorted({message.topic for message in self.messages()}))
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
-        """Yield the messages of some topics in the order of recording. topics: None for all."""
+        """Yield the messages of the given topics in the order of recording.
+
+        topics: None for all topics.
+        """
         for file in record_files(self.path):
             yield from self._messages(file, topics)
 
@@ -154,7 +172,7 @@ class Recording:
             yield unpack_frame(time_s, data)
 
     def truth(self, vehicle: str) -> TrueStates:
-        """Return the true states of a vehicle; none for a real vehicle."""
+        """Return the recorded true states of a vehicle; for a real vehicle, the arrays are empty."""
         found = [
             (m.time_s, m.data)
             for m in self.messages((truth_topic(vehicle),))
@@ -201,12 +219,15 @@ class Recording:
 
 
 def record_files(path: Path) -> tuple[Path, ...]:
-    """Return the files with the messages of a record, in the order of recording: its parts, each with its tail if it needs one."""
+    """Return the files that contain the messages of a record, in the order of recording.
+
+    These are its parts, and the tail file of each part whose end is missing.
+    """
     return tuple(file for part in (path, *later_parts(path)) for file in (part, *_tail_of(part)))
 
 
 def later_parts(path: Path) -> tuple[Path, ...]:
-    """Return the files in which restarted recorders have continued a record: flight.2.mcap, flight.3.mcap, ..."""
+    """Return the files that restarted recorders have added to a record: flight.2.mcap, flight.3.mcap, ..."""
     found, number = [], 2
     while (part := path.with_suffix(f".{number}{path.suffix}")).exists():
         found.append(part)
@@ -215,7 +236,7 @@ def later_parts(path: Path) -> tuple[Path, ...]:
 
 
 def _tail_of(part: Path) -> tuple[Path, ...]:
-    """Return the tail of a part of a record; none if the part contains the messages of the tail."""
+    """Return the tail file with the last messages of a part; () if the part itself contains these messages."""
     tail = tail_path(part)
     try:
         found = _metadata_of(tail, TAIL_METADATA)
@@ -231,7 +252,10 @@ def _tail_of(part: Path) -> tuple[Path, ...]:
 
 
 def _metadata_of(path: Path, name: str) -> dict[str, str] | None:
-    """Return the content of a metadata record; None without this record. Raises InputError if the file is not MCAP."""
+    """Return the content of the MCAP metadata record `name`, or None if the file has no such record.
+
+    Raises InputError if the file is not MCAP.
+    """
     for _, code, data in _records(path):
         if code == _METADATA:
             found_name, found = _read_metadata(data)
@@ -241,7 +265,7 @@ def _metadata_of(path: Path, name: str) -> dict[str, str] | None:
 
 
 def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
-    """Yield (place in the file, code, content) of each complete record up to the end of the data section.
+    """Yield (position in the file, record code, content) of each complete MCAP record in the data section.
 
     Only records that this module uses are read; others are skipped. Raises InputError if the file is not MCAP.
     """
@@ -251,7 +275,7 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
                 raise InputError(f"{path}: this is not an MCAP file")
             yield from _records_of(file, path.stat().st_size)
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
 
 
 def _records_of(file: IO[bytes], size: int) -> Iterator[tuple[int, int, bytes]]:
@@ -270,7 +294,11 @@ def _records_of(file: IO[bytes], size: int) -> Iterator[tuple[int, int, bytes]]:
 def _messages_in(
     records: bytes, topics: Collection[str] | None, wanted: dict[int, str]
 ) -> Iterator[RecordedMessage]:
-    """Yield the messages among some records. wanted: channel -> topic; channels are added as their records are found."""
+    """Yield the messages among MCAP records.
+
+    wanted: {channel id: topic}. The function adds the channels of `topics` (None: all topics) when it finds
+    them.
+    """
     at, end = 0, len(records)
     while at + _RECORD.size <= end:
         code, length = _RECORD.unpack_from(records, at)
@@ -287,7 +315,7 @@ def _messages_in(
 
 
 def _unpacked(chunk: bytes) -> bytes | None:
-    """Return the records in a chunk, None if the chunk is damaged."""
+    """Return the decompressed records in an MCAP chunk, or None if the chunk is damaged."""
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import EndOfFile
     from mcap.records import Chunk
@@ -302,7 +330,7 @@ def _unpacked(chunk: bytes) -> bytes | None:
 
 
 def _read_channel(data: bytes) -> tuple[int, str]:
-    """Return number and topic of a channel record."""
+    """Return (id, topic) of an MCAP channel record."""
     number, _, length = struct.unpack_from("<HHI", data)
     return number, str(data[8 : 8 + length], "utf-8")
 

@@ -1,4 +1,4 @@
-"""Values of measured quantities at the times of a log's rows, computed with numpy from samples at other times.
+"""Resampling of measured quantities to the times of a log's rows, with numpy.
 
 Every function gets the samples of one quantity, m of them, in the order in which they were received, and the times of n rows.
 Measurements are interpolated. Setpoints and states change in steps, so their last value is used. A row without a value gets
@@ -23,7 +23,7 @@ Indices = NDArray[np.intp]
 
 
 def sender_times(stamps: Array, received: Array) -> Array:
-    """Convert time stamps of a sender's clock to the clock of the log [s] (m,).
+    """Convert time stamps of a sender's clock to times on the clock of the log [s] (m,).
 
     The smallest difference so far between reception and time stamp is used as the offset of the clocks. It may grow by the
     largest drift of two clocks. An offset from -1 s to 50 ms counts as zero, because simulated senders use the same simulation
@@ -44,7 +44,10 @@ def sender_times(stamps: Array, received: Array) -> Array:
 
 
 def _smallest_delays(delay: Array, received: Array) -> Array:
-    """Return the smallest delay so far, with drift, for each message [s] (m,). delay, received: [s] (m,)."""
+    """Return, for each message, the smallest delay of all messages so far, with clock drift added [s] (m,).
+
+    delay: time of reception minus time stamp [s] (m,). received: times of reception [s] (m,).
+    """
     # without drift the smallest delay is a running minimum
     level = delay - _MAX_DRIFT * received
     least = np.empty(delay.size)
@@ -64,13 +67,16 @@ def _smallest_delays(delay: Array, received: Array) -> Array:
 
 
 def advancing(times: Array) -> NDArray[np.bool_]:
-    """Return a mask (m,): true for each sample that is newer than all samples before it. times: [s] (m,)."""
+    """Return a mask (m,): true for each sample that is newer than all samples before it.
+
+    times: times of the samples [s] (m,).
+    """
     newest = np.maximum.accumulate(times)
     return np.concatenate([np.ones(min(times.size, 1), bool), times[1:] > newest[:-1]])
 
 
 class Bracket:
-    """Samples before and after each row, for the interpolation of one quantity.
+    """Indices of the samples before and after each row of a log, for interpolation.
 
     times: times of the samples, increasing [s] (m,).  at: times of the rows [s] (n,).
     max_gap_s: longest time between two samples for interpolation [s].
@@ -96,12 +102,15 @@ class Bracket:
         )
 
     def masked(self, values: Array) -> Array:
-        """Return values (n, k) with NaN in the rows that are not valid."""
+        """Return values (n, k) with NaN in the rows that cannot be interpolated."""
         return np.where(self.valid[:, None], values, np.nan)
 
 
 def linear(times: Array, values: Array, at: Array) -> Array:
-    """Interpolate values linearly. Return (n, k). times: increasing [s] (m,).  values: (m, k).  at: [s] (n,)."""
+    """Interpolate values (m, k) linearly at the times of the rows. Return (n, k).
+
+    times: increasing [s] (m,). values: (m, k). at: times of the rows [s] (n,).
+    """
     if not times.size:
         return np.full((at.size, values.shape[1]), np.nan)
     rows = Bracket(times, at)
@@ -110,7 +119,7 @@ def linear(times: Array, values: Array, at: Array) -> Array:
 
 
 def position_velocity(times: Array, values: Array, at: Array) -> Array:
-    """Interpolate positions by cubic Hermite splines and velocities linearly. Return both (n, 6).
+    """Interpolate positions by cubic Hermite splines, and velocities linearly. Return both (n, 6).
 
     times: increasing [s] (m,).  values: position [m] and velocity [m/s] (m, 6).  at: [s] (n,).
     """
@@ -127,7 +136,7 @@ def position_velocity(times: Array, values: Array, at: Array) -> Array:
 
 
 def attitude(times: Array, values: Array, at: Array) -> Array:
-    """Interpolate attitudes at constant rate (slerp), and the values after the quaternion linearly. Return (n, 4 + k).
+    """Interpolate quaternions by slerp, and the columns after the quaternion linearly. Return (n, 4 + k).
 
     times: increasing [s] (m,).  values: quaternion wxyz and k other values (m, 4 + k).  at: [s] (n,).
     """
@@ -141,7 +150,7 @@ def attitude(times: Array, values: Array, at: Array) -> Array:
 
 
 def held(times: Array, at: Array, max_age_s: float) -> tuple[Indices, NDArray[np.bool_]]:
-    """Find the value that was valid in each row: the last one received with a time before or equal to the row's.
+    """Find, for each row, the sample that was valid: the last received one that is not newer than the row.
 
     Return its index (n,) and a mask (n,), which is false if there is no such value or it is older than `max_age_s`.
     times: [s] (m,), in the order of reception; they need not increase.  at: [s] (n,).  max_age_s: [s].
@@ -155,7 +164,10 @@ def held(times: Array, at: Array, max_age_s: float) -> tuple[Indices, NDArray[np
 
 
 def held_values(times: Array, values: Array, at: Array, max_age_s: float) -> Array:
-    """Return the value that was valid in each row (n, k), NaN if there is none. For the arguments see `held`. values: (m, k)."""
+    """Return, for each row, the value that was valid (n, k); NaN without a valid value.
+
+    values: (m, k). The function `held` explains the other arguments.
+    """
     if not times.size:
         return np.full((at.size, values.shape[1]), np.nan)
     index, valid = held(times, at, max_age_s)

@@ -1,4 +1,4 @@
-"""Writes flights as a ROS 2 bag, or as one MCAP file with the same ROS 2 messages. Needs rosbags."""
+"""Writes flights as a ROS 2 bag, or as one MCAP file with ROS 2 messages. Needs rosbags."""
 
 from __future__ import annotations
 
@@ -20,19 +20,23 @@ _BAG_VERSION: Literal[8] = 8  # of metadata.yaml: ROS 2 Humble and newer read it
 
 
 def write_bag(folder: Path, flights: Sequence[Flight]) -> int:
-    """Write a bag (a folder, storage sqlite3) that `ros2 bag` of Humble and newer reads. Return the number of messages.
+    """Write flights to a ROS 2 bag (a folder with sqlite3 storage). Return the number of messages.
+
+    `ros2 bag` of Humble and newer reads the bag.
 
     Raises InputError if the folder exists, NotInstalledError if rosbags is missing.
     """
     if folder.exists():
         raise InputError(
-            f"{folder}: a ROS 2 bag is a new folder, but this path exists: delete it, or choose another with -o"
+            f"{folder}: already exists, but a ROS 2 bag must be a new folder: delete it, or choose another folder with -o"
         )
     return _write(folder, flights, "SQLITE3")
 
 
 def write_mcap(path: Path, flights: Sequence[Flight]) -> int:
-    """Write one MCAP file, which Foxglove and PlotJuggler open. Return the number of messages. An existing file is replaced.
+    """Write flights to one MCAP file with ROS 2 messages. Return the number of messages.
+
+    Foxglove and PlotJuggler open the file. An existing file is replaced.
 
     Raises NotInstalledError if rosbags is missing.
     """
@@ -66,6 +70,9 @@ def _write(folder: Path, flights: Sequence[Flight], storage: str) -> int:
 def _messages(
     flight: Flight, topic: RosTopic, connection: tuple[int, Any]
 ) -> Iterator[tuple[int, tuple[int, Any], Any]]:
-    """Yield (time [ns], connection, message) of one topic."""
+    """Yield (time [ns], connection, message) for each message of one ROS 2 topic.
+
+    connection: (number, object) that the writer gave to the topic.
+    """
     for row in topic.rows.tolist():
         yield stamp_ns(flight, row), connection, topic.make(row)

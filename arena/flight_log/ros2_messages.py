@@ -1,4 +1,4 @@
-"""ROS 2 messages made of the rows of a log, in ROS's frames: world ENU (`map`), body FLU.
+"""ROS 2 messages made from the rows of a log, in ROS's frames: ENU world (`map`) and FLU body.
 
 A message with an unknown value is not made. Modes and flags are published when they change.
 """
@@ -33,7 +33,7 @@ Types = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class RosTopic:
-    """Messages of one topic.
+    """A ROS 2 topic, with the rows of the log from which its messages are made.
 
     name: topic.  type: ROS type.  rows: rows of the log that have a message (m,).  make: row -> message.
     """
@@ -45,7 +45,10 @@ class RosTopic:
 
 
 def topics_of(flight: Flight, types: Types) -> Iterator[RosTopic]:
-    """Yield all topics of a vehicle that have messages. types: ROS types by name, of one ROS distribution."""
+    """Yield all ROS 2 topics of a vehicle that have messages.
+
+    types: {type name: ROS message class} of one ROS distribution.
+    """
     made = _Messages(flight, types)
     for topic in (
         *(made.odometry(name, group) for name, group in (("odometry", "ekf"), ("truth", "truth"))),
@@ -66,19 +69,22 @@ def topics_of(flight: Flight, types: Types) -> Iterator[RosTopic]:
 
 
 def stamp_ns(flight: Flight, row: int) -> int:
-    """Return the time of a row [ns]."""
+    """Return the time of a row of the log [ns]."""
     return round(1e9 * float(flight.numbers["time.seconds"][row]))
 
 
 class _Messages:
-    """Makes the topics of one flight."""
+    """Creates the ROS 2 topics of one flight."""
 
     def __init__(self, flight: Flight, types: Types) -> None:
         self._flight, self._types = flight, types
         self._body = f"{flight.name}/base_link"
 
     def _topic(self, name: str, kind: str, known: Array, make: Callable[[int], Any]) -> RosTopic:
-        """Return a topic. known: values that must be finite in a row (n, k)."""
+        """Return a ROS 2 topic with a message for each row whose values are all known.
+
+        known: values of the log that must be finite in a row (n, k). make: function from row to message.
+        """
         rows = np.flatnonzero(np.isfinite(known).all(axis=1))
         return RosTopic(name=f"/{self._flight.name}/{name}", type=kind, rows=rows, make=make)
 
@@ -107,7 +113,10 @@ class _Messages:
         )
 
     def odometry(self, name: str, group: str) -> RosTopic:
-        """Return a state: position and attitude in the world, velocity and rates in body axes. group: `ekf` or `truth`."""
+        """Return the odometry topic: pose in the world frame, velocity and rates in body axes.
+
+        group: `ekf` for the estimate, `truth` for the true state.
+        """
         position = self._flight.group(f"{group}.pos")
         attitude = self._flight.group(f"{group}.att_q", WXYZ)
         velocity, rates = self._flight.group(f"{group}.vel"), self._flight.group(f"{group}.ang_vel", RPY)
@@ -151,19 +160,19 @@ class _Messages:
         return self._topic(name, "geometry_msgs/msg/PoseStamped", known, make)
 
     def capture(self) -> RosTopic:
-        """Return the poses of motion capture."""
+        """Return the topic with the poses of motion capture."""
         flight = self._flight
         return self._poses("mocap/pose", flight.group("mocap.pos"), flight.group("mocap.att_q", WXYZ))
 
     def setpoint(self) -> RosTopic:
-        """Return the position and yaw setpoints; the yaw is 0 if it is not controlled."""
+        """Return the topic with the position and yaw setpoints. Yaw is 0 if the setpoint has no yaw."""
         yaw = np.nan_to_num(self._flight.group("pos_ref", ("yaw",)))
         zeros = np.zeros((yaw.size, 2))
         attitude = quat_from_euler(np.concatenate([zeros, yaw], axis=1))
         return self._poses("setpoint/pose", self._flight.group("pos_ref"), attitude)
 
     def velocity_setpoint(self) -> RosTopic:
-        """Return the velocity setpoints in the world frame."""
+        """Return the topic with the velocity setpoints [m/s] [ENU]."""
         velocity = self._flight.group("vel_ref")
         in_world, zero = world_from_ned(velocity), np.zeros(3)
 
@@ -178,7 +187,7 @@ class _Messages:
         return self._topic("setpoint/velocity", "geometry_msgs/msg/TwistStamped", velocity, make)
 
     def attitude_setpoint(self) -> RosTopic:
-        """Return the attitude setpoints."""
+        """Return the topic with the attitude setpoints."""
         attitude = self._flight.group("att_q_ref", WXYZ)
         q = q_wf_from_q_nb(attitude)
 
@@ -192,7 +201,7 @@ class _Messages:
         return self._topic("setpoint/attitude", "geometry_msgs/msg/QuaternionStamped", attitude, make)
 
     def imu(self) -> RosTopic:
-        """Return the inertial measurements in body axes, with the estimated attitude."""
+        """Return the IMU topic: inertial measurements in body axes, with the estimated attitude."""
         flight = self._flight
         force, rates = flight.group("imu.acc_body"), flight.group("imu.ang_vel", RPY)
         attitude = flight.group("ekf.att_q", WXYZ)
@@ -243,7 +252,7 @@ class _Messages:
         return self._topic("pressure", "sensor_msgs/msg/FluidPressure", pressure, make)
 
     def battery(self) -> RosTopic:
-        """Return the topic of the battery: voltage [V], current [A], charge (0..1). Unknown values are NaN, as ROS defines."""
+        """Return the battery topic: voltage [V], current [A], charge (0..1); NaN if unknown."""
         charge, nan = self._column("info.battery"), float("nan")
         voltage, current = self._column("bat.voltage")[:, 0], self._column("bat.current")[:, 0]
         unknown = {"temperature": nan, "charge": nan, "capacity": nan, "design_capacity": nan}
@@ -269,7 +278,7 @@ class _Messages:
         return self._topic("battery", "sensor_msgs/msg/BatteryState", charge, make)
 
     def actuators(self) -> RosTopic:
-        """Return the topic of the outputs of all rotors (0..1)."""
+        """Return the topic with the outputs to all rotors (0..1)."""
         missing = np.full(self._flight.t.size, np.nan)
         output = np.stack([self._flight.numbers.get(name, missing) for name in _OUTPUTS], axis=1)
         layout = self._new("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
@@ -280,7 +289,7 @@ class _Messages:
         return self._topic("actuators", "std_msgs/msg/Float64MultiArray", output, make)
 
     def mode(self) -> RosTopic:
-        """Return the topic of the flight mode, with one message for each change of the mode."""
+        """Return the topic of the flight mode, with one message per change of mode."""
         names = np.array(self._flight.mode)
         changed = _changes(names) & (names != "")
         topic = self._topic("mode", "std_msgs/msg/String", np.zeros((names.size, 1)), self._mode_at)
@@ -290,7 +299,10 @@ class _Messages:
         return self._new("std_msgs/msg/String", data=self._flight.mode[row])
 
     def flag(self, name: str) -> RosTopic:
-        """Return the topic of a flag, with one message for each change of the flag. name: column of the log, such as `info.is_armed`."""
+        """Return the topic of a flag, with one message per change of the flag.
+
+        name: column of the log, such as `info.is_armed`.
+        """
         values = self._column(name)[:, 0]
         rows = np.flatnonzero(_changes(np.nan_to_num(values, nan=-1.0)) & np.isfinite(values))
 
@@ -301,12 +313,12 @@ class _Messages:
         return RosTopic(name=topic, type="std_msgs/msg/Bool", rows=rows, make=make)
 
     def _column(self, name: str) -> Array:
-        """Return a column (n, 1); NaN if the log does not have it."""
+        """Return a column of the log (n, 1); NaN if the log does not have this column."""
         found = self._flight.numbers.get(name)
         return np.full((self._flight.t.size, 1), np.nan) if found is None else found[:, None]
 
 
 def _changes(values: Sequence[Any] | NDArray[Any]) -> NDArray[np.bool_]:
-    """Return a mask (n,): true in the first row, and where a value differs from the one before."""
+    """Return a mask (n,): true in the first row, and in each row whose value differs from the row before."""
     array = np.asarray(values)
     return np.concatenate([np.ones(min(array.size, 1), bool), array[1:] != array[:-1]])

@@ -1,4 +1,4 @@
-"""Logs in a run folder: computes them from the record of the flight, `flight.mcap`, and writes them as CSV files and telemetry logs."""
+"""Logs in a run folder: computed from its `flight.mcap`, and written as CSV files and telemetry logs (.tlog)."""
 
 from __future__ import annotations
 
@@ -25,14 +25,17 @@ def has_record(run: Path) -> bool:
 
 
 def flights_of_run(run: Path) -> Iterator[Flight]:
-    """Yield the log of each vehicle, computed from the record of a run. Raises InputError if the record cannot be read."""
+    """Yield the log of each vehicle of a run, computed from its flight.mcap.
+
+    Raises InputError if the record cannot be read.
+    """
     recording = Recording(run / FILE_NAME)
     ulogs = {vehicle.name: ulogs_of(run, vehicle.name) for vehicle in recording.vehicles}
     yield from flights_of(recording, row_rate(run), ulogs)
 
 
 def write_csv_files(run: Path) -> list[Path]:
-    """Write `csv/<vehicle>.csv` for each vehicle, computed from the record of a run. Return the paths.
+    """Write `csv/<vehicle>.csv` for each vehicle of a run. Return the paths.
 
     Raises InputError if the record cannot be read, OSError if a file cannot be written.
     """
@@ -46,7 +49,7 @@ def write_csv_files(run: Path) -> list[Path]:
 
 
 def write_tlog_files(run: Path) -> list[Path]:
-    """Write `tlog/<vehicle>.tlog` for each vehicle, from the record of a run. Return the paths.
+    """Write `tlog/<vehicle>.tlog` for each vehicle of a run. Return the paths.
 
     Raises InputError if the record cannot be read, OSError if a file cannot be written.
     """
@@ -56,7 +59,7 @@ def write_tlog_files(run: Path) -> list[Path]:
 
 
 def ulogs_of(run: Path, vehicle: str) -> list[Path]:
-    """Return the logs that a vehicle's autopilot has written (ULog), in the order of time."""
+    """Return the paths of a vehicle's ULogs (logs that PX4 itself has written), in the order of time."""
     name = re.compile(re.escape(vehicle) + r"(_\d+)?\.ulg")
     own = [path for path in (run / ULOG_FOLDER).glob(f"{vehicle}*.ulg") if name.fullmatch(path.name)]
     return sorted(own, key=lambda path: (len(path.name), path.name)) or sorted(
@@ -65,10 +68,11 @@ def ulogs_of(run: Path, vehicle: str) -> list[Path]:
 
 
 def link_px4_ulogs(run: Path, vehicle: str) -> list[Path]:
-    """Give the ULogs of a vehicle's PX4 SITL a second name in the folder `ulog`, and return these names, in the order of time.
+    """Make hard links in the folder `ulog` to the logs of a vehicle's PX4 SITL. Return the new paths.
 
-    The names are `<vehicle>.ulg`, `<vehicle>_2.ulg`, ... Where the file system has no hard links, the logs are copied.
-    A log that has its name already keeps it. Raises OSError if the folder cannot be written.
+    The paths are in the order of time. The names are `<vehicle>.ulg`, `<vehicle>_2.ulg`, ... Where the file
+    system has no hard links, the logs are copied. A log that has its name already keeps it. Raises OSError if
+    the folder cannot be written.
     """
     found = []
     for number, log in enumerate(sorted((run / "px4" / vehicle / "log").glob("**/*.ulg")), start=1):
@@ -84,7 +88,7 @@ def link_px4_ulogs(run: Path, vehicle: str) -> list[Path]:
 
 
 def row_rate(run: Path) -> float:
-    """Return the number of rows per second of the logs [Hz]: `log.rate_hz` of the arena, 30 Hz if it is unknown."""
+    """Return how many rows per second the logs of a run have [Hz]: `log.rate_hz` of the YAML, or 30 if unknown."""
     with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
         slices = json.loads((run / "plan.json").read_text())["slices"]
         return float(slices["recorder.json"]["rate_hz"])

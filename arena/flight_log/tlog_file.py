@@ -1,6 +1,7 @@
-"""Writes the MAVLink messages of a vehicle as a telemetry log (.tlog), which QGroundControl, Mission Planner and MAVExplorer open.
+"""Writes the MAVLink messages of a vehicle as a telemetry log (.tlog).
 
-A tlog contains MAVLink frames, each after a time stamp of 8 bytes: Unix time in microseconds, big endian.
+QGroundControl, Mission Planner and MAVExplorer open this format. A tlog contains MAVLink frames, each after a
+time stamp of 8 bytes: Unix time in microseconds, big endian.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ _STAMP = struct.Struct(">Q")
 
 
 def write_tlogs(folder: Path, recording: Recording, vehicles: Sequence[str]) -> dict[Path, int]:
-    """Write the frames from and to each vehicle, in the order of recording, to `<folder>/<vehicle>.tlog`.
+    """Write all MAVLink frames from and to each vehicle to `<folder>/<vehicle>.tlog`.
 
     Return path -> number of frames. The times of a simulated flight begin at the Unix time of its start.
     """

@@ -1,4 +1,4 @@
-"""Recorded data of one vehicle: MAVLink messages of its autopilot and its program, poses and true states."""
+"""Recorded data of one vehicle: MAVLink messages, poses and true states."""
 
 from __future__ import annotations
 
@@ -44,21 +44,24 @@ class VehicleRecord:
         self._end = -np.inf
 
     def add_down(self, time_s: float, data: bytes) -> None:
-        """Add a datagram from the vehicle."""
+        """Add a recorded datagram that the vehicle sent. time_s: time of reception [s]."""
         self.down.add(time_s, data)
         self._end = time_s
 
     def add_up(self, time_s: float, data: bytes) -> None:
-        """Add a datagram to the vehicle, or a reference that its program publishes."""
+        """Add a recorded datagram that was sent to the vehicle, or a reference that its program published."""
         self.program.add(time_s, data)
 
     def add_pose(self, time_s: float, exposed_s: float, pose: tuple[float, ...]) -> None:
-        """Add a pose. exposed_s: time of exposure, by the clock of the motion capture.  pose: q_nb and p_n (7,)."""
+        """Add a captured pose (7,): attitude q_nb [-] wxyz and position p_n [m] [NED].
+
+        time_s: time of reception [s]. exposed_s: time of exposure, by the clock of the motion capture [s].
+        """
         self._poses.extend((time_s, exposed_s, *pose))
         self._end = time_s
 
     def add_truth(self, time_s: float, data: bytes) -> None:
-        """Add a message with a true state."""
+        """Add a recorded message with a true state. time_s: time on the run's clock [s]."""
         if len(data) == TRUE_STATE_BYTES:
             self._truth_s.append(time_s)
             self._truth += data[4:]
@@ -66,16 +69,16 @@ class VehicleRecord:
 
     @property
     def end_s(self) -> float:
-        """Time of the last message, pose or true state [s]."""
+        """Time of the last recorded message, pose or true state [s]."""
         return self._end
 
     @property
     def poses(self) -> Array:
-        """Time of reception and of exposure [s], q_nb [-] wxyz, p_n [m] [NED] of each pose (m, 9)."""
+        """Captured poses (m, 9): times of reception and of exposure [s], q_nb [-] wxyz, p_n [m] [NED]."""
         return np.array(self._poses, np.float64).reshape(-1, 9)
 
     @property
     def truth(self) -> tuple[Array, Array]:
-        """Time [s] (m,) of each true state, and p_n, v_n, q_nb, omega_b (m, 13)."""
+        """True states: times [s] (m,), and p_n, v_n, q_nb, omega_b (m, 13)."""
         rows = np.frombuffer(bytes(self._truth), "<f8").reshape(-1, _TRUE_STATE_NUMBERS)
         return np.array(self._truth_s, np.float64), rows.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Computes the log of one vehicle from its recorded messages, poses and true states, with numpy.
+"""Computes the rows of one vehicle's log from its recorded messages, poses and true states, with numpy.
 
 A row of a log belongs to one instant. Measurements are interpolated for that instant, by the time stamps of their senders.
 Setpoints and states are held, because they change in steps.
@@ -47,7 +47,10 @@ _YAW_BIT = 10  # of type_mask
 
 
 def make_flight_of(record: VehicleRecord, row_hz: float, ulogs: Sequence[Path] = ()) -> Flight | None:
-    """Return the log of a vehicle; None if no message of its autopilot was recorded. For the arguments see `flights_of`."""
+    """Return the log of a vehicle, or None if no message of its autopilot was recorded.
+
+    The function `flights_of` explains the arguments.
+    """
     at = _row_times(record, row_hz)
     if not at.size:
         return None
@@ -71,7 +74,10 @@ def make_flight_of(record: VehicleRecord, row_hz: float, ulogs: Sequence[Path] =
 
 
 def _row_times(record: VehicleRecord, row_hz: float) -> Array:
-    """Return the times of the rows, from the first message on [s] (n,): those of the true states, or multiples of the period."""
+    """Return the times of the log's rows [s] (n,), from the first MAVLink message on.
+
+    With true states, these are their times. Without true states, these are multiples of 1 / row_hz.
+    """
     first = record.down.first_s
     if first is None:
         return np.zeros(0)
@@ -105,7 +111,10 @@ def _sensors(down: MessageSeries, at: Array) -> dict[str, Array]:
     newer = advancing(times)
 
     def of(names: str, field: int | None = None) -> Array:
-        """Return fields at the times of the rows. field: bit of fields_updated that shows new values."""
+        """Return fields of HIGHRES_IMU, interpolated at the times of the rows (n, k).
+
+        field: bit of fields_updated that marks new values; None: all values are new.
+        """
         known = newer.copy()
         if field is not None:
             known[1:] &= (updated[1:] & field) != 0
@@ -147,7 +156,7 @@ def _truth(record: VehicleRecord, at: Array) -> dict[str, Array]:
 
 
 def _position_reference(record: VehicleRecord, at: Array) -> dict[str, Array]:
-    """Return the references of the program where it publishes them, else the autopilot's setpoint."""
+    """Return the position, velocity and yaw references: those of the program, else the autopilot's setpoints."""
     setpoint = _held_target(record.down.messages(_TARGET), at)
     published = _held_target(record.program.messages(_TARGET), at)
     wanted = np.where(np.isfinite(published), published, setpoint)
@@ -155,7 +164,7 @@ def _position_reference(record: VehicleRecord, at: Array) -> dict[str, Array]:
 
 
 def _held_target(targets: Messages, at: Array) -> Array:
-    """Return position, velocity and yaw (n, 7) of POSITION_TARGET_LOCAL_NED; NaN for values that type_mask excludes."""
+    """Return position, velocity and yaw (n, 7) of POSITION_TARGET_LOCAL_NED; NaN for fields that type_mask ignores."""
     values = targets.values("x y z vx vy vz yaw")
     mask = targets.numbers("type_mask").astype(int)
     for column, bit in enumerate((0, 1, 2, 3, 4, 5, _YAW_BIT)):
@@ -181,7 +190,9 @@ def _outputs(down: MessageSeries, at: Array) -> dict[str, Array]:
 
 
 def _port_of_rotors(raw: Array, ports: Array) -> int:
-    """Return the output port whose outputs change most. An autopilot can have more ports than the one with the rotors.
+    """Return the output port of the rotors in SERVO_OUTPUT_RAW: the port whose outputs change most.
+
+    An autopilot can have several output ports.
 
     raw: outputs [us] (m, MAX_ROTORS).  ports: port of each message (m,).
     """
@@ -206,7 +217,10 @@ def _health(down: MessageSeries, at: Array) -> dict[str, Array]:
 
 
 def _of_ulog(path: Path, down: MessageSeries, at: Array) -> dict[str, Array]:
-    """Return the quantities of a ULog that describe the estimator. The clock of a ULog is that of the autopilot's messages."""
+    """Return the quantities about the estimator in a ULog, at the times of the rows.
+
+    The ULog has the same clock as the autopilot's MAVLink messages.
+    """
     from arena.flight_log.px4_ulog import (  # imported only here: pyulog is needed only here
         estimator_health,
         read_topics,

@@ -171,7 +171,7 @@ def test_show_writes_the_table_of_a_killed_campaign(
 
 def test_show_of_another_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["campaign", "show", str(tmp_path)]) == 2
-    assert "has no campaign.json" in capsys.readouterr().err
+    assert "not the folder of a campaign, because it has no campaign.json" in capsys.readouterr().err
 
 
 def test_list_flies_nothing(campaign: Any, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -259,7 +259,7 @@ def test_jobs_and_cluster_together_are_refused(
 ) -> None:
     sweep = sweep_file("arena: arena.yaml\n")
     assert main(["campaign", str(sweep), "-j", "2", "--cluster", "lab:6379"]) == 2
-    assert "got --cluster and --jobs, expected one of them" in capsys.readouterr().err
+    assert "got both --cluster and --jobs, expected one of them" in capsys.readouterr().err
 
 
 def test_packed_files_are_unpacked_in_their_folders(tmp_path: Path) -> None:

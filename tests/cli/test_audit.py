@@ -62,5 +62,5 @@ def test_requests_and_changes_of_control_are_in_the_order_of_time(run):
 
 
 def test_folder_without_a_run_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"no plan\.json: expected a run folder"):
+    with pytest.raises(InputError, match=r"not a run folder, because it has no plan\.json"):
         entries(tmp_path)

@@ -60,7 +60,7 @@ def test_fault_1_consent_repeats_that_there_is_no_radio(
     monkeypatch.setattr("sys.stdin", Terminal("yes\n"))
     ask_consent(plan, yes=yes)
     assert (
-        "uav2 has no pilot with an RC transmitter: nobody can take control manually\n"
+        "uav2 has no pilot with an RC transmitter: nobody can take manual control\n"
         in capsys.readouterr().out
     )
 

@@ -141,7 +141,7 @@ def test_error_for_another_file_says_what_is_expected(tmp_path):
         ("photo.ulg", "begins with 89 50 4E 47"),
         ("text.csv", "begins with 'hello'"),
         ("empty.csv", "empty file"),
-        ("folder", "a folder with nothing"),
+        ("folder", "a folder that contains nothing"),
         ("none.csv", "No such file"),
     ):
         with pytest.raises(InputError, match="expected") as error:
