@@ -1,4 +1,4 @@
-"""Decides who may command one vehicle.
+"""Control authority: decides who may command one vehicle.
 
 `requests` reads the requests in MAVLink frames, `authority` decides whether they are allowed, and `command_gate` refuses
 frames and encodes the replies. Pure.

@@ -1,4 +1,4 @@
-"""Records who sent which request to a vehicle, and whether the request was sent on to the autopilot. Pure.
+"""Records who sent which request to a vehicle, and if it was sent on to the autopilot. Pure.
 
 Setpoints and stick positions are not recorded, because they are repeated many times a second. A request that is repeated
 within 5 s is recorded once.
@@ -19,7 +19,9 @@ Entry = dict[str, Any]
 
 
 class AuditTrail:
-    """Entries about one vehicle that wait to be sent to the supervisor, which writes the entries to events.jsonl.
+    """Queue of the recorded requests to one vehicle, for events.jsonl.
+
+    The supervisor writes the entries to the file.
 
     vehicle: name of the vehicle.
     lost: number of entries that did not fit in the memory for waiting entries.
@@ -34,7 +36,9 @@ class AuditTrail:
     def add(
         self, role: Role, sender: tuple[int, int], request: Request, refusal: str, origin: Source, now: float
     ) -> None:
-        """Record one request to the vehicle, and whether it was refused. Setpoints and stick positions are not recorded.
+        """Record one request to the vehicle, with the reason if it was refused.
+
+        Setpoints and stick positions are not recorded.
 
         sender: MAVLink system id and component id. refusal: why the request was refused, "" if it was sent on.
         origin: address of the sender, or name of its link. now: time of one clock [s].
@@ -59,6 +63,6 @@ class AuditTrail:
         self._entries.append({**entry, "request": what, "refused": refusal})
 
     def take(self) -> list[Entry]:
-        """Return the entries about requests to the vehicle that were recorded since the last call."""
+        """Return the recorded requests since the last call."""
         found, self._entries = self._entries, []
         return found

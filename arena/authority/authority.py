@@ -1,4 +1,4 @@
-"""State machine that decides who may command one vehicle. Pure: no sockets, no clocks.
+"""State machine for the question who may command one vehicle. Pure: no sockets, no clocks.
 
 Priority: pilot > emergency (land-all, kill-all) > copilot > program > setpoints of a ground station.
 
@@ -38,7 +38,7 @@ class _Latch:
 
 
 class Authority:
-    """Decides who may command one vehicle, from the requests to the vehicle and the heartbeats of its autopilot.
+    """Decides who may command one vehicle, from the requests to it and its autopilot's heartbeats.
 
     Pass every request to `refusal` before it is sent to the vehicle, and every heartbeat of its autopilot to `on_state`.
     radio: false if no pilot has a radio (`radio: none`). A manual mode that no command requested then means that a pilot has
@@ -81,10 +81,10 @@ class Authority:
         return why
 
     def passes_program_setpoint(self, now: float) -> bool:
-        """Return whether a program's setpoint is certainly allowed, because no landing is latched.
+        """Return True if a program's setpoint is allowed because no landing was commanded.
 
-        If so, remember its time. If the result is False, call `refusal`, which decides. This test is fast, because setpoints
-        are the most frequent requests.
+        If the result is False, call `refusal`, which decides. This test is fast, because setpoints are the
+        most frequent requests. If the result is True, the time of the setpoint is stored.
 
         now: monotonic [s].
         """
@@ -124,7 +124,10 @@ class Authority:
         return f"{self._taken}: run `arena release`" if moves and self._taken else ""
 
     def _is_flown_with_sticks(self, now: float) -> bool:
-        """Return whether stick positions reach the armed vehicle in a manual mode, for example from a joystick of a ground station."""
+        """Return whether the vehicle is armed, in a manual mode, and receives stick positions.
+
+        The sticks may be those of an RC transmitter or of a joystick at a ground station.
+        """
         return self._armed and self._mode in MANUAL_MODES and now - self._input_at <= _INPUT_S
 
     def _refusal_with_pilot(self, role: Role, kind: Kind) -> str:
@@ -208,7 +211,7 @@ class Authority:
             self._change(Role.PILOT, self._mode, now)
 
     def _has_pilot(self, now: float) -> bool:
-        """Return whether a pilot has control of a vehicle in a manual mode that no command requested.
+        """Return whether the vehicle has a pilot. It is in a manual mode that no command requested.
 
         With `radio: none` a pilot has control only while stick positions reach the vehicle.
         """
@@ -268,7 +271,7 @@ class Authority:
             self._change(Role.NOBODY, "disarmed", now)
 
     def _role_that_asked(self, mode: str, *, armed_now: bool, now: float) -> Role | None:
-        """Return which sender has requested the vehicle's new mode: ground station, program, copilot or land-all.
+        """Return the role (such as program or ground station) that has requested the vehicle's new mode.
 
         None if no sender has requested this mode within the last 5 s, for example if the pilot or a failsafe has changed the mode.
         mode: new mode, such as AUTO.LAND.  now: time [s].
@@ -291,7 +294,9 @@ class Authority:
     # -- requests of the operator --------------------------------------------------------------------------------------
 
     def release(self, by: str, now: float) -> None:
-        """End the control that land-all or the copilot has taken, and allow programs to take OFFBOARD again.
+        """End the control that land-all or the copilot has taken.
+
+        Programs may then take OFFBOARD again.
 
         by: name of the person who releases the vehicle.
         """
@@ -302,7 +307,7 @@ class Authority:
         self._change(holder, why, now, always=True)
 
     def refuse_arming(self, why: str) -> None:
-        """Refuse every request to arm the vehicle from now on. This cannot be undone.
+        """Refuse every request to arm the vehicle, until the process ends.
 
         why: reason that the sender of a refused request gets, such as "the run is ending".
         """
@@ -310,7 +315,9 @@ class Authority:
 
     @property
     def standing(self) -> dict[str, Any]:
-        """Return why commands to the vehicle are refused at present, for `restore` after a restart of this process; {} if none are.
+        """Return the present reasons to refuse commands, so that a restarted process can call `restore`.
+
+        The result is {} if commands are not refused.
 
         latch: role that commanded the latched landing or motor stop, and its strength (3 landing, 4 motor stop).
         taken: text that says why programs cannot take OFFBOARD. until_disarmed: true if `taken` ends when the vehicle disarms.
@@ -324,7 +331,9 @@ class Authority:
         return found
 
     def restore(self, standing: Mapping[str, Any], now: float) -> None:
-        """Put refusals in force again. The supervisor requests this after it has restarted the process.
+        """Refuse commands again as before a restart of this process.
+
+        The supervisor requests this after it has restarted the process.
 
         standing: last value of `standing` that was reported before the restart, by this process or by another process that
         passes commands to the vehicle.
@@ -358,7 +367,9 @@ class Authority:
         return found
 
     def _change(self, holder: Role, why: str, now: float, *, always: bool = False) -> None:
-        """Set the role that commands the vehicle (`holder`), and record the change for `take_changes`.
+        """Set the role that commands the vehicle, and record the change for `take_changes`.
+
+        holder: the role
 
         always: record it even if the role stays the same, because the reason is new.
         """
@@ -368,7 +379,12 @@ class Authority:
 
 
 def _leads_to(asked: str, mode: str) -> bool:
-    """Return whether a request for the mode `asked` can lead to `mode`. AUTO.TAKEOFF, for example, ends in AUTO.LOITER."""
+    """Return whether a request for one flight mode can lead to another flight mode.
+
+    AUTO.TAKEOFF, for example, ends in AUTO.LOITER.
+
+    asked: requested mode. mode: present mode
+    """
     if asked == mode:
         return True
     if asked == "REPOSITION":

@@ -30,7 +30,10 @@ _TOOLS = {253: Role.EMERGENCY, 251: Role.COPILOT, 250: Role.GROUND_STATION}
 
 
 class _Codec(Protocol):
-    """Interface of an encoder whose frames have the ids of the vehicle's autopilot, such as `arena.wire.mavlink_codec.Codec`."""
+    """Interface of a MAVLink encoder that uses the system and component id of the vehicle's autopilot.
+
+    An example is `arena.wire.mavlink_codec.Codec`.
+    """
 
     def frame(self, msgid: int, payload: bytes) -> bytes: ...
 
@@ -74,7 +77,7 @@ class Refusal:
     texts: tuple[str, ...] = ()
 
     def reply(self, codec: _Codec) -> bytes:
-        """Return the encoded reply to the sender of the refused command; empty if there is nothing to send.
+        """Return the encoded reply to the sender of the refused command; empty bytes for no reply.
 
         codec: encoder with the ids of the vehicle's autopilot.
         """
@@ -146,7 +149,10 @@ class CommandGate:
         self.authority.on_state(armed, mode, now)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request of the supervisor (see `process_context`). Requests to other vehicles are ignored."""
+        """Process a request of the supervisor. Ignore requests for other vehicles.
+
+        request: see `process_context`
+        """
         if request.get("vehicle", self.name) != self.name:
             return
         if request.get("do") == "refuse_arming":
@@ -168,7 +174,7 @@ class CommandGate:
         return [f"{self.name}: {text}" for text in found]
 
     def changed_facts(self, place: str = "") -> dict[str, Any]:
-        """Return what has changed since the last call, as facts (values that a process reports to the supervisor).
+        """Return the facts (values for the supervisor) that have changed since the last call.
 
         VEHICLE.control: role that commands the vehicle. VEHICLE.blocked: why programs must not command the vehicle.
         VEHICLE.standing: refusals that must survive a restart of the process (see `Authority.standing`).

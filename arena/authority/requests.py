@@ -1,4 +1,4 @@
-"""Reads from a MAVLink frame what its sender wants the vehicle to do: set a mode, arm, disarm, spin a motor, follow a setpoint.
+"""Parser of requests in MAVLink frames: set a mode, arm, disarm, spin a motor, follow a setpoint.
 
 The meaning of each command is PX4's. Frames that do not move the vehicle give None.
 """
@@ -87,7 +87,7 @@ def command_of(data: Buffer, frame: Frame) -> int:
 
 
 def parse_request(data: Buffer, frame: Frame) -> Request | None:
-    """Return what a frame requests; None if the frame neither moves the vehicle nor writes a parameter.
+    """Return the request in a frame; None for a frame without effect on motion, motors or parameters.
 
     The target of the frame is not checked.
     """
@@ -149,7 +149,10 @@ def _number(data: Buffer, frame: Frame, index: int) -> float:
 
 
 def _is_set(value: float) -> bool:
-    """Return whether a parameter of a command is in use. By MAVLink's convention, 0 and NaN mean "not used"."""
+    """Return whether a parameter of a command has a value.
+
+    By MAVLink's convention, 0 and NaN mean "not used".
+    """
     return value != 0.0 and not math.isnan(value)
 
 

@@ -1,4 +1,4 @@
-"""Roles in which a vehicle is commanded, and the change from one role to another. Pure."""
+"""Roles in which a vehicle is commanded (program, ground station, pilot ...), and their changes. Pure."""
 
 from __future__ import annotations
 

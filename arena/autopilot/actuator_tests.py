@@ -1,4 +1,4 @@
-"""Motors that a client turns without arming, with MAV_CMD_ACTUATOR_TEST. Only a disarmed vehicle runs the tests."""
+"""Motor tests on request of a client (MAV_CMD_ACTUATOR_TEST), only while the vehicle is disarmed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PX4_FUNCTION, _PX4_MOTOR_1 = 1000, 101  # clients send 1000 + the number of PX4
 
 @dataclass(slots=True)
 class ActuatorTests:
-    """Running motor tests of one vehicle.
+    """Motor tests that run at present on one vehicle.
 
     running: motor, from 0 -> (command 0..1, time of the end [s])
     """
@@ -54,7 +54,13 @@ class ActuatorTests:
         self.running.clear()
 
     def apply(self, motors: NDArray[np.float64], now: float) -> None:
-        """Write the commands of the running tests to `motors` 0..1 (R,), and remove the tests that have ended at `now` [s]."""
+        """Write the motor commands of the running tests.
+
+        Tests that have ended are removed.
+
+        motors: motor commands 0..1 (R,), changed for the tested motors
+        now: time since boot [s]
+        """
         for motor, (value, until) in list(self.running.items()):
             if now >= until:
                 del self.running[motor]

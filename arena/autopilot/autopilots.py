@@ -166,7 +166,10 @@ class Autopilots:
         return sent
 
     def _read_state(self) -> TelemetryState | None:
-        """Return the state of the last step for telemetry; None before the first step."""
+        """Return the state of all vehicles after the last step, for telemetry.
+
+        Return None before the first step.
+        """
         if not self._sensors:
             return None
         return TelemetryState(
@@ -181,7 +184,10 @@ class Autopilots:
         )
 
     def on_request(self, request: Mapping[str, Any]) -> None:
-        """Process a request of the supervisor (see `process_context`), such as to refuse arming."""
+        """Process a request of the supervisor, for example to refuse arming from now on.
+
+        request: see `process_context`
+        """
         for gate in self.gates:
             gate.on_request(request, self._now)
 
@@ -200,7 +206,12 @@ class Autopilots:
         self._log(UlogRecorder.close)
 
     def _log(self, write: Callable[[UlogRecorder], None]) -> None:
-        """Call a function that writes to the logs. An error in it ends the logs, not the flight."""
+        """Call a function that writes to the logs.
+
+        If the function fails, logging ends and the flight continues.
+
+        write: function to call
+        """
         try:
             if self._ulog is not None:
                 write(self._ulog)
@@ -322,9 +333,12 @@ class Autopilots:
             self.gates[v.row].on_state(c.armed, _REPORTED_MODES[c.mode], s.now)
 
     def _stay_disarmed(self, v: Vehicle, s: CommanderInputs) -> None:
-        """Clear the setpoint of a disarmed vehicle. If no home position is set and the position is valid, set home to the present position.
+        """Clear the setpoint of a disarmed vehicle, and set its home position if none is set.
 
-        A request to reboot, or an estimator that rejects poses, makes the estimator align again."""
+        Home is set to the present position, which must be valid.
+
+        A request to reboot, or an estimator that rejects poses, makes the estimator align again.
+        """
         i = v.row
         self.flight.stop(v)
         if v.home_n is None and s.xy_valid and v.origin:

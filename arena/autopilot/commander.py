@@ -74,7 +74,7 @@ class Commander:
     # -- requests --------------------------------------------------------------------------------------------
 
     def request_mode(self, mode: Mode | None, s: CommanderInputs, params: CommanderParams) -> str:
-        """Change the flight mode and return "", or return the reason of the refusal.
+        """Change the flight mode. Return "" on success, or the reason of the refusal.
 
         A disarmed vehicle accepts every mode, because arming checks the conditions of the mode. LAND is
         always accepted.
@@ -109,7 +109,7 @@ class Commander:
         return "no valid mission available" if mode is Mode.MISSION and not s.mission_ok else ""
 
     def arm_checks(self, s: CommanderInputs, params: CommanderParams) -> list[str]:
-        """Return every reason to refuse arming. The list is empty if arming is allowed."""
+        """Return every reason to refuse arming; an empty list if the vehicle may arm."""
         offboard = self.mode is Mode.OFFBOARD
         position = self.mode in POSITION_MODES or (offboard and s.offboard_needs_position)
         manual = missing_for_manual(self.mode, s)
@@ -131,7 +131,7 @@ class Commander:
         return [reason for failed, reason in checks if failed]
 
     def arm(self, s: CommanderInputs, params: CommanderParams, *, why: str = "by external command") -> str:
-        """Arm and return "", or return the reasons of the refusal."""
+        """Arm the vehicle. Return "" on success, or the reasons of the refusal."""
         throttle = stick_problem(self.mode, s)
         reasons = [*([throttle] if throttle else []), *self.arm_checks(s, params)]
         if self.armed:
@@ -147,7 +147,7 @@ class Commander:
         return ""
 
     def disarm(self, s: CommanderInputs, *, force: bool = False, why: str = "by external command") -> str:
-        """Disarm and return "", or return the reason of the refusal. Only `force` disarms in the air."""
+        """Disarm (in the air only with `force`). Return "" on success, or the reason of the refusal."""
         if not self.armed:
             return ""
         if not force and not s.landed:
@@ -190,7 +190,10 @@ class Commander:
         self._auto_disarm(s, params)
 
     def _run_gesture(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Arm or disarm by a stick gesture. In STABILIZED and ACRO the gesture also disarms in the air (COM_DISARM_MAN)."""
+        """Arm or disarm if the pilot has made the stick gesture.
+
+        In STABILIZED and ACRO this also disarms in the air (COM_DISARM_MAN).
+        """
         gesture = s.manual.gesture if params.man_arm_gesture else ""
         if gesture == "arm" and not self.armed:
             if self.mode in MANUAL_MODES:
@@ -201,7 +204,7 @@ class Commander:
             self.disarm(s, force=True, why="by stick gesture")
 
     def _check_sticks(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Enter the mode that the estimate allows if a pilot flies, and POSCTL if a pilot takes over by moving the sticks."""
+        """Lower the pilot's mode if its estimate is lost, and let moved sticks take over (POSCTL)."""
         flies = self.mode in (Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED)
         if flies and self.intended in (Mode.POSCTL, Mode.ALTCTL):
             possible = possible_mode(self.intended, s, params)
@@ -217,12 +220,11 @@ class Commander:
             self.report(INFO, "Pilot took over using sticks")
 
     def _check_attitude(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Terminate the flight if the tilt stays above its limit (FD_FAIL_R or FD_FAIL_P) for FD_FAIL_R_TTRI [s].
+        """Terminate the flight if the vehicle stays tilted too far (FD_FAIL_R, FD_FAIL_P) for FD_FAIL_R_TTRI.
 
-        In the first seconds after arming (COM_LKDOWN_TKO) the vehicle disarms instead, for any value of
-        CBRK_FLIGHTTERM: it has tipped over at the take-off.
-
-        The delay prevents a termination when the tilt exceeds the limit only for a moment.
+        The delay prevents a termination when the tilt exceeds the limit only for a moment. In the first
+        seconds after arming (COM_LKDOWN_TKO) the vehicle disarms instead, for any value of CBRK_FLIGHTTERM:
+        it has tipped over at the take-off.
         """
         begins = s.now - self.armed_since < params.lockdown_s
         beyond = s.tilt_rad > params.fd_fail_rad and (self.took_off or begins)
@@ -235,10 +237,10 @@ class Commander:
             self.terminate("attitude failure")
 
     def _check_position(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run the failsafe for a lost position estimate. In OFFBOARD the loss counts as lost offboard control, as in PX4.
+        """Run the failsafe for a lost position estimate.
 
-        COM_OBL_RC_ACT 6 (terminate) and 7 (disarm) are run at once. Its other actions need a position, so the
-        vehicle descends instead.
+        In OFFBOARD the loss counts as lost offboard control, as in PX4. COM_OBL_RC_ACT 6 (terminate) and 7
+        (disarm) are run at once. Its other actions need a position, so the vehicle descends instead.
         """
         needs = self.mode in POSITION_MODES or (self.mode is Mode.OFFBOARD and s.offboard_needs_position)
         if needs and not s.position_ok and self.mode is not Mode.POSCTL:
@@ -267,7 +269,7 @@ class Commander:
             self._act_after_hold(_home_or_land(s) if returns else Mode.LAND, s, params, "battery")
 
     def _check_fence(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run the action of GF_ACTION once, when the vehicle leaves the geofence.
+        """Run the failsafe action of GF_ACTION once when the vehicle leaves the geofence.
 
         The action is not repeated, so that the pilot can then select another mode.
         """
@@ -304,7 +306,7 @@ class Commander:
             self._act_on_link_loss(params.nav_dll_act, s, params, "data link lost")
 
     def _check_manual_control(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run the action of NAV_RCL_ACT once when manual control is lost. Do nothing if there was no manual control before."""
+        """Run the failsafe action of NAV_RCL_ACT once when received sticks (RC or joystick) are lost."""
         self._had_manual_control = self._had_manual_control or s.manual_control
         if not self._had_manual_control:
             return
@@ -315,7 +317,7 @@ class Commander:
             self._act_on_link_loss(params.nav_rcl_act, s, params, "manual control lost")
 
     def _act_on_link_loss(self, action: int, s: CommanderInputs, params: CommanderParams, why: str) -> None:
-        """Run the action of NAV_DLL_ACT or NAV_RCL_ACT, unless the current mode is already more severe."""
+        """Run a failsafe action (a value of NAV_DLL_ACT or NAV_RCL_ACT) unless the mode is as severe."""
         reaction = {1: Mode.HOLD, 2: _home_or_land(s), 3: Mode.LAND, 5: Mode.TERMINATE}.get(action)
         if action == 6:
             self._disarm_by_failsafe(s, why)
@@ -329,9 +331,10 @@ class Commander:
         self.disarm(s, force=True, why="by failsafe")
 
     def _act_after_hold(self, mode: Mode, s: CommanderInputs, params: CommanderParams, why: str) -> None:
-        """Hold for COM_FAIL_ACT_T [s], then enter `mode`. If an earlier failsafe is still active, enter `mode` at once.
+        """Hold for COM_FAIL_ACT_T, then enter the mode of the failsafe.
 
-        During the hold the pilot may select another mode.
+        The pilot may select another mode during the hold. If an earlier failsafe is active, enter the mode at
+        once.
         """
         waits = params.com_fail_act_t > 0 and mode not in (Mode.HOLD, Mode.TERMINATE) and s.position_ok
         if not waits or (self.failsafe and self.mode is not Mode.HOLD):
@@ -388,5 +391,5 @@ _CHECKS = (
 
 
 def _home_or_land(s: CommanderInputs) -> Mode:
-    """Return mode RTL if the position, the home position and the origin are valid, else LAND."""
+    """Return mode RTL if position, home position and origin are valid, else LAND."""
     return Mode.RTL if s.global_ok and s.home_ok and s.position_ok else Mode.LAND

@@ -13,7 +13,7 @@ _GCS_HEARTBEAT_TIMEOUT_S = 2.5  # COM_DL_LOSS_T begins this long after the last 
 
 @dataclass(slots=True, kw_only=True)
 class CommanderInputs:
-    """State of one vehicle at one step. The commander uses this state to decide about mode, arming and failsafes.
+    """State of one vehicle at one step, from which the commander decides about mode, arming and failsafes.
 
     now: time since boot [s]
     xy_valid, z_valid, yaw_valid: whether the estimated horizontal position, height and heading are good
@@ -145,8 +145,9 @@ class CommanderParams:
 
 
 def battery_too_low(s: CommanderInputs, params: CommanderParams) -> bool:
-    """Return whether the charge is too low for arming: below COM_ARM_BAT_MIN or, if this parameter is negative, at most the
-    critical charge.
+    """Return whether the battery charge is too low for arming.
+
+    The limit is COM_ARM_BAT_MIN, or the critical charge BAT_CRIT_THR if COM_ARM_BAT_MIN is negative.
     """
     if params.com_arm_bat_min >= 0.0:
         return s.battery < params.com_arm_bat_min
@@ -154,5 +155,5 @@ def battery_too_low(s: CommanderInputs, params: CommanderParams) -> bool:
 
 
 def gcs_lost(s: CommanderInputs, params: CommanderParams) -> bool:
-    """Return whether the ground station counts as lost."""
+    """Return whether the heartbeats of the ground station have been missing for too long (COM_DL_LOSS_T)."""
     return s.gcs_age > _GCS_HEARTBEAT_TIMEOUT_S + params.com_dl_loss_t

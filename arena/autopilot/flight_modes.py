@@ -8,7 +8,10 @@ _ORBIT, _POSITION_SLOW = 1, 2  # sub modes of POSCTL that the built-in autopilot
 
 
 class Mode(Enum):
-    """Flight mode of PX4: main mode and sub mode of its custom_mode, and the name that MAVROS shows."""
+    """Flight mode of PX4.
+
+    Each value contains the main mode and sub mode of PX4's custom_mode, and the name that MAVROS shows.
+    """
 
     MANUAL = (1, 0, "MANUAL")
     ALTCTL = (2, 0, "ALTCTL")

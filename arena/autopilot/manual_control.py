@@ -1,4 +1,4 @@
-"""Manual control of one vehicle: stick positions, the source in use, moved sticks, and stick gestures. Pure.
+"""Manual control of one vehicle: stick positions, their source (RC or joystick), and stick gestures. Pure.
 
 The rules are those of PX4 v1.16. Stick positions come from a radio or from a joystick, and COM_RC_IN_MODE selects the source.
 The source in use stays in use until it is lost, so that two people cannot move the sticks of one vehicle at the same time.
@@ -23,7 +23,7 @@ _CENTRE, _LOW, _ASIDE = 0.1, -0.8, 0.9  # limits of the gestures
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManualInput:
-    """Manual control of a vehicle at one step.
+    """Stick positions and completed gesture of a vehicle at one step.
 
     sticks: positions from the source in use; None if manual control is lost or was never received
     speed: greatest speed of the four sticks, filtered [1/s]; at 1 a stick moves from the centre to its end in 1 s
@@ -65,11 +65,11 @@ class ManualControl:
         self._first = self._first or source
 
     def sticks_of(self, source: ManualControlSource) -> Sticks:
-        """Return the last stick positions from a source, centred before the first ones."""
+        """Return the last stick positions from a source; centred sticks if none were received."""
         return self._sticks.get(source, CENTRED)
 
     def is_available(self, now: float, in_mode: int, loss_s: float) -> bool:
-        """Return whether manual control was received in the last `loss_s` seconds.
+        """Return whether stick positions were received in the last `loss_s` seconds.
 
         in_mode: value of COM_RC_IN_MODE, which selects the source (radio or joystick)
         loss_s: value of COM_RC_LOSS_T [s]
@@ -77,7 +77,7 @@ class ManualControl:
         return bool(self._available(now, in_mode, loss_s))
 
     def update(self, now: float, in_mode: int, loss_s: float, gesture_s: float) -> ManualInput:
-        """Return manual control at time `now`. Call this once per step.
+        """Return the stick positions and the gesture of this step. Call this once per step.
 
         gesture_s: value of COM_RC_ARM_HYST: time for which the sticks must stay in the position of a gesture [s]
         """
@@ -126,7 +126,10 @@ class ManualControl:
 
 
 def _gesture_of(sticks: Sticks) -> Gesture:
-    """Return the gesture that the sticks form: throttle low, yaw right (arm) or left (disarm), roll and pitch centred; "" for none."""
+    """Return the gesture that the sticks form: arm, disarm, or "" for none.
+
+    Arm: throttle low, yaw right. Disarm: throttle low, yaw left. Roll and pitch are centred in both.
+    """
     if abs(sticks.pitch) >= _CENTRE or abs(sticks.roll) >= _CENTRE or sticks.throttle >= _LOW:
         return ""
     return "arm" if sticks.yaw > _ASIDE else "disarm" if sticks.yaw < -_ASIDE else ""

@@ -1,4 +1,4 @@
-"""Rules for the manual modes: conditions to enter a mode, to arm in it and to stay in it, and the takeover by moved sticks. Pure.
+"""Rules of the manual modes: conditions to enter one and to arm in it, and takeover by moved sticks. Pure.
 
 The rules are those of PX4 v1.16.
 """
@@ -13,7 +13,10 @@ _OVERRIDES_AUTO, _OVERRIDES_OFFBOARD = 1, 2  # bits of COM_RC_OVERRIDE
 
 
 def missing_for_manual(mode: Mode, s: CommanderInputs) -> str:
-    """Return why a manual mode cannot be flown now; "" if it can. The valid position that POSCTL also needs is not checked here."""
+    """Return why the vehicle cannot fly a manual mode now; "" if it can.
+
+    POSCTL also needs a valid position, which is not checked here.
+    """
     if mode not in MANUAL_MODES:
         return ""
     if not s.manual_control:
@@ -22,7 +25,7 @@ def missing_for_manual(mode: Mode, s: CommanderInputs) -> str:
 
 
 def stick_problem(mode: Mode, s: CommanderInputs) -> str:
-    """Return why the throttle stick prevents arming in a manual mode; "" if it does not."""
+    """Return why the throttle stick prevents arming in a manual mode; "" if arming is allowed."""
     sticks = s.manual.sticks
     if mode not in MANUAL_MODES or sticks is None:
         return ""
@@ -32,7 +35,7 @@ def stick_problem(mode: Mode, s: CommanderInputs) -> str:
 
 
 def possible_mode(intended: Mode, s: CommanderInputs, params: CommanderParams) -> Mode:
-    """Return the mode that the estimate allows, if a pilot has selected POSCTL or ALTCTL.
+    """Return the mode to fly if a pilot has selected POSCTL or ALTCTL: lower if the estimate is not valid.
 
     POSCTL without a valid position becomes ALTCTL with COM_POSCTL_NAVL 0, and a descent (DESCEND) with COM_POSCTL_NAVL 1.
     ALTCTL without a valid height or heading becomes STABILIZED.

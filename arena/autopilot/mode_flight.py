@@ -1,4 +1,7 @@
-"""Flight in the present mode: writes the setpoint of each armed vehicle. The commanders decide about the modes."""
+"""Setpoints of each armed vehicle in its present flight mode.
+
+The commanders decide about the modes.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +90,10 @@ class ModeFlight:
             c.request_mode(Mode.HOLD, s, v.commander_params)
 
     def _fly_by_hand(self, v: Vehicle, s: CommanderInputs) -> None:
-        """Fly by the sticks. Until the failsafe acts, lost sticks count as released."""
+        """Write the setpoint of a vehicle in a manual mode, from its sticks.
+
+        Lost sticks count as released until the failsafe acts.
+        """
         i, task, mode = v.row, self._manual[v.row], v.commander.mode
         p, velocity = self.est.p_n[i].tolist(), self.est.v_n[i].tolist()
         last = self._position.v_sp_n[i].tolist() if self.sp.level[i] == Level.POSITION else [math.nan] * 3

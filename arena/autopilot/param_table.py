@@ -34,7 +34,7 @@ class Params:
         return self._values[name]
 
     def columns(self, *names: str) -> Array:
-        """Return the values of several parameters as one new array (V, len(names))."""
+        """Return the values of several named parameters as one new array (V, number of names)."""
         return np.stack([self._values[name] for name in names], axis=-1)
 
     def __contains__(self, name: object) -> bool:

@@ -1,4 +1,6 @@
-"""Reader of PX4 startup scripts, for the PX4 stand-in. It supports only the lines that the stand-in needs.
+"""Reader of PX4 startup scripts, for the PX4 stand-in.
+
+Only the lines that the stand-in needs are supported.
 
 Supported lines: `. FILE`, `param set NAME VALUE`, `param set-default NAME VALUE`, `simulator_mavlink start`
 and `mavlink start`. `mavlink stream` is ignored, because the built-in autopilot has its own rates. Every
@@ -25,7 +27,7 @@ _ENV = "PX4_PARAM_"
 
 @dataclass(frozen=True, kw_only=True)
 class UdpLink:
-    """MAVLink link over UDP that the startup script opens.
+    """MAVLink link over UDP that a startup script opens.
 
     local: local port
     remote: address to which the link sends
@@ -115,7 +117,9 @@ def _open(found: Startup, options: Sequence[str]) -> None:
 
 
 def rotors(params: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return position and direction of each rotor from the CA_ROTOR* parameters, in the form that a vehicle profile has.
+    """Return position and direction of each rotor from the CA_ROTOR* parameters.
+
+    The form is the same as in a vehicle profile.
 
     A rotor with positive KM turns counter-clockwise. Raises InputError if no rotor is defined.
     """

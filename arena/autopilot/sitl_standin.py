@@ -47,7 +47,9 @@ _BYTES = 65536
 
 
 class StandIn:
-    """Autopilot of one vehicle, without sockets. The caller passes received bytes in and sends the replies.
+    """The PX4 stand-in of one vehicle, without sockets.
+
+    The caller passes received bytes in and sends the replies.
 
     The sensor period is the time between the first two samples.
 
@@ -152,14 +154,20 @@ class StandIn:
         return Autopilots({"vehicles": [vehicle]}, dt)
 
     def _hold(self, m: Any) -> None:
-        """Store magnetometer and barometer readings, because not every sample contains them."""
+        """Store the readings of magnetometer and barometer.
+
+        HIL_SENSOR does not contain them in every sample.
+        """
         if m.fields_updated & _MAG == _MAG:
             self._held["mag_b"] = np.array([[m.xmag, m.ymag, m.zmag]])
         if m.fields_updated & _BARO == _BARO:
             self._held["baro_alt_m"] = np.array([m.pressure_alt])
 
     def _sensors(self, m: Any) -> dict[str, Array]:
-        """Return the sensor values of HIL_SENSOR as the arrays that `Autopilots.step` takes. The battery is always full."""
+        """Convert HIL_SENSOR to the sensor arrays that `Autopilots.step` takes.
+
+        The battery is always full.
+        """
         return {
             "accel_b": np.array([[m.xacc, m.yacc, m.zacc]]),
             "gyro_b": np.array([[m.xgyro, m.ygyro, m.zgyro]]),
@@ -235,7 +243,10 @@ class Shell:
         return None
 
     def _serve_samples(self, stream: socket.socket, selector: selectors.BaseSelector) -> bool:
-        """Reply to the simulator's sensor samples with motor commands. Return False if the connection is closed."""
+        """Reply to each sensor sample of the simulator with motor commands.
+
+        Return False if the connection is closed.
+        """
         if not selector.select(_POLL_S):
             return True
         try:
@@ -288,7 +299,7 @@ def _bind(port: int, partner: str) -> socket.socket:
 
 
 def take_lock(instance: int, host: str) -> IO[bytes]:
-    """Lock a file until this process ends, so that no second stand-in with this instance number can start.
+    """Lock a file until this process ends, to prevent a second stand-in with this instance number.
 
     Raises RunError if another stand-in with the same instance and address is running.
     """

@@ -1,4 +1,4 @@
-"""Interface to the stored logs of the vehicles, and to files that are read in the background."""
+"""Interface to the log files of the vehicles. Files are read in the background."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""State of one vehicle of the built-in autopilot, and the requests that clients send to this vehicle.
+"""State of one vehicle of the built-in autopilot, and the actions that clients request.
 
 No MAVLink bytes, no sockets, no clock.
 
@@ -131,7 +131,7 @@ class Vehicle:
         return attitude
 
     def update_landed_state(self) -> None:
-        """Compute the MAV_LANDED_STATE from the commander's last run: 1 on the ground, 2 in the air, 3 taking off, 4 landing."""
+        """Update the MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing."""
         c, s, before = self.commander, self.inputs, self.landed_state
         if s.landed or not c.armed:
             self.landed_state = LANDED_STATE_ON_GROUND
@@ -151,7 +151,7 @@ class Vehicle:
         return now - self.gcs_heartbeat_at
 
     def local_from_global(self, lat: float, lon: float, alt: float) -> Point | None:
-        """Return p_n [m] [NED] of a global position, None if no origin is set.
+        """Convert a global position to a local position [m] [NED]; None if no origin is set.
 
         lat, lon: latitude, longitude [deg]
         alt: altitude AMSL [m]
@@ -164,13 +164,16 @@ class Vehicle:
     # -- commands --------------------------------------------------------------------------------------------
 
     def request_mode(self, mode: Mode | None) -> bool:
-        """Change the flight mode; return whether the request was accepted. An orbit ends with each request."""
+        """Change the flight mode. Return whether the request was accepted.
+
+        Each request ends an orbit.
+        """
         self._refresh_offboard()
         self.orbit = None
         return not self.commander.request_mode(mode, self.inputs, self.commander_params)
 
     def arm(self, why: str = "by external command") -> bool:
-        """Arm if every arming check passes; return whether the vehicle is armed."""
+        """Arm the vehicle if every arming check passes. Return whether the vehicle is armed."""
         self._refresh_offboard()
         was_armed = self.commander.armed
         armed = not self.commander.arm(self.inputs, self.commander_params, why=why)
@@ -180,7 +183,10 @@ class Vehicle:
         return armed
 
     def disarm(self, *, force: bool) -> bool:
-        """Disarm; return whether the vehicle is disarmed. In the air this needs `force`."""
+        """Disarm the vehicle. Return whether the vehicle is disarmed.
+
+        In the air this needs `force`.
+        """
         return not self.commander.disarm(self.inputs, force=force)
 
     def terminate(self, why: str) -> None:
@@ -188,7 +194,7 @@ class Vehicle:
         self.commander.terminate(why)
 
     def _refresh_offboard(self) -> None:
-        """Compute the age of the newest offboard setpoint again, because a mode or arming request depends on the present age.
+        """Update the age of the newest offboard setpoint before a decision about mode or arming.
 
         Clients request OFFBOARD right after their first setpoint, before the next decision updates the age.
         """
@@ -196,7 +202,7 @@ class Vehicle:
         self.inputs.offboard_needs_position = self.offboard_needs_position
 
     def request_takeoff(self, altitude: float) -> bool:
-        """Enter TAKEOFF; return whether the request was accepted.
+        """Enter the mode TAKEOFF. Return whether the request was accepted.
 
         altitude: target altitude AMSL [m]; NaN or 0 for MIS_TAKEOFF_ALT
         """
@@ -205,7 +211,7 @@ class Vehicle:
         return self.request_mode(Mode.TAKEOFF)
 
     def request_reposition(self, target: RepositionTarget, speed: float) -> bool:
-        """Fly to the target and hold there; return whether the request was accepted.
+        """Fly to a target and hold there. Return whether the request was accepted.
 
         speed: cruise speed [m/s]; zero or a negative value keeps the present speed
         """
@@ -216,7 +222,7 @@ class Vehicle:
         return accepted
 
     def request_orbit(self, request: OrbitRequest) -> bool:
-        """Fly on a circle, in HOLD; return whether the request was accepted."""
+        """Fly on a circle in the mode HOLD. Return whether the request was accepted."""
         here: list[float] = self._estimator.p_n[self.row].tolist()
         centre: Point = (here[0], here[1], here[2])
         has_place = math.isfinite(request.lat) and math.isfinite(request.lon)
@@ -239,24 +245,32 @@ class Vehicle:
         return accepted
 
     def set_home_to_current_position(self) -> None:
-        """Set home to the estimated position and heading. The caller checks that position and heading are valid."""
+        """Set home to the estimated position and heading.
+
+        The caller checks that position and heading are valid.
+        """
         self.home_n, self.home_yaw = self._estimator.p_n[self.row].tolist(), self.yaw()
 
     def set_home_here(self) -> bool:
-        """Set home to the estimated position; return False if the origin or the position is not valid."""
+        """Set home to the estimated position. Return False if the position or the origin is not valid."""
         known = self.origin is not None and self.inputs.xy_valid
         if known:
             self.set_home_to_current_position()
         return known
 
     def set_home_at(self, lat: float, lon: float, alt: float) -> bool:
-        """Set home to a latitude, longitude [deg] and altitude AMSL [m]; return False if no origin is set."""
+        """Set home to a global position. Return False if no origin is set.
+
+        lat, lon: latitude, longitude [deg]. alt: altitude AMSL [m]
+        """
         point = self.local_from_global(lat, lon, alt)
         self.home_n = list(point) if point else self.home_n
         return point is not None
 
     def set_origin(self, lat: float, lon: float, alt: float) -> None:
-        """Set the origin of the local frame. Do nothing if the vehicle is armed or a value is out of range.
+        """Set the origin of the local frame of a disarmed vehicle.
+
+        Do nothing if the vehicle is armed or a value is out of range.
 
         lat, lon: latitude, longitude [deg]
         alt: altitude AMSL [m]
@@ -289,7 +303,9 @@ class Vehicle:
         self.offboard_setpoint, self.offboard_setpoint_at = setpoint, now
 
     def refuse_offboard_setpoint(self, reason: str) -> None:
-        """Count a refused setpoint. Report every hundredth refused setpoint to the user.
+        """Count a refused setpoint.
+
+        Every hundredth refused setpoint is reported to the user.
 
         reason: reason of the refusal; "" is counted but not reported
         """

@@ -1,4 +1,4 @@
-"""A whole campaign: prepares the folder, flies what is missing, records each flight, and writes table and plots."""
+"""Run of a whole campaign: flies all missing flights, records each result, and writes table and plots."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, InputError
 
 
 class FlyAll(Protocol):
-    """Function that flies the flights of a campaign, such as `runner.fly_all` with its number of jobs."""
+    """Function that flies several flights of a campaign, such as `runner.fly_all`."""
 
     def __call__(
         self, flights: Sequence[Flight], folder: Path, *, on_record: OnRecord, on_poll: Callable[[], None]
@@ -27,7 +27,7 @@ class Progress(Protocol):
     """Display of the progress of a campaign."""
 
     def begin(self, total: int, flown: int) -> None:
-        """Show the number of all flights, and of those that an earlier campaign in this folder has flown."""
+        """Show the number of all flights, and of the flights that have a result already."""
 
     def add(self, record: Record) -> None:
         """Show the result of one flight."""
@@ -38,7 +38,10 @@ class Progress(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Finished:
-    """Result of a campaign that has ended. records: all flights with a result, in the order of the list of flights."""
+    """Result of a complete campaign.
+
+    records: all flights with a result, in the order of the list of flights
+    """
 
     records: Sequence[Record]
     files: Sequence[Path]

@@ -1,4 +1,7 @@
-"""The design of a campaign: sweep -> list of flights. Pure. The same sweep gives the same flights with the same ids."""
+"""List of the flights of a campaign, computed from its sweep file. Pure.
+
+The same sweep gives the same flights with the same ids.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,10 @@ class Flight:
 
 
 def flights(sweep: Sweep) -> list[Flight]:
-    """Return all flights: each combination of settings with each seed. Raises InputError if there are too many flights."""
+    """Return all flights: each combination of settings with each seed.
+
+    Raises InputError if there are too many flights.
+    """
     every = points(sweep)
     if len(every) * len(sweep.seeds) > LARGEST_CAMPAIGN:
         raise InputError(
@@ -57,7 +63,10 @@ def flights(sweep: Sweep) -> list[Flight]:
 
 
 def points(sweep: Sweep) -> list[dict[str, Value]]:
-    """Return all combinations of the settings that vary: each combination of listed values, with each random sample."""
+    """Return all combinations of the settings that vary.
+
+    Each combination of listed values is combined with each random sample.
+    """
     listed = [name for name in sweep.settings if name not in sweep.drawn]
     grid = itertools.product(*(listed_values(sweep.settings[name]) for name in listed))
     samples = drawn_values(sweep)
@@ -70,7 +79,10 @@ def points(sweep: Sweep) -> list[dict[str, Value]]:
 
 
 def listed_values(setting: Setting) -> list[Value]:
-    """Return the listed values of a setting: its `values` in the sweep file, or `steps` values from `min` to `max`."""
+    """Return the values of a setting that are not random.
+
+    They are the `values` in the sweep file, or `steps` values from `min` to `max`.
+    """
     if setting.values is not None:
         return list(setting.values)
     low, high = _range(setting)
@@ -79,7 +91,7 @@ def listed_values(setting: Setting) -> list[Value]:
 
 
 def drawn_values(sweep: Sweep) -> list[tuple[Value, ...]]:
-    """Return one tuple per random sample, with a value for each setting that is drawn at random.
+    """Return one tuple per random sample, with a random value for each setting that has a range.
 
     If no setting is drawn, return one empty tuple.
     """
@@ -110,7 +122,7 @@ def _short(value: float) -> float:
 
 
 def overrides_of(name: str, setting: Setting, value: Value) -> tuple[str, ...]:
-    """Return the overrides of the YAML, such as `world.wind_m_s=[3.0, 0, 0]`, for a flight with one value of a setting.
+    """Return the YAML overrides that give one setting a value, such as `world.wind_m_s=[3.0, 0, 0]`.
 
     name: name of the setting.  setting: its entry in the sweep file.  value: value of the setting in the flight.
     Each text in the list `set` of the setting becomes an override, with the value in place of {}. Without `set`, the name
@@ -136,5 +148,8 @@ def _flight(sweep: Sweep, number: int, point: Mapping[str, Value], seed: int) ->
 
 
 def flight_id(overrides: Sequence[str], seed: int) -> str:
-    """Return the id of a flight: 10 hexadecimal digits of a hash of its overrides and its seed."""
+    """Return the id of a flight, computed from its overrides and its seed.
+
+    The id has 10 hexadecimal digits of a hash.
+    """
     return hashlib.sha256(json.dumps([list(overrides), seed]).encode()).hexdigest()[:10]

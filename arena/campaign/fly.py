@@ -1,4 +1,4 @@
-"""A flight of a campaign: starts an arena for the flight, flies, measures, and returns the record of the result."""
+"""Flight of a campaign: starts an arena, flies, measures, and returns the record of the result."""
 
 from __future__ import annotations
 
@@ -54,7 +54,10 @@ def fly(flight: Flight, folder: Path) -> Record:
 
 
 def _fly_arena(flight: Flight, folder: Path) -> tuple[str, list[str]]:
-    """Fly an arena until its programs have ended. Return the path of the run folder and the reasons of a failure."""
+    """Fly an arena until its programs have ended.
+
+    Return the path of the run folder, and the reasons of a failure.
+    """
     session = Session(
         LaunchOptions(
             arena=Path(flight.file),
@@ -76,14 +79,20 @@ def _fly_arena(flight: Flight, folder: Path) -> tuple[str, list[str]]:
 
 
 def _fly_scenario(flight: Flight, folder: Path) -> tuple[str, list[str]]:
-    """Fly a scenario. Return the path of the run folder and the reasons of a failure, each with file and line."""
+    """Fly a scenario.
+
+    Return the path of the run folder, and the reasons of a failure, each with file and line.
+    """
     (scenario,) = load_scenarios(flight.file, flight.overrides)
     result = fly_scenario(scenario, FlightOptions(results=folder, seed=flight.seed, report=False))
     return result.run, reasons(result)
 
 
 def measured(run: Path) -> dict[str, dict[str, float | None]]:
-    """Return vehicle -> its measures (see `MEASURES`, such as the tracking error), computed from the files of a run folder."""
+    """Return vehicle -> measures of its flight, such as the tracking error, from the files of a run folder.
+
+    The measures are listed in `MEASURES`.
+    """
     recorded = recorded_by_world(_outcome(run))
     names = sorted({path.stem for path in (run / "csv").glob("*.csv")} | set(recorded))
     return {

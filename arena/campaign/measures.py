@@ -87,7 +87,7 @@ def of_vehicle(flight: Flight | None, recorded: Mapping[str, Any]) -> dict[str, 
 
 
 def of_flight(vehicles: Mapping[str, Numbers]) -> dict[str, float | None]:
-    """Return the measures of a flight: the largest value of its vehicles, and the sum of their crashes.
+    """Return the measures of a flight from those of its vehicles: the largest value, or the sum of crashes.
 
     vehicles: vehicle -> its measures.
     """
@@ -99,7 +99,7 @@ def of_flight(vehicles: Mapping[str, Numbers]) -> dict[str, float | None]:
 
 
 def recorded_by_world(outcome: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
-    """Return vehicle -> values that the simulated world has recorded: crash, tilt, touchdown speed, time in the air.
+    """Return vehicle -> values that the simulated world has recorded, such as crash and touchdown speed.
 
     outcome: content of outcome.json.
     """

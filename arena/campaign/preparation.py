@@ -1,4 +1,4 @@
-"""Checks of all flights before the first one starts: every combination of settings must give a valid, simulated arena."""
+"""Checks before the first flight of a campaign: each combination of settings must give a valid arena."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from arena.smoke.language.scenario import load_scenarios
 
 
 def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None] = lambda: None) -> Arena:
-    """Load the arena, or the scenario, for every combination of settings. Return the arena of the first flight.
+    """Load the arena or scenario with every combination of settings. Return the first flight's arena.
 
     on_checked: function that is called after each point.
     Raises InputError with all problems. A problem with a varied value has the file and line of the sweep file.
@@ -43,7 +43,7 @@ def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None
 
 
 def load(flight: Flight) -> Arena:
-    """Load the YAML files of a flight with the flight's overrides. Return the arena that they describe.
+    """Return the arena of a flight: its YAML files with the overrides of the flight.
 
     Raises InputError if the files are wrong, or if a vehicle is real.
     """
@@ -65,7 +65,7 @@ def load(flight: Flight) -> Arena:
 
 
 def at_sweep(sweep: Sweep, flight: Flight, problem: Problem) -> Problem:
-    """Return the problem with the place of its cause: the file and line of the sweep file, if a value there caused the problem.
+    """Return a problem with the file and line of the sweep file if a value in the sweep file has caused it.
 
     A problem of another file is returned unchanged.
     """
@@ -82,7 +82,7 @@ def at_sweep(sweep: Sweep, flight: Flight, problem: Problem) -> Problem:
 
 
 def _may_come_from(default: str, field: str) -> bool:
-    """Return whether the wrong value of a field may come from a default for all vehicles.
+    """Return whether a wrong value of a vehicle may come from a default for all vehicles.
 
     default: key of the default, such as `defaults.mass`.  field: field with the wrong value, such as `vehicles.uav1.mass`.
     """
@@ -90,7 +90,7 @@ def _may_come_from(default: str, field: str) -> bool:
 
 
 def _overrides_with_paths(sweep: Sweep, settings: Mapping[str, object]) -> Iterator[tuple[YamlPath, str]]:
-    """Yield (keys in the sweep file that lead to a value, override that this value gives) for every override of a flight.
+    """Yield (keys of a value in the sweep file, YAML override from this value) for all overrides of a flight.
 
     settings: setting -> its value in this flight.
     """
@@ -107,7 +107,7 @@ def _overrides_with_paths(sweep: Sweep, settings: Mapping[str, object]) -> Itera
 
 
 def input_digests(sweep: Sweep, arena: Arena) -> dict[str, str]:
-    """Return path -> SHA-256 of the files that determine a flight: arena, scenario, programs and profiles.
+    """Return path -> SHA-256 of each file that determines a flight: arena, scenario, programs, profiles.
 
     The paths are relative to the folder of the sweep file. Modules that a program imports are not included.
     """

@@ -17,7 +17,9 @@ Clock = Callable[[], float]
 
 
 class Pace:
-    """Estimate of the time left, from the flights that ended since this campaign was started or resumed.
+    """Estimate of the time left in a campaign.
+
+    It uses the flights that ended since the campaign was started or resumed.
 
     clock: wall time [s]; replaced by tests.
     """
@@ -85,7 +87,9 @@ class ProgressLines:
 
 
 class ProgressBar:
-    """A bar with the number of flights, of failures, and the time left. Failed flights are printed above the bar.
+    """Bar with the number of flights and failures, and the time left.
+
+    Failed flights are printed above the bar.
 
     The bar has no thread, because workers are forked from this process.
     """

@@ -1,4 +1,6 @@
-"""All flights of a campaign on the computers of a Ray cluster. Each flight is one Ray task and uses one CPU core.
+"""Flights of a campaign on the computers of a Ray cluster.
+
+Each flight is one Ray task and uses one CPU core.
 
 This computer is one of the cluster. It collects the records and the run folders of all flights.
 """
@@ -43,7 +45,9 @@ def fly_all(
     on_poll: Callable[[], None] = lambda: None,
     flown_by: Fly = fly,
 ) -> None:
-    """Fly all flights on a Ray cluster. Ray begins a flight again if its worker or its computer fails.
+    """Fly all flights on a Ray cluster.
+
+    Ray starts a flight again if its worker or its computer fails.
 
     address: HOST:PORT of the cluster, or `auto` for the cluster of this computer.
     inputs: absolute path -> SHA-256 of the files that every computer must have.
@@ -67,7 +71,10 @@ def fly_all(
 
 @dataclass
 class _Campaign:
-    """The flights of a campaign that have no result yet. pending: Ray's reference -> flight."""
+    """Flights that run or wait on the Ray cluster.
+
+    pending: Ray's reference -> flight
+    """
 
     ray: Any
     folder: Path
@@ -76,7 +83,10 @@ class _Campaign:
     pending: dict[Any, Flight]
 
     def poll(self) -> None:
-        """Wait up to POLL_S, record the flights that have ended, and show the progress."""
+        """Record the flights that have ended, and show the progress.
+
+        Wait up to POLL_S for the end of a flight.
+        """
         ended, _ = self.ray.wait(list(self.pending), num_returns=1, timeout=POLL_S)
         for one in ended:
             self._end(one, self.pending.pop(one))
@@ -98,13 +108,19 @@ class _Campaign:
             self.on_record(delivery.record)
 
     def cancel(self, *, kill: bool) -> None:
-        """Interrupt the flights in the air, and remove the flights that wait for a worker. kill: end the workers at once."""
+        """Interrupt the flights in the air, and remove the flights that wait for a worker.
+
+        kill: True to end the workers at once
+        """
         for one in self.pending:
             self.ray.cancel(one, force=kill)
 
 
 def _collect(campaign: _Campaign, stops: Sequence[int]) -> None:
-    """Record the flights until all have ended. At the first Ctrl-C the flights land, at the second their workers are killed."""
+    """Record the flights until all have ended.
+
+    At the first Ctrl-C the flights land. At the second Ctrl-C their workers are killed.
+    """
     asked, deadline = 0, float("inf")
     try:
         while campaign.pending:
@@ -118,7 +134,7 @@ def _collect(campaign: _Campaign, stops: Sequence[int]) -> None:
 
 
 def _connected(address: str) -> Any:
-    """Connect to the cluster and return the package `ray`."""
+    """Connect to the Ray cluster and return the Python package `ray`."""
     # Ray reads this variable when it is imported.
     os.environ.setdefault("RAY_gcs_server_request_timeout_seconds", str(_REQUEST_TIMEOUT_S))
     try:
@@ -146,7 +162,9 @@ def _start(address: str) -> str:
 
 
 def check_address(address: str) -> None:
-    """Check that a cluster answers at this address. Ray itself would try for minutes.
+    """Check within a short time that a Ray cluster replies at this address.
+
+    Ray itself would try for minutes.
 
     Raises InputError if the address has another form, RunError if no cluster answers within CONNECT_TIMEOUT_S.
     """
@@ -173,7 +191,7 @@ def check_address(address: str) -> None:
 
 
 def _answer(connection: socket.socket) -> bytes:
-    """Send the first bytes of an HTTP/2 client. Return the first bytes of the answer.
+    """Send the first bytes of an HTTP/2 client to the server. Return the first bytes of its reply.
 
     Ray uses HTTP/2. The answer shows whether a Ray cluster or another server uses this address.
     """
@@ -223,5 +241,8 @@ def _last_line(error: BaseException) -> str:
 
 
 def _absolute(flight: Flight) -> Flight:
-    """Return the flight with the absolute path of its file, because a worker has another working directory."""
+    """Return the flight with an absolute path of its file.
+
+    A Ray worker has another working directory.
+    """
     return replace(flight, file=str(Path(flight.file).resolve()))

@@ -1,4 +1,4 @@
-"""The flight of a campaign in a Ray worker, on any computer of a cluster: checks the files, flies, and returns all files."""
+"""Flight of a campaign in a Ray worker: checks the files, flies, and returns all files of the run."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ class Delivery:
 
 
 def fly_here(flight: Flight, inputs: Mapping[str, str], flown_by: Fly) -> Delivery:
-    """Fly one flight in a temporary folder of this computer. When this function returns, its arena has ended.
+    """Fly one flight in a temporary folder of this computer, and return its result and files.
+
+    When this function returns, the arena of the flight has ended.
 
     Raises InputError if this computer has other files than the campaign. `ray.cancel` interrupts it like Ctrl-C.
     """
@@ -60,7 +62,7 @@ def problems_here(inputs: Mapping[str, str]) -> list[str]:
 
 
 def inputs_of(files: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """Return the files that must be the same on every computer of the cluster: absolute path -> SHA-256.
+    """Return absolute path -> SHA-256 of the files that must be the same on every computer of the cluster.
 
     They are the files of the campaign and, under the key PACKAGE, the installed package `arena`.
 

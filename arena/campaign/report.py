@@ -21,7 +21,7 @@ _SHOWN = ("tracking_rms_m", "setpoint_error_m", "landing_error_m", "crashes")
 
 
 def in_campaign(listing: Listing, records: Iterable[Record]) -> list[Record]:
-    """Return the records whose flights belong to the campaign, sorted as in its list of flights.
+    """Return the records of the flights of this campaign, sorted as in its list of flights.
 
     A record whose flight is no longer in the list, because the sweep file was changed, is left out. Each record gets the number
     that its flight has in the list.
@@ -33,7 +33,7 @@ def in_campaign(listing: Listing, records: Iterable[Record]) -> list[Record]:
 
 
 def headline(listing: Listing, records: Sequence[Record]) -> str:
-    """Return one line with the number of flights that passed, failed, were lost, and are not flown yet."""
+    """Return one line with the numbers of passed, failed, lost and missing flights."""
     passed = sum(r.passed for r in records)
     lost = sum(r.lost for r in records)
     parts = {
@@ -50,7 +50,10 @@ def headline(listing: Listing, records: Sequence[Record]) -> str:
 
 
 def text(listing: Listing, records: Sequence[Record]) -> RenderableType:
-    """Return the report: headline, measures of all flights, measures of each combination of settings, failures."""
+    """Return the report: headline, measures, and failures.
+
+    The measures are shown for all flights, and for each combination of settings.
+    """
     flown = [r for r in records if not r.lost]
     parts: list[RenderableType] = [Text(headline(listing, records), "bold")]
     if flown:
@@ -74,7 +77,10 @@ def _measures(records: Sequence[Record]) -> Table:
 
 
 def _points(listing: Listing, records: Sequence[Record]) -> Table | None:
-    """Return the table of medians with one row per combination of settings; None if each combination was flown only once."""
+    """Return a table of medians with one row per combination of settings.
+
+    Return None if each combination was flown only once, or if the table would be too long.
+    """
     rows: dict[tuple[str, ...], list[Record]] = {}
     for record in records:
         rows.setdefault(tuple(_cell(record.settings.get(n)) for n in listing.settings), []).append(record)
@@ -92,7 +98,7 @@ def _points(listing: Listing, records: Sequence[Record]) -> Table | None:
 
 
 def failures(records: Sequence[Record]) -> list[RenderableType]:
-    """Return one text per failed or lost flight, with its settings, run folder and reasons."""
+    """Return one text per failed or lost flight: settings, run folder and reasons."""
     failed = [r for r in records if not r.passed]
     found: list[RenderableType] = []
     for record in failed[:_MOST_FAILURES]:

@@ -1,4 +1,7 @@
-"""All flights of a campaign with worker processes on this computer. A flight whose worker was killed is flown again."""
+"""Flights of a campaign in worker processes on this computer.
+
+A flight whose worker was killed is flown again.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples of several ranges: random points and Latin hypercubes. Pure: the generator is an argument."""
+"""Random samples of several ranges: uniform points and Latin hypercubes. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ def random_points(count: int, ranges: int, rng: np.random.Generator) -> Array:
 
 
 def latin_hypercube(count: int, ranges: int, rng: np.random.Generator) -> Array:
-    """Return points (count, ranges) in [0, 1): each of `count` equal parts of each range contains exactly one point.
+    """Return a Latin hypercube sample (count, ranges) in [0, 1).
+
+    Each of `count` equal parts of each range contains exactly one point.
 
     Source: McKay, Beckman, Conover, Technometrics 21 (1979) 239.
     """
@@ -26,7 +28,7 @@ def latin_hypercube(count: int, ranges: int, rng: np.random.Generator) -> Array:
 
 
 def in_range(share: Array, low: float, high: float, scale: Literal["linear", "log"]) -> Array:
-    """Scale numbers between 0 and 1 to values between `low` and `high`.
+    """Scale numbers between 0 and 1 to values between `low` and `high`, linearly or logarithmically.
 
     share: the numbers; 0 gives `low`, 1 gives `high`.
     scale: `linear`, or `log`: equal differences of `share` give equal ratios of values.

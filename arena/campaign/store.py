@@ -1,4 +1,4 @@
-"""The folder of a campaign: one JSON line per flight in results.jsonl, and the list of flights in campaign.json.
+"""Folder of a campaign: results.jsonl with one line per flight, and campaign.json with the list of flights.
 
 A line is appended and flushed when its flight ends. So a killed campaign loses only the flights in the air, and a line
 that was cut short by the kill is ignored.
@@ -49,7 +49,7 @@ class Record:
 
 @dataclass(frozen=True, kw_only=True)
 class Listing:
-    """The content of campaign.json.
+    """Content of campaign.json: the settings and the flights of a campaign.
 
     sweep: path of the sweep file.  kind: `arena` or `scenario`.
     inputs: path -> SHA-256 of the files that determine a flight.
@@ -69,7 +69,9 @@ class Listing:
 
 
 class Store:
-    """The folder of one campaign. Only the campaign that holds `locked` may write.
+    """Folder of one campaign.
+
+    Only the process that holds the lock (`locked`) may write.
 
     Reading needs no lock.
     """
@@ -79,7 +81,9 @@ class Store:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the lock of the folder. Raises RunError if another campaign holds it, InputError if the folder cannot be made.
+        """Lock the folder during a `with` block.
+
+        Raises RunError if another campaign holds the lock, InputError if the folder cannot be made.
 
         The lock is a POSIX record lock: it ends with this process, and workers do not inherit it.
         """
@@ -104,7 +108,10 @@ class Store:
         new.replace(self.folder / CAMPAIGN)
 
     def listing(self) -> Listing | None:
-        """Return the content of campaign.json; None if there is no such file. Raises InputError if it is not valid."""
+        """Return the content of campaign.json; None if the file does not exist.
+
+        Raises InputError if the content is not valid.
+        """
         path = self.folder / CAMPAIGN
         try:
             return Listing(**json.loads(path.read_text()))
@@ -114,7 +121,7 @@ class Store:
             raise InputError(f"{path}: cannot be read: {error}. Choose another folder") from error
 
     def records(self) -> dict[str, Record]:
-        """Return id -> record of every flight that has a line in results.jsonl.
+        """Return flight id -> record of every flight that has a line in results.jsonl.
 
         A later line of the same flight replaces an earlier one.
         """
@@ -153,7 +160,7 @@ def _ends_with_newline(path: Path) -> bool:
 
 
 def read_lines(lines: Iterable[str]) -> Iterator[Record]:
-    """Yield the records of the lines of results.jsonl. Lines that are not complete are ignored."""
+    """Yield the record in each line of results.jsonl. Ignore incomplete lines."""
     for line in lines:
         try:
             raw = json.loads(line)
@@ -163,7 +170,10 @@ def read_lines(lines: Iterable[str]) -> Iterator[Record]:
 
 
 def changed_inputs(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
-    """Return the paths of files that have changed since the campaign began, or that are new or missing."""
+    """Return the paths of files that were changed, added or removed since the campaign began.
+
+    before, now: path -> SHA-256
+    """
     return sorted(path for path in {*before, *now} if before.get(path) != now.get(path))
 
 

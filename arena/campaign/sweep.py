@@ -1,4 +1,7 @@
-"""The sweep file of a campaign: what is flown, which settings vary, and how often. Strict: unknown keys are refused."""
+"""Sweep file of a campaign: the arena to fly, the settings that vary, and how often.
+
+Unknown keys are refused.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,7 @@ def _seeds(value: Any) -> Any:
 
 
 class Setting(Strict):
-    """A setting that varies over the campaign. Give `values`, or `min` and `max`."""
+    """Setting that varies over the campaign: given by `values`, or by `min` and `max`."""
 
     values: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
     """All values; each of them is flown."""
@@ -67,7 +70,7 @@ class Setting(Strict):
 
 
 class SweepFile(Strict):
-    """Content of a sweep file. Give `arena` or `scenario`."""
+    """Content of a sweep file. The user gives either `arena` or `scenario`."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)] | None = None
     """Name of the campaign. Default: name of the sweep file."""
@@ -129,7 +132,10 @@ def is_drawn(setting: Setting) -> bool:
 
 
 def load_sweep(path: str | Path) -> Sweep:
-    """Load a sweep file. Raises InputError with every problem of this file, each with its line."""
+    """Load a sweep file.
+
+    Raises InputError with every problem of the file, each with its line.
+    """
     document = load_yaml(path, start="`arena:` or `scenario:`, and `vary:`")
     source = with_overrides(document, ())
     found = validate(SweepFile, source)
@@ -158,7 +164,7 @@ def load_sweep(path: str | Path) -> Sweep:
 
 
 def _problems(model: SweepFile, source: Source, pruned: set[YamlPath]) -> Iterator[Problem]:
-    """Yield the problems that involve several keys.
+    """Yield the problems of a sweep file that involve several keys.
 
     pruned: paths of the wrong values that were removed, and whose problems are already known. They cause no second problem.
     """

@@ -27,7 +27,9 @@ def has_pyarrow() -> bool:
 
 
 def columns(listing: Listing, records: Sequence[Record]) -> dict[str, list[Any]]:
-    """Return column -> values, one value per record. A setting with values other than numbers becomes text.
+    """Return column -> values, one value per flight.
+
+    A setting with values other than numbers becomes text.
 
     Columns: number, id, seed, the settings, passed, reasons, the measures, wall_s and run.
     """
@@ -60,7 +62,10 @@ def _float(value: float | None) -> float | None:
 
 
 def write_parquet(listing: Listing, records: Sequence[Record], path: Path) -> None:
-    """Write the table to a Parquet file. The schema has the unit and the meaning of each measure as field metadata."""
+    """Write the table of results to a Parquet file.
+
+    The schema has the unit and the meaning of each measure as field metadata.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -76,7 +81,7 @@ def write_parquet(listing: Listing, records: Sequence[Record], path: Path) -> No
 
 
 def write_plots(listing: Listing, records: Sequence[Record], folder: Path) -> list[Path]:
-    """Write one plot per measure that has data. Return the paths of the plots."""
+    """Write one plot for each measure that has data. Return the paths of the plots."""
     from arena.report import campaign_plots
 
     settings: Mapping[str, list[Any]] = {
@@ -100,7 +105,9 @@ def _number(value: float | None) -> float:
 
 
 def write_all(listing: Listing, records: Sequence[Record], folder: Path) -> list[Path]:
-    """Write table and plots into the folder of a campaign. Without pyarrow, the table is not written.
+    """Write table and plots into the folder of a campaign.
+
+    Without pyarrow, only the plots are written.
 
     Return the paths of all files that were written.
     """

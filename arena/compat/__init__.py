@@ -1,4 +1,6 @@
-"""Programs written for the class `UAV` of the ISR Flying Arena thesis (ROS 1, MAVROS or MAVSDK) fly with changed imports only.
+"""Replacements for the libraries of the ISR Flying Arena thesis: its programs fly with changed imports only.
+
+The programs were written for the thesis's class `UAV`, with ROS 1 and MAVROS, or with MAVSDK.
 
     import rospy                                 ->  from arena.compat import rospy
     from uav_mavros import UAV                   ->  from arena.compat.uav_mavros import UAV

@@ -1,4 +1,7 @@
-"""Data groups in the form of the thesis: vectors are columns, and a value stays the last one that arrived, however old it is."""
+"""Groups of data for programs of the ISR Flying Arena thesis: vectors are columns (n, 1).
+
+A value stays the last one that arrived, however old it is.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from arena.errors import StaleDataError
 
 
 class Columns:
-    """Read access to a group of data of `arena.UAV`, such as `uav.ekf`.
+    """Read access to a group of data of `arena.UAV`, such as `uav.ekf`, with vectors as columns.
 
     A vector (n,) is a column (n, 1), and an array (n, 3) is (n, 3, 1). A value is None before its first arrival. It never raises
     StaleDataError, but a value of `fresh` that is too old is stored in `reads`.
@@ -41,7 +44,10 @@ class Columns:
             return None
 
     def _value(self, name: str) -> Any:
-        """Return the last value. If it is too old, store this. Raises StaleDataError if none has arrived."""
+        """Return the last value of a quantity, and store its name if the value is too old.
+
+        Raises StaleDataError if no value has arrived.
+        """
         if self._reads is None:
             return getattr(self._group, name)
         (reads, group), why = self._reads, ""
@@ -54,5 +60,5 @@ class Columns:
 
 
 def column(value: Any) -> Any:
-    """Return an array (n,) as a column (n, 1), an array (n, 3) as (n, 3, 1), and any other value unchanged."""
+    """Return an array (n,) as (n, 1), an array (n, 3) as (n, 3, 1), and any other value unchanged."""
     return value[..., np.newaxis] if isinstance(value, np.ndarray) else value

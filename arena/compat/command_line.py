@@ -1,4 +1,7 @@
-"""Command line of a program of the thesis: `ns mass radius height num_rotors thrust_curve`, then the program's own arguments."""
+"""Command line of programs of the ISR Flying Arena thesis.
+
+The arguments are `ns mass radius height num_rotors thrust_curve`, then those of the program.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ _settings_file: list[str] = []
 
 
 def translate() -> None:
-    """Change `sys.argv` from the arguments of `arena up` to those of the thesis's launcher.
+    """Change `sys.argv` from the arguments of `arena up` to those of the ISR Flying Arena thesis.
 
     `arena up` passes `--uav FILE` and the arguments of the YAML. The program reads `sys.argv[1]` to `sys.argv[6]` (name, mass [kg],
     radius [m], height [m], number of rotors, name of the thrust curve), and its own arguments after them. A command line without
@@ -26,17 +29,20 @@ def translate() -> None:
 
 
 def uav_options(name: str) -> list[str]:
-    """Return the command line for `arena.UAV.from_args`. name: of the vehicle, for a program that was started by hand."""
+    """Return the command line for `arena.UAV.from_args`.
+
+    name: of the vehicle, for a program that was started by hand.
+    """
     return [OPTION, *_settings_file] if _settings_file else ["--ns", name]
 
 
 def vehicle_name() -> str | None:
-    """Return the name of the vehicle that `arena up` has selected, None for a program that was started by hand."""
+    """Return the vehicle that `arena up` has selected; None for a program that was started by hand."""
     return _settings()["vehicle"] if _settings_file else None
 
 
 def clock_path() -> str | None:
-    """Return the path of the simulation clock, without suffix. None if the program runs by the wall clock."""
+    """Return the path of the simulation clock, without suffix; None if the program uses the wall clock."""
     return _settings().get("clock") if _settings_file else None
 
 

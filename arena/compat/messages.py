@@ -1,4 +1,4 @@
-"""ROS messages with which a program of the thesis publishes its reference: `PoseStamped` and `Header`."""
+"""ROS messages with which a program of the ISR Flying Arena thesis publishes its reference."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Pose:
 
 @dataclass
 class PoseStamped:
-    """Pose with the time at which it holds."""
+    """Pose with a time stamp."""
 
     header: Header = field(default_factory=Header)
     pose: Pose = field(default_factory=Pose)

@@ -1,4 +1,7 @@
-"""The functions of `rospy` that programs of the thesis use, by the clock of the arena and without ROS."""
+"""Functions of `rospy` for programs of the ISR Flying Arena thesis, without ROS.
+
+All times are those of the clock of the arena.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +19,11 @@ REFERENCE_TOPIC = "/mavros/waypoints/position"
 
 
 class ROSInterruptException(Exception):
-    """Never raised. Programs catch it around their loop."""
+    """Exception that programs catch around their loop. It is never raised here."""
 
 
 class Time:
-    """Instant [s], by the simulation clock, or Unix time in a program that runs by the wall clock."""
+    """Instant [s] by the simulation clock, or Unix time if the program uses the wall clock."""
 
     def __init__(self, secs: float = 0.0) -> None:
         self._s = float(secs)
@@ -31,7 +34,7 @@ class Time:
 
     @classmethod
     def from_sec(cls, secs: float) -> Time:
-        """Return the instant of a time [s]."""
+        """Return the `Time` of a number of seconds."""
         return cls(secs)
 
     def to_sec(self) -> float:
@@ -45,12 +48,15 @@ class Time:
 
     @property
     def nsecs(self) -> int:
-        """Rest of the time below a second [ns]."""
+        """Fraction of the last second of the time [ns]."""
         return round(1e9 * (self._s - int(self._s)))
 
 
 class Rate:
-    """Timer for a loop with a fixed rate [Hz]. A new object sleeps one period."""
+    """Timer for a loop with a fixed rate [Hz].
+
+    The first period begins when the object is made.
+    """
 
     def __init__(self, hz: float) -> None:
         self._rate = thread_clocks.clock().rate(float(hz))
@@ -61,7 +67,9 @@ class Rate:
 
 
 class Publisher:
-    """Publisher of a topic. Only the reference of the program exists: `NAME/mavros/waypoints/position`, NAME of the vehicle.
+    """Publisher of the program's reference position, the only topic that can be published here.
+
+    The topic is `NAME/mavros/waypoints/position` with the name of the vehicle.
 
     Each message goes to the recorder, as `UAV.reference` does. Raises InputError for another topic.
     """
@@ -75,7 +83,10 @@ class Publisher:
         self._vehicle = vehicle
 
     def publish(self, message: PoseStamped) -> None:
-        """Log the position of the message [m] [ENU] as the reference of the vehicle. Ignored before the `UAV` exists."""
+        """Log the position of the message [m] [ENU] as the reference of the vehicle.
+
+        Nothing is logged before the `UAV` exists.
+        """
         uav = VEHICLES.get(self._vehicle)
         if uav is not None:
             at = message.pose.position
@@ -83,18 +94,21 @@ class Publisher:
 
 
 def Subscriber(name: str, *_arguments: Any, **_options: Any) -> None:
-    """Raise InputError: topics cannot be read. The data are in the groups of `UAV`."""
+    """Raise InputError, because topics cannot be read here.
+
+    The data are in the groups of `UAV`, such as `ekf.pos`.
+    """
     raise InputError(
         f"rospy.Subscriber: the topic {name!r} cannot be read here. Use the groups of UAV, such as ekf.pos"
     )
 
 
 def init_node(name: str, *_arguments: Any, **_options: Any) -> None:
-    """Do nothing: there are no nodes."""
+    """Do nothing: without ROS there are no nodes."""
 
 
 def get_time() -> float:
-    """Return the simulation time [s], or Unix time [s] in a program that runs by the wall clock."""
+    """Return the simulation time [s], or Unix time [s] if the program uses the wall clock."""
     return thread_clocks.time_s()
 
 
@@ -105,12 +119,15 @@ def sleep(duration: float) -> None:
 
 
 def is_shutdown() -> bool:
-    """Return False. A stopped program ends by a signal."""
+    """Return False. A program is stopped by a signal."""
     return False
 
 
 def loginfo(text: str, *arguments: Any) -> None:
-    """Print a line. text: format for the operator `%`. arguments: its values."""
+    """Print a line.
+
+    text: format for the operator `%`. arguments: its values.
+    """
     print(text % arguments if arguments else text, flush=True)
 
 

@@ -1,4 +1,7 @@
-"""Check of the values from which a program computes a setpoint: a value that is too old must not become a motion."""
+"""Check that a program computes its setpoints from new values.
+
+A value that is too old must not move a vehicle.
+"""
 
 from __future__ import annotations
 
@@ -11,23 +14,32 @@ LIMIT_S = 1.0
 
 
 class StaleReads(threading.local):
-    """Values that were too old when the program read them. Each thread has its own, because a log thread may read old values."""
+    """Record of the values that were too old when the program read them.
+
+    Each thread has its own record, because a log thread may read old values.
+    """
 
     def __init__(self) -> None:
         self._found: dict[str, str] = {}
 
     def note(self, name: str, why: str) -> None:
-        """Store a value that was too old. name: such as `ekf.pos`.  why: the age, as text; "" if it was not too old."""
+        """Record that the program has read a value.
+
+        name: such as `ekf.pos`. why: the age, as text; "" if the value was not too old.
+        """
         self._found.pop(name, None)
         if why:
             self._found[name] = why
 
     def clear(self) -> None:
-        """Forget all values that were read before."""
+        """Delete the record of all reads."""
         self._found.clear()
 
     def check(self) -> None:
-        """Raise StaleDataError if this thread has read a value that was too old since the last call."""
+        """Raise StaleDataError if this thread has read a value that was too old.
+
+        Only reads since the last call count.
+        """
         if self._found:
             why = next(iter(self._found.values()))
             self.clear()

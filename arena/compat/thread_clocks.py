@@ -1,4 +1,4 @@
-"""A clock for each thread of a program: threads sleep in simulation time independently of each other."""
+"""Separate clock for each thread of a program, so that each thread can sleep in simulation time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _of_thread = threading.local()
 
 
 def use(clock: Clock) -> Clock:
-    """Give this thread the clock `clock`, unless the thread has a clock already. Return the clock of this thread.
+    """Set the clock of this thread if the thread has none. Return the clock of this thread.
 
     In lockstep the world waits for every clock that does not sleep, so a thread must not have two.
     """
@@ -25,7 +25,7 @@ def use(clock: Clock) -> Clock:
 
 
 def clock() -> Clock:
-    """Return the clock of this thread. The first call makes the clock."""
+    """Return the clock of this thread. The first call creates the clock."""
     own: Clock | None = getattr(_of_thread, "clock", None)
     if own is None:
         path = command_line.clock_path()
@@ -35,7 +35,7 @@ def clock() -> Clock:
 
 
 def time_s() -> float:
-    """Return the simulation time [s], or the Unix time [s] of a program that runs by the wall clock."""
+    """Return the simulation time [s], or the Unix time [s] if the program uses the wall clock."""
     path = command_line.clock_path()
     if path is None:
         return time.time()

@@ -1,4 +1,4 @@
-"""The class `UAV` of the thesis: its names, arguments, units and columns, over `arena.UAV`."""
+"""Class `UAV` with the names, arguments and units of the ISR Flying Arena thesis (MAVROS)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VEHICLES: dict[str, arena_uav.UAV] = {}
 
 
 class UAV:
-    """A vehicle that a program of the thesis flies.
+    """Vehicle that a program of the ISR Flying Arena thesis flies.
 
     drone_ns: name of the vehicle.
     mass: [kg]. radius, height: [m]. num_rotors: number. All of them may be text, as on the command line.
@@ -86,34 +86,55 @@ class UAV:
         )
 
     def arm_drone(self) -> None:
-        """Arm, and wait for the confirmation. Raises CommandRefusedError."""
+        """Arm, and wait for the confirmation.
+
+        Raises CommandRefusedError.
+        """
         self._uav.arm_drone()
 
     def disarm_drone(self) -> None:
-        """Disarm, and wait for the confirmation. The autopilot refuses this in the air: CommandRefusedError."""
+        """Disarm, and wait for the confirmation.
+
+        Raises CommandRefusedError if the autopilot refuses, as it does in the air.
+        """
         self._uav.disarm_drone()
 
     def start_offboard_mode(self) -> None:
-        """Enter OFFBOARD at the current position and wait for the confirmation. Raises CommandRefusedError."""
+        """Enter OFFBOARD at the current position, and wait for the confirmation.
+
+        Raises CommandRefusedError.
+        """
         self.reads.clear()
         self._uav.start_offboard_mode()
 
     def start_offboard_mission(self) -> None:
-        """Wait until the vehicle is ready, enter OFFBOARD and arm. Raises CommandRefusedError, or NotConfirmedError after 20 s."""
+        """Wait until the vehicle is ready, enter OFFBOARD, and arm.
+
+        Raises CommandRefusedError, or NotConfirmedError after 20 s.
+        """
         self.reads.clear()
         self._uav.start_offboard_mission()
 
     def auto_land(self) -> None:
-        """Start the landing at the current position. Return when the autopilot is in AUTO.LAND, while the vehicle still descends."""
+        """Start the landing at the current position.
+
+        Return when the autopilot is in AUTO.LAND. The vehicle then still descends.
+        """
         self._uav.auto_land(wait=False)
 
     def set_pos_yaw(self, pos: ArrayLike, yaw: ArrayLike, time: ArrayLike) -> None:
-        """Send a position setpoint at 50 Hz for `time` seconds. pos: [m] [NED] (3, 1). yaw: [rad]."""
+        """Send a position setpoint at 50 Hz for a number of seconds.
+
+        pos: [m] [NED] (3, 1). yaw: [rad]. time: [s].
+        """
         self.reads.check()
         self._uav.set_pos_yaw(pos, yaw, time)
 
     def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint once, then wait 1/freq. vel: [m/s] [NED] (3, 1). yaw: [rad]. freq: [Hz]."""
+        """Send a velocity setpoint once, then wait for 1/freq.
+
+        vel: [m/s] [NED] (3, 1). yaw: [rad]. freq: [Hz].
+        """
         self.reads.check()
         self._uav.set_vel_yaw(vel, yaw, freq)
 
@@ -136,12 +157,17 @@ class UAV:
         self._uav.set_att_thrust(att, att_type, thrust, freq)
 
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a rate setpoint once, then wait 1/freq. ang_vel: [rad/s] [FRD] (3, 1). thrust: [N]. freq: [Hz]."""
+        """Send a rate setpoint once, then wait for 1/freq.
+
+        ang_vel: [rad/s] [FRD] (3, 1). thrust: [N]. freq: [Hz].
+        """
         self.reads.check()
         self._uav.set_ang_vel_thrust(ang_vel, thrust, freq)
 
     def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
-        """Send an actuator setpoint once, then wait 1/freq. Raises CommandRefusedError for autopilots newer than PX4 v1.13.
+        """Send an actuator setpoint once, then wait for 1/freq.
+
+        Raises CommandRefusedError for autopilots newer than PX4 v1.13.
 
         group: mixer group 0..3. output: up to 8 numbers -1..1 [-]. freq: [Hz].
         """
@@ -153,5 +179,8 @@ class UAV:
 
 
 def _in_radians(pos: Array) -> Array:
-    """Convert latitude and longitude from degrees to radians. pos: latitude, longitude, altitude [m] (3,)."""
+    """Convert latitude and longitude from degrees to radians; keep the altitude.
+
+    pos: latitude, longitude, altitude [m] (3,).
+    """
     return np.array([*np.radians(pos[:2]), pos[2]])

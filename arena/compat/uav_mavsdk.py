@@ -1,4 +1,4 @@
-"""The class `UAV` of the thesis's MAVSDK library: the names of `uav_mavros`, with coroutines.
+"""Class `UAV` with coroutines for programs of the ISR Flying Arena thesis that use MAVSDK.
 
 It flies over `arena.UAV` as well. Its MAVLink library is that of the YAML (`backend`).
 """
@@ -17,7 +17,7 @@ from arena.uav.setpoints import AttitudeKind
 
 
 class UAV:
-    """A vehicle that a program of the thesis flies with coroutines.
+    """Vehicle that a program of the ISR Flying Arena thesis flies with coroutines.
 
     drone_ns: name of the vehicle. In the thesis this argument is the UDP port. Both come from `sys.argv[1]`, which is the name here.
     The other arguments, the data groups and the exceptions are those of `arena.compat.uav_mavros.UAV`.
@@ -41,36 +41,57 @@ class UAV:
         self.ekf, self.sen, self.act, self.info = made.ekf, made.sen, made.act, made.info
 
     async def connect(self) -> None:
-        """Do nothing: the constructor has connected the vehicle."""
+        """Do nothing, because the constructor has connected the vehicle already."""
 
     async def arm_drone(self) -> None:
-        """Arm, and wait for the confirmation. Raises CommandRefusedError."""
+        """Arm, and wait for the confirmation.
+
+        Raises CommandRefusedError.
+        """
         await self._run(self._uav.arm_drone)
 
     async def disarm_drone(self) -> None:
-        """Disarm, and wait for the confirmation. Raises CommandRefusedError in the air."""
+        """Disarm, and wait for the confirmation.
+
+        Raises CommandRefusedError in the air.
+        """
         await self._run(self._uav.disarm_drone)
 
     async def start_offboard_mode(self) -> None:
-        """Enter OFFBOARD at the current position and wait for the confirmation. Raises CommandRefusedError."""
+        """Enter OFFBOARD at the current position, and wait for the confirmation.
+
+        Raises CommandRefusedError.
+        """
         self._uav.reads.clear()
         await self._run(self._uav.start_offboard_mode)
 
     async def start_offboard_mission(self) -> None:
-        """Wait until the vehicle is ready, enter OFFBOARD and arm. Raises CommandRefusedError, or NotConfirmedError after 20 s."""
+        """Wait until the vehicle is ready, enter OFFBOARD, and arm.
+
+        Raises CommandRefusedError, or NotConfirmedError after 20 s.
+        """
         self._uav.reads.clear()
         await self._run(self._uav.start_offboard_mission)
 
     async def auto_land(self) -> None:
-        """Start the landing. Return when the autopilot is in AUTO.LAND, while the vehicle still descends."""
+        """Start the landing at the current position.
+
+        Return when the autopilot is in AUTO.LAND. The vehicle then still descends.
+        """
         await self._run(self._uav.auto_land)
 
     async def set_pos_yaw(self, pos: ArrayLike, yaw: ArrayLike, time: ArrayLike) -> None:
-        """Send a position setpoint at 50 Hz for `time` seconds. pos: [m] [NED] (3, 1). yaw: [rad]."""
+        """Send a position setpoint at 50 Hz for a number of seconds.
+
+        pos: [m] [NED] (3, 1). yaw: [rad]. time: [s].
+        """
         await self._set(self._uav.set_pos_yaw, pos, yaw, time)
 
     async def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint once, then wait 1/freq. vel: [m/s] [NED] (3, 1). yaw: [rad]. freq: [Hz]."""
+        """Send a velocity setpoint once, then wait for 1/freq.
+
+        vel: [m/s] [NED] (3, 1). yaw: [rad]. freq: [Hz].
+        """
         await self._set(self._uav.set_vel_yaw, vel, yaw, freq)
 
     async def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
@@ -90,15 +111,24 @@ class UAV:
         await self._set(self._uav.set_att_thrust, att, att_type, thrust, freq)
 
     async def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a rate setpoint once, then wait 1/freq. ang_vel: [rad/s] [FRD] (3, 1). thrust: [N]. freq: [Hz]."""
+        """Send a rate setpoint once, then wait for 1/freq.
+
+        ang_vel: [rad/s] [FRD] (3, 1). thrust: [N]. freq: [Hz].
+        """
         await self._set(self._uav.set_ang_vel_thrust, ang_vel, thrust, freq)
 
     async def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
-        """Send an actuator setpoint once, then wait 1/freq. Raises CommandRefusedError for autopilots newer than PX4 v1.13."""
+        """Send an actuator setpoint once, then wait for 1/freq.
+
+        Raises CommandRefusedError for autopilots newer than PX4 v1.13.
+        """
         await self._set(self._uav.set_act, group, output, freq)
 
     async def _set(self, call: Callable[..., None], *arguments: Any) -> None:
-        """Send a setpoint. Raises StaleDataError if a coroutine has computed it from a value that is too old."""
+        """Send a setpoint.
+
+        Raises StaleDataError if a coroutine has computed the setpoint from a value that is too old.
+        """
         self._uav.reads.check()
         await self._run(call, *arguments)
 

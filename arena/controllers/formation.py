@@ -1,4 +1,4 @@
-"""Leader and followers: a distributed law that keeps a formation on relative positions and velocities.
+"""Formation control: followers keep their places by relative positions and velocities of their neighbours.
 
 For vehicle i with n neighbours j:
 
@@ -29,7 +29,7 @@ from arena.trajectories.trajectory import Reference
 
 @dataclass(frozen=True, kw_only=True)
 class FormationLaw:
-    """Velocity setpoint of one follower.
+    """Controller that computes the velocity setpoint of one follower in a formation.
 
     position_gain: k [1/s].  velocity_gain: b [-], above 0 to 1.  max_speed_m_s: largest speed of the setpoint [m/s].
     """
@@ -46,7 +46,7 @@ class FormationLaw:
         vel: ArrayLike,
         wanted_vel: ArrayLike | None = None,
     ) -> Array:
-        """Return the velocity setpoint [m/s] [NED] (3,).
+        """Return the velocity setpoint of the follower [m/s] [NED] (3,).
 
         rel_pos, rel_vel: measured position [m] and velocity [m/s] of each neighbour relative to the vehicle [NED] (n, 3).
         wanted_pos: desired relative position of each neighbour [m] [NED] (n, 3).
@@ -72,7 +72,9 @@ def formation_reference(
     acc: ArrayLike,
     yaw: float = 0.0,
 ) -> Reference:
-    """Return the reference for `PositionPid`, relative to the vehicle: update the PID with zeros as position and velocity.
+    """Return the reference of a follower for `PositionPid`, relative to the vehicle.
+
+    Call `PositionPid.update` with zeros as position and velocity.
 
     rel_pos, rel_vel: measured position [m] and velocity [m/s] of each neighbour relative to the vehicle [NED] (n, 3).
     wanted_pos, wanted_vel: desired relative position [m] and its rate [m/s] [NED] (n, 3).

@@ -1,4 +1,4 @@
-"""Position controller: PID with feed-forward, whose output is an attitude and a thrust.
+"""Position controller (PID with feed-forward) that computes an attitude and a thrust.
 
     a = a_ref + k_p (p_ref - p) + k_d (v_ref - v) + k_i integral(p_ref - p) dt
     f = m (a - g),  g = (0, 0, 9.80665) m/s2
@@ -23,7 +23,7 @@ from arena.trajectories.trajectory import Reference
 
 @dataclass(frozen=True, kw_only=True)
 class Gains:
-    """Gains for north, east, down (3,).
+    """Gains of the position controller for north, east, down (3,).
 
     p: [1/s2].  d: [1/s].  i: [1/s3].
     """
@@ -35,7 +35,10 @@ class Gains:
 
 @dataclass(frozen=True, kw_only=True)
 class AttitudeThrust:
-    """Setpoint for `UAV.set_att_thrust`. q_nb: attitude wxyz [-] (4,).  thrust_n: [N].  tilt: angle from the vertical [rad]."""
+    """Attitude and thrust, as setpoint for `UAV.set_att_thrust`.
+
+    q_nb: attitude wxyz [-] (4,). thrust_n: [N]. tilt: angle from the vertical [rad].
+    """
 
     q_nb: Array
     thrust_n: float
@@ -70,7 +73,7 @@ class PositionPid:
 
     @property
     def integral(self) -> Array:
-        """Contribution of the integral to the acceleration [m/s2] [NED] (3,)."""
+        """Acceleration that the integral part commands [m/s2] [NED] (3,)."""
         return self._integral.copy()
 
     def reset(self) -> None:
@@ -78,7 +81,7 @@ class PositionPid:
         self._integral, self._before = np.zeros(3), None
 
     def update(self, reference: Reference, pos: ArrayLike, vel: ArrayLike, now: float) -> AttitudeThrust:
-        """Return the attitude and the thrust for this instant.
+        """Return the attitude and thrust setpoint for one control step.
 
         reference: where the vehicle should be.  pos: position [m] [NED] (3,).  vel: velocity [m/s] [NED] (3,).
         now: time [s], of any clock that does not jump. The first call does not integrate, and a step counts 0.1 s at most.
@@ -94,7 +97,10 @@ class PositionPid:
         return found
 
     def _limited(self, acc: Array, yaw: float) -> tuple[AttitudeThrust, bool]:
-        """Return the setpoint for an acceleration [m/s2] [NED] (3,), and whether tilt or thrust was limited."""
+        """Return the setpoint for an acceleration, and whether tilt or thrust was limited.
+
+        acc: [m/s2] [NED] (3,)
+        """
         force = self._mass * (acc - np.array([0.0, 0.0, GRAVITY_M_S2]))
         up = max(
             -float(force[2]), 1e-3 * self._mass * GRAVITY_M_S2
@@ -113,7 +119,7 @@ class PositionPid:
 
 
 def attitude_thrust(force: ArrayLike, yaw: float) -> AttitudeThrust:
-    """Return the attitude and the thrust that produce a force.
+    """Return the attitude and the thrust that produce a force on the vehicle.
 
     force: force of the rotors [N] [NED] (3,), not zero.  yaw: heading of the nose [rad].
     """

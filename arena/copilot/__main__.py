@@ -1,4 +1,4 @@
-"""Process of the copilot: its socket, its motion-capture clients and its clock.
+"""Process of the copilot, with its sockets, its motion-capture clients and its clock.
 
 Run as `python -m arena.copilot slice.json`. One UDP socket sends and receives everything. Telemetry comes
 from the router's tools port and is recognised by this sender; user programs send their heartbeats to the same
@@ -30,7 +30,10 @@ _READY_TIMEOUT_S = 10.0
 
 
 class _StepTimer:
-    """Timer for steps at STEP_HZ. Deadlines are absolute; missed deadlines are skipped."""
+    """Timer for the steps of the copilot (STEP_HZ).
+
+    Deadlines are absolute. Missed deadlines are skipped.
+    """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -38,8 +41,9 @@ class _StepTimer:
         self._requested = False
 
     def wait(self, timeout_s: float) -> float | None:
-        """Wait for the next deadline and return its time [s]; None if the clock does not reach the deadline
-        within timeout_s of wall time.
+        """Wait for the next deadline and return its time [s]; None after a timeout.
+
+        timeout_s: limit of wall time [s]
         """
         if not isinstance(self._clock, SimClock):
             now = self._clock.sleep_until(self._due)
@@ -78,7 +82,7 @@ class CopilotProcess:
         self._spent_s, self._steps, self._longest_s = 0.0, 0, 0.0
 
     def run(self) -> None:
-        """Run until a stop signal. If the supervisor dies, run until all vehicles are disarmed.
+        """Run until a stop signal. If the supervisor dies, first wait until all vehicles are disarmed.
 
         Simulation time stands still before PX4 has booted and when the world has stopped. Meanwhile the
         copilot receives telemetry and sends stats.
@@ -143,7 +147,9 @@ class CopilotProcess:
             self._socket.sendto(data, to)
 
     def _report(self) -> bool:
-        """Report the copilot's counters to the supervisor; the first call also reports that the copilot is ready.
+        """Report the copilot's counters to the supervisor.
+
+        The first call also reports that the copilot is ready.
 
         Return whether the process may end.
 

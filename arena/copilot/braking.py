@@ -1,4 +1,4 @@
-"""Stopping distance of a vehicle after a hold command, from a model with limited acceleration and jerk. Pure.
+"""Stopping distance after a hold command, from a model with limited acceleration and jerk. Pure.
 
 A stop from speed v with |a| <= A and |da/dt| <= J, which starts and ends with a = 0, is symmetric in time. So
 its distance is v T / 2:
@@ -53,7 +53,7 @@ def stop(speed: Array, accel: Array, jerk: Array) -> tuple[Array, Array]:
 class Stop:
     """Prediction of how N vehicles stop if they are commanded to hold now.
 
-    start: position at the beginning of the braking [m] [NED] (N, 3).
+    start: position now [m] [NED] (N, 3).
     v_n: velocity at the beginning of the braking [m/s] [NED] (N, 3).
     react_s: time before the braking [s] (N,).
     took_s: duration of the braking, horizontal and vertical [s] (N, 2).
@@ -75,7 +75,7 @@ class Stop:
         return self.took_s[:, (0, 0, 1)]
 
     def path(self, times: Array, later_s: float = 0.0) -> Array:
-        """Return the predicted positions [m] [NED] (N, K, 3) of N stopping vehicles at K times.
+        """Return the predicted positions of N stopping vehicles at K times [m] [NED] (N, K, 3).
 
         times: time since now [s] (K,). later_s: time from now to the hold command [s].
         """

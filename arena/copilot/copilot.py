@@ -1,4 +1,7 @@
-"""Core of the copilot, without sockets or clocks: receives datagrams, poses and the time, returns datagrams and events."""
+"""Core of the copilot, without sockets or clocks.
+
+It receives datagrams, poses and the time, and returns datagrams and events.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,9 @@ _GRACE_S = 2.0  # for the handshake with motion capture after a start
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """Commands to send and events to log, as the result of one copilot step. events: lines for the event log.
+    """Result of one copilot step: commands to send, and lines for the event log.
+
+    events: lines for the event log
 
     frames: (row of the vehicle, MAVLink frames), to be sent through the router and on the panic link.
     renewals: (row of the vehicle, MAVLink frames), to be sent through the router only.
@@ -49,7 +54,7 @@ class Output:
 
 
 class Copilot:
-    """Core of the copilot: stores poses and telemetry, checks the rules at each step, and selects the commands.
+    """Core of the copilot: checks all rules at each step, and selects the commands to the vehicles.
 
     Pass in data with `on_frames` and `on_datagram`, and call `step` 50 times a second. In every method, `now`
     is the time [s] of the same clock.
@@ -73,7 +78,10 @@ class Copilot:
         self._refused: set[tuple[int, int, int]] = set()
 
     def on_frames(self, frames: Iterable[CapturedFrame], now: float, server: int = 0) -> None:
-        """Store the poses of captured frames. server: index of the motion-capture server that sent the frames."""
+        """Store the poses of captured frames.
+
+        server: index of the motion-capture server that sent the frames
+        """
         stream = self._streams.setdefault(server, StreamLateness(_PROMPT_S))
         for frame in frames:
             late = stream.measure(frame, now)
@@ -82,7 +90,7 @@ class Copilot:
                     self.tracks.on_pose(pose.body, pose.p_n, pose.q_nb, frame.time_s, now, late)
 
     def on_datagram(self, row: int | None, data: Buffer, now: float) -> None:
-        """Store the vehicle states and program heartbeats that a received datagram contains.
+        """Store the vehicle states and program heartbeats in a received datagram.
 
         row: vehicle from whose tools port the datagram came, None for any other sender.
         """
@@ -117,14 +125,20 @@ class Copilot:
 
     @property
     def flying(self) -> Mask:
-        """Mask of the vehicles that are armed and in the air according to their last message; false before the first message."""
+        """Mask of the vehicles that report that they are armed and in the air.
+
+        A vehicle that has sent no message is not in the mask.
+        """
         return np.array(
             [a is True and g is False for a, g in zip(self.states.armed, self.states.landed, strict=True)],
             np.bool_,
         )
 
     def any_armed(self, *, simulated: bool) -> bool:
-        """Return whether a simulated vehicle is armed, or with `simulated=False` whether a real vehicle is armed."""
+        """Return whether any simulated vehicle is armed.
+
+        With `simulated=False`: whether any real vehicle is armed
+        """
         return any(
             a is True
             for a, v in zip(self.states.armed, self.vehicles, strict=True)
@@ -133,8 +147,9 @@ class Copilot:
 
     @property
     def missing(self) -> list[str]:
-        """Names of the simulated vehicles for which the copilot has no data yet: no heartbeat, or no captured pose although the
-        vehicle is captured.
+        """Names of the simulated vehicles whose heartbeat or first captured pose is missing.
+
+        A vehicle without motion capture needs no pose.
         """
         present = np.isfinite(self.states.heartbeat_at) & (
             np.isfinite(self.tracks.seen_at) | ~np.array([v.poses for v in self.vehicles])
@@ -201,7 +216,7 @@ class Copilot:
                 yield f"{vehicle.name}: heartbeat received again"
 
     def _report_unwatched(self, m: FleetState) -> Iterator[str]:
-        """Yield a warning for each vehicle for which the copilot cannot check rules, because data are missing."""
+        """Yield a warning for each vehicle whose data are missing, so that rules cannot be checked."""
         for row, vehicle in enumerate(self.vehicles):
             armed, landed = self.states.armed[row], self.states.landed[row]
             if _lasted(self._without_landed_state, row, armed is True and landed is None, m.now):
@@ -254,7 +269,7 @@ class Copilot:
         )
 
     def stats(self) -> dict[str, Any]:
-        """Return the counters for the run's summary."""
+        """Return the counters of the copilot for the summary of the run."""
         closest = {} if math.isinf(self.closest_m) else {"closest_m": round(self.closest_m, 2)}
         given = {f"sent {step}": n for step, n in self.orders.items()}
         received = {f"received {what}": n for what, n in self.states.counts.items()}
@@ -268,7 +283,7 @@ class Copilot:
 
 
 def _lasted(since: dict[int, float], row: int, so: bool, now: float) -> bool:
-    """Return whether to report a condition of a vehicle now: it has been true for more than `_SILENT_S` [s] without interruption.
+    """Return True once when a condition has been true for more than `_SILENT_S` [s] without interruption.
 
     Return True only once. Later calls return False until the condition has been false.
     since: row of the vehicle -> start time of the condition [s], updated here. so: whether the condition is true now.

@@ -48,7 +48,7 @@ class VehicleStatus:
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """Command that the copilot gave to a vehicle and that still applies. step: hold, land or terminate.
+    """Command (hold, land or terminate) that the copilot gave to a vehicle and that still applies.
 
     given_at: time of the order [s]. obeyed_at: when the commanded mode was first reported [s]; None before.
     """
@@ -62,7 +62,7 @@ class Order:
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """Command to send and events to log, as the result of one `Escalation` step for one vehicle.
+    """Command to send to one vehicle and events to log, as result of one `Escalation` step.
 
     send: the order to send now, None if there is none. events: lines for the event log.
     renews: the vehicle obeys `send` already: it is sent only to the router, which refuses OFFBOARD for another second.
@@ -74,7 +74,7 @@ class Decision:
 
 
 def may_end(mode: str, order: Order | None) -> bool:
-    """Return whether the copilot may command a vehicle that is in this flight mode.
+    """Return whether the copilot may command a vehicle in its present flight mode.
 
     It may do so in the modes that user programs use (`OPEN`), and in a landing that the copilot itself has commanded. Only
     a termination, which is more severe, ends such a landing.
@@ -84,7 +84,10 @@ def may_end(mode: str, order: Order | None) -> bool:
 
 @dataclass(kw_only=True)
 class Escalation:
-    """Decides which command of the copilot a vehicle gets at each step (hold, land, terminate or none). Call `decide` once per step."""
+    """Decides at each step which command of the copilot a vehicle gets: hold, land, terminate or none.
+
+    Call `decide` once per step.
+    """
 
     name: str
     rules: Rules
@@ -99,7 +102,7 @@ class Escalation:
         return self.order is not None and self.order.step == "hold"
 
     def decide(self, violations: Sequence[Violation], status: VehicleStatus, now: float) -> Decision:
-        """Decide which command the vehicle must get now. Return the command and the events to report.
+        """Return the command that the vehicle must get now, and the events to log.
 
         violations: rules that this vehicle violates now.
         """
@@ -133,7 +136,7 @@ class Escalation:
         self.order, self._left_alone = None, ""
 
     def _leave_to_others(self, violations: Sequence[Violation], mode: str) -> None:
-        """End the copilot's order and send no more commands, because a pilot or a failsafe has changed the vehicle's mode.
+        """Stop commanding the vehicle, because a pilot or a failsafe has changed its mode.
 
         If there is no order, a violation is reported once, but the vehicle is not commanded.
         """
@@ -174,7 +177,7 @@ class Escalation:
             self._next_send = now
 
     def _most_severe(self, violations: Sequence[Violation]) -> tuple[Step, Violation] | None:
-        """Return the most severe command (step) that the violations require, and the violation that requires this command.
+        """Return the most severe command that the violations require, and its violation.
 
         The setting `at_most` limits the command. Returns None if no command is required.
         """
@@ -196,7 +199,7 @@ class Escalation:
     def _escalate(
         self, order: Order, violations: Sequence[Violation], status: VehicleStatus, now: float
     ) -> None:
-        """Replace the order by the next stronger command (land or terminate), if the order is not obeyed or has no effect.
+        """Replace the command by a stronger one (land or terminate) if it is not obeyed or has no effect.
 
         An order has no effect if the vehicle obeys, the violation continues and the rule requires a stronger step.
 
@@ -236,7 +239,7 @@ class Escalation:
         return order.step
 
     def _renewal_is_due(self, violations: Sequence[Violation], status: VehicleStatus, now: float) -> bool:
-        """Return whether to repeat the hold command to a vehicle that holds already.
+        """Return whether to repeat the hold command to a vehicle that already holds.
 
         This keeps programs from taking control while the violation lasts.
         """

@@ -1,4 +1,4 @@
-"""State of all vehicles at one instant, and the class that describes the violation of a rule."""
+"""State of all vehicles at one instant, and violations of the copilot's rules."""
 
 from __future__ import annotations
 

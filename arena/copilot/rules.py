@@ -1,4 +1,4 @@
-"""Rules of the copilot: find the violations in a fleet state.
+"""Rules of the copilot: find which vehicles violate a rule.
 
 Pure; a rule with a duration stores when its condition began.
 
@@ -21,7 +21,10 @@ _SIDES = (("south", "north"), ("west", "east"), ("ceiling", "floor"))
 
 
 class RuleChecker:
-    """Checks all rules of the copilot. For a rule with a duration, stores when its condition began. Call `violations` once per step."""
+    """Checks all rules of the copilot.
+
+    For a rule with a duration it stores when the condition began. Call `violations` once per step.
+    """
 
     def __init__(self, rules: Rules, vehicles: Sequence[Vehicle]) -> None:
         self._rules = rules
@@ -33,7 +36,10 @@ class RuleChecker:
         self.found = SeparationResult(broken=(), meeting=(), closest=math.inf)
 
     def violations(self, m: FleetState) -> list[Violation]:
-        """Return all violations by flying vehicles, including vehicles that the copilot must not command."""
+        """Return all violations of rules by flying vehicles.
+
+        Vehicles that the copilot must not command are included.
+        """
         each = {
             "geofence": self._geofence,
             "separation": self._separation,
@@ -121,7 +127,7 @@ class RuleChecker:
             yield Violation(row=int(row), rule="program", why=why)
 
     def _lasting(self, m: FleetState, rule: str, now_so: Mask) -> list[int]:
-        """Return the indices of the flying vehicles for which a condition has been true for at least the rule's `for_s`.
+        """Return the rows of the flying vehicles whose condition has lasted for the rule's `for_s`.
 
         now_so: whether it is true now.
         """

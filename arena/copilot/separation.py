@@ -1,4 +1,4 @@
-"""Separation of vehicles: predicts the closest approach of each pair, and selects which vehicle of the pair yields.
+"""Separation of vehicles: predicts when two vehicles come too close, and which of them must hold.
 
 Pure.
 
@@ -29,8 +29,7 @@ _ON_THE_WAY_M = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class SeparationResult:
-    """Result of the separation rule: which vehicles must hold, which pairs are commanded to the same place,
-    and the smallest distance.
+    """Result of the separation rule: violations, conflicting targets, and the smallest distance.
 
     broken: violations, one per vehicle to hold.
     meeting: (first, yielding) rows of the pairs that are commanded to the same place.
@@ -43,7 +42,7 @@ class SeparationResult:
 
 
 def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> SeparationResult:
-    """Check the present and predicted distances of all pairs of vehicles. Return which vehicles must hold.
+    """Check the present and predicted distances of all pairs, and return which vehicles must hold.
 
     at_m: minimum distance of the origins [m]. ahead_s: shortest prediction time [s].
     """
@@ -61,7 +60,7 @@ def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> 
 
 
 def _horizon(m: FleetState, ahead_s: float) -> float:
-    """Return the prediction time [s]: `ahead_s`, or longer if the longest predicted stop takes more time."""
+    """Return the prediction time [s]: `ahead_s`, or the longest predicted stop if it takes longer."""
     longest = float((m.stop.react_s + 1.2 * m.stop.took_s.max(1)).max()) if len(m.stop.react_s) else 0.0
     return max(ahead_s, min(longest + _WAIT_S, 10.0))
 
@@ -100,7 +99,7 @@ def _broken(
 
 
 def _order(m: FleetState, a: int, b: int) -> tuple[int, int]:
-    """Return the pair as (first, yielding). The vehicle that comes later in the YAML yields.
+    """Return two vehicles as (first, yielding): the vehicle that comes later in the YAML yields.
 
     If the copilot may command only the earlier vehicle, the earlier vehicle yields.
     """
@@ -142,7 +141,7 @@ def _predicted_paths(m: FleetState, times: Array, ahead_s: float, stopping: Arra
 
 
 def approach(one: Array, other: Array, times: Array) -> tuple[Array, Array]:
-    """Return the closest approach of pairs of sampled paths: distance [m] (P,) and time [s] (P,).
+    """Return the closest approach of P pairs of paths: distance [m] (P,) and time [s] (P,).
 
     one, other: positions [m] (P, K, 3) at `times` [s] (K,), linear between the samples.
     """

@@ -47,7 +47,7 @@ class Rules:
         )
 
     def on(self, rule: str) -> bool:
-        """Return whether a rule is switched on, which means that its action `do` is not `none`."""
+        """Return whether a rule is switched on: its action `do` is not `none`."""
         return self.do[rule] != "none"
 
 

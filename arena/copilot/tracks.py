@@ -1,4 +1,4 @@
-"""Tracks of the captured bodies: newest position, attitude, age and velocity, as arrays over the N vehicles.
+"""Tracks of the captured bodies: newest position, attitude, age and velocity of N vehicles.
 
 Pure.
 
@@ -82,7 +82,7 @@ class Tracks:
         self.seen_at[i] = now - late_s
 
     def positions(self, now: float) -> Array:
-        """Return the newest positions [m] [NED] (N, 3), NaN before the first pose.
+        """Return the newest captured positions [m] [NED] (N, 3); NaN before the first pose.
 
         Call it once per step, because `distance_to_track` uses the stored positions.
         """
@@ -94,7 +94,10 @@ class Tracks:
         return found
 
     def velocities(self) -> tuple[Array, Mask]:
-        """Return the velocities [m/s] [NED] (N, 3), zero if unknown, and a mask (N,), true if the velocity is known."""
+        """Return the velocities [m/s] [NED] (N, 3), and a mask (N,) of the known ones.
+
+        An unknown velocity is zero.
+        """
         has = np.isfinite(self._times)
         count = has.sum(1)
         t = np.where(has, self._times, 0.0)
@@ -105,7 +108,10 @@ class Tracks:
         return np.where(known[:, None], slope / np.where(known, spread, 1.0)[:, None], 0.0), known
 
     def tilt_and_acceleration(self) -> tuple[Array, Array]:
-        """Return the tilt [rad] (N,), and the horizontal acceleration [m/s2] [NED] (N, 3) that the tilt causes at constant height."""
+        """Return the tilt [rad] (N,), and the horizontal acceleration that it causes [m/s2] [NED] (N, 3).
+
+        The acceleration is that of a flight at constant height.
+        """
         turns = [(1.0, 0.0, 0.0, 0.0) if pose is None else pose[2] for pose in self._last]
         w, x, y, z = np.array(turns, dtype=np.float64).reshape(-1, 4).T
         up = 1.0 - 2.0 * (x * x + y * y)
@@ -116,8 +122,7 @@ class Tracks:
         )
 
     def distance_to_track(self, p_n: Array) -> Array:
-        """Return the distance [m] (N,) from the position that each autopilot estimates to the track of its captured body;
-        NaN if unknown.
+        """Return the distance [m] (N,) of each estimated position to the captured track; NaN if unknown.
 
         The track is made of the captured positions of the last 0.5 s. The nearest of them counts.
 

@@ -1,4 +1,4 @@
-"""States of the vehicles, from their telemetry and their programs' heartbeats, as arrays over the N vehicles.
+"""Last reported states of N vehicles, from their telemetry and the heartbeats of their programs.
 
 Pure.
 
@@ -111,7 +111,9 @@ class VehicleStates:
 
 
 def _xyz(data: Buffer, frame: Frame, offset: int) -> Array:
-    """Return three floats of the payload.
+    """Return three floats of a MAVLink payload.
+
+    offset: of the first float [bytes]
 
     Missing bytes count as zero, because MAVLink 2 truncates trailing zeros.
     """

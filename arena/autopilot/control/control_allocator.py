@@ -44,7 +44,7 @@ class ControlAllocator:
         return cls(rows, present)
 
     def allocate(self, torque: Array, thrust: Array) -> tuple[Array, Array]:
-        """Return the motor commands 0..1 (V, R), and for each torque axis whether the motors cannot deliver the torque (V, 3).
+        """Return the motor commands 0..1 (V, R), and which torques the motors cannot deliver (V, 3).
 
         The next call changes both arrays. An axis with less torque than requested has the sign of the requested
         torque; other axes have 0. The rate controller needs these signs to stop its integrals.

@@ -73,7 +73,10 @@ class PositionControl:
         self._v_dot[which] = 0.0
 
     def begin(self, sp: Setpoints) -> None:
-        """Read changed parameters, and the place of the setpoints. Only those for the position controller are used."""
+        """Read changed parameters and remember the setpoint arrays.
+
+        Only the setpoints for the position controller are used.
+        """
         if self._version != self.params.version:
             self._read_params()
         if sp is not self._sp:
@@ -81,7 +84,7 @@ class PositionControl:
             self.law.read_setpoints_from(view(sp.p_n), view(sp.v_n), view(sp.a_n), view(sp.yaw))
 
     def prepare(self, sp: Setpoints, est: Estimator) -> None:
-        """Call `begin`, and copy the estimates to the inputs of `law`, the compiled controller.
+        """Copy setpoints and estimates to the inputs of the compiled controller `law`.
 
         sp: setpoints
         est: estimator of all vehicles
@@ -91,7 +94,10 @@ class PositionControl:
             to[...] = estimate
 
     def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
-        """Run the position and velocity controller. Return the attitude setpoint [-] wxyz (V, 4) and collective thrust 0..1 (V,)."""
+        """Run the position and velocity controller.
+
+        Return the attitude setpoint [-] wxyz (V, 4) and the collective thrust 0..1 (V,).
+        """
         self.prepare(sp, est)
         self.law.step()
         return array(self.law.q_sp), array(self.law.thrust)
@@ -116,12 +122,12 @@ class AttitudeControl:
         )
 
     def begin(self) -> None:
-        """Read changed parameters."""
+        """Read the parameters of the controller again if they have changed."""
         if self._version != self.params.version:
             self._read_params()
 
     def prepare(self, q_nb: Array, r_nb: Array) -> None:
-        """Call `begin`, and copy the estimates to the inputs of `law`, the compiled controller.
+        """Copy the attitude estimates to the inputs of the compiled controller `law`.
 
         q_nb, r_nb: attitude [-] wxyz (V, 4) and its rotation matrix (V, 3, 3)
         """
@@ -171,12 +177,12 @@ class RateControl:
         self._yaw_torque[which] = 0.0
 
     def begin(self) -> None:
-        """Read changed parameters."""
+        """Read the parameters of the controller again if they have changed."""
         if self._version != self.params.version:
             self._read_params()
 
     def prepare(self, omega_b: Array) -> None:
-        """Call `begin`, and copy the body rates [rad/s] [FRD] (V, 3) to the inputs of `law`, the compiled controller."""
+        """Copy the body rates [rad/s] [FRD] (V, 3) to the inputs of the compiled controller `law`."""
         self.begin()
         self._omega_b[...] = omega_b
 
@@ -193,12 +199,15 @@ class RateControl:
 
 
 def steps_per_period(period_s: float, dt: float) -> int:
-    """Convert a period [s] to a number of steps of `dt` [s], rounded to the nearest integer; at least 1."""
+    """Return how many steps of `dt` [s] are nearest to a period [s]; at least 1."""
     return max(1, round(period_s / dt))
 
 
 def _low_pass(cutoff_hz: Array, dt: float) -> Array:
-    """Return the coefficient of a first-order low-pass filter for one step, in the shape of `cutoff_hz`; 0 Hz disables the filter."""
+    """Return the coefficient of a first-order low-pass filter for one step.
+
+    The result has the shape of `cutoff_hz`. A cut-off of 0 Hz disables the filter.
+    """
     return np.where(cutoff_hz > 0, 1.0 - np.exp(-2 * np.pi * np.maximum(cutoff_hz, 1e-3) * dt), 1.0)
 
 
@@ -231,9 +240,10 @@ class Cascade:
         self.rate.reset(which)
 
     def begin(self, sp: Setpoints) -> bool:
-        """Begin a step of `law`, whose inputs the caller writes: read changed parameters and the place of the setpoints.
+        """Begin a step of all controllers. Return whether the position controller runs in this step.
 
-        Return whether the position controller runs in this step.
+        Changed parameters are read, and the setpoint arrays are remembered. The caller writes the other
+        inputs of the compiled controller `law`.
         """
         if sp is not self._sp:
             self._sp = sp

@@ -39,8 +39,10 @@ class FlightTask:
         landed: bool,
         takeoff_d: float = math.nan,
     ) -> None:
-        """Begin a mode, and set its target: in TAKEOFF the take-off height, in the other modes the point at
-        which the vehicle can come to a stop.
+        """Begin a mode, and set the position to which the vehicle then flies.
+
+        In TAKEOFF this is a point at the take-off height. In the other modes it is the point at which the
+        vehicle can stop.
 
         takeoff_d: height of the take-off target [m] [NED down], NaN for MIS_TAKEOFF_ALT
         """
@@ -108,5 +110,5 @@ def landing_speed(height_m: float, params: Params, i: int) -> float:
 
 
 def stop_motors(sp: Setpoints, i: int) -> None:
-    """Remove the setpoint of vehicle i, so that its motors stop."""
+    """Remove the setpoint of vehicle i, which stops its motors."""
     sp.clear(i)

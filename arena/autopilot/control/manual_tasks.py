@@ -85,7 +85,7 @@ class ManualTask:
         self._v_d, self._a_d, self._held_d = given[2], 0.0, _NAN
 
     def wants_takeoff(self, sticks: Sticks) -> bool:
-        """Return whether the sticks request that a vehicle on the ground takes off, in POSCTL and ALTCTL."""
+        """Return whether the sticks request a take-off in POSCTL or ALTCTL."""
         return sticks.throttle > _TAKEOFF_THROTTLE
 
     def fly(self, sticks: Sticks, s: ManualState, sp: Setpoints, params: Params, dt: float) -> None:
@@ -102,7 +102,7 @@ class ManualTask:
             self._fly_velocity(sticks, s, sp, params, dt)
 
     def _stay_down(self, s: ManualState, sp: Setpoints, params: Params) -> None:
-        """Request a descent, so that the land detector detects the ground."""
+        """Set a descent as setpoint while the vehicle is on the ground, so that it is detected as landed."""
         self._v_ne, self._a_ne, self._held_ne = (0.0, 0.0), (0.0, 0.0), None
         self._v_d, self._a_d, self._held_d = 0.0, 0.0, _NAN
         sp.set_position(self.row, v_n=(0.0, 0.0, _param(params, "MPC_LAND_SPEED", self.row)), yaw=s.yaw)
@@ -110,7 +110,10 @@ class ManualTask:
     # -- heading ---------------------------------------------------------------------------------------------
 
     def _turn(self, sticks: Sticks, s: ManualState, params: Params, dt: float) -> None:
-        """Update yaw rate and held heading. A vehicle on the ground does not turn, because the gesture that arms moves the yaw stick."""
+        """Update the yaw rate and the heading to hold, from the yaw stick.
+
+        A vehicle on the ground does not turn, because the arming gesture moves the yaw stick.
+        """
         i = self.row
         stick = shaped(sticks.yaw, _param(params, "MPC_YAW_EXPO", i), _param(params, "MPC_HOLD_DZ", i))
         wanted = stick * math.radians(_param(params, "MPC_MAN_Y_MAX", i)) if s.flying else 0.0
@@ -141,7 +144,10 @@ class ManualTask:
         )
 
     def _move_horizontally(self, sticks: Sticks, s: ManualState, params: Params, dt: float) -> None:
-        """Advance the velocity setpoint: acceleration by the sticks, minus a drag with which the speed ends at MPC_VEL_MANUAL."""
+        """Advance the horizontal velocity setpoint by one time step, from the sticks.
+
+        The acceleration is that of the sticks minus a drag. The drag limits the speed to MPC_VEL_MANUAL.
+        """
         i, most = self.row, _param(params, "MPC_VEL_MANUAL", self.row)
         stick = self._direction(sticks, s.yaw, params)
         released = math.hypot(*stick) < _STILL
@@ -164,7 +170,7 @@ class ManualTask:
         self._hold_position(s)
 
     def _direction(self, sticks: Sticks, yaw: float, params: Params) -> tuple[float, float]:
-        """Return the horizontal stick position in north and east, at most of length 1."""
+        """Return the horizontal direction of the sticks as (north, east), at most of length 1."""
         i, most = self.row, _param(params, "MPC_VEL_MANUAL", self.row)
         expo, dead = _param(params, "MPC_XY_MAN_EXPO", i), _param(params, "MPC_HOLD_DZ", i)
         ahead, right = _within_circle(shaped(sticks.pitch, expo, dead), shaped(sticks.roll, expo, dead))
@@ -179,7 +185,10 @@ class ManualTask:
         return cos * ahead - sin * right, sin * ahead + cos * right
 
     def _drag(self, coefficient: float) -> tuple[float, float]:
-        """Return the deceleration of the trajectory [m/s2]. Below 1 m/s a braking vehicle has a larger drag, so that it stops."""
+        """Return the drag that slows the horizontal velocity setpoint down (north, east) [m/s2].
+
+        Below 1 m/s the drag of a braking vehicle is larger, so that the vehicle stops.
+        """
         speed = math.hypot(*self._v_ne)
         braking = min(max(self._boost - 1.0, 0.0), 1.0)
         boosted = math.sqrt(speed) if speed < 1.0 else speed
@@ -188,7 +197,10 @@ class ManualTask:
         return factor * self._v_ne[0], factor * self._v_ne[1]
 
     def _hold_position(self, s: ManualState) -> None:
-        """Hold the present position when the trajectory stops. When it starts again, continue with the velocity that was commanded."""
+        """Hold the present position while the velocity setpoint is zero.
+
+        When the setpoint moves again, continue with the velocity that was commanded last.
+        """
         moves = math.hypot(*self._v_ne) > _STILL
         if not moves and self._held_ne is None:
             self._held_ne = s.p_n[0], s.p_n[1]
@@ -198,14 +210,17 @@ class ManualTask:
                 self._v_ne = s.v_sp_n[0], s.v_sp_n[1]
 
     def _tilt_acceleration(self, sticks: Sticks, s: ManualState, params: Params) -> tuple[float, float]:
-        """Return the acceleration of the tilt that the sticks request in ALTCTL [m/s2]."""
+        """Return the acceleration (north, east) [m/s2] of the tilt that the sticks request in ALTCTL."""
         tilt = math.radians(min(_param(params, "MPC_MAN_TILT_MAX", self.row), _MOST_TILT_DEG))
         most = GRAVITY_M_S2 * min(max(math.tan(tilt), _LEAST_TILT_G), _MOST_TILT_G)
         n, e = self._to_ne(*_within_circle(sticks.pitch, sticks.roll), s.yaw)
         return most * n, most * e
 
     def _move_vertically(self, sticks: Sticks, s: ManualState, params: Params, dt: float) -> None:
-        """Advance the vertical velocity setpoint with limited acceleration and jerk. Hold the height when it has stopped."""
+        """Advance the vertical velocity setpoint by one time step, from the throttle stick.
+
+        Acceleration and jerk are limited. A vehicle that has stopped holds its height.
+        """
         i = self.row
         stick = _DOWN * shaped(
             sticks.throttle, _param(params, "MPC_Z_MAN_EXPO", i), _param(params, "MPC_HOLD_DZ", i)
@@ -244,7 +259,10 @@ class ManualTask:
         sp.thrust[i], sp.yaw_rate_ff[i] = self._thrust(sticks, s, params, dt), self._yaw_rate
 
     def _thrust(self, sticks: Sticks, s: ManualState, params: Params, dt: float) -> float:
-        """Return the collective thrust of the throttle stick: MPC_THR_HOVER at its centre, unless MPC_THR_CURVE is 1."""
+        """Return the collective thrust 0..1 that the throttle stick requests.
+
+        The centre of the stick is MPC_THR_HOVER, or half of the range if MPC_THR_CURVE is 1.
+        """
         i = self.row
         least = 0.0 if s.landed else _param(params, "MPC_MANTHR_MIN", i)
         most_change = _THROTTLE_MIN_RATE * dt
@@ -271,7 +289,7 @@ class ManualTask:
 
 
 def shaped(value: float, expo: float, dead_zone: float) -> float:
-    """Return a stick position after dead zone and exponential curve, -1..1.
+    """Return the position of one stick (-1..1) after dead zone and exponential curve.
 
     expo: share of the cubic curve 0..1
     dead_zone: part of the way around the centre that counts as the centre 0..1
@@ -299,7 +317,10 @@ def _share(dt: float, tau: float) -> float:
 
 
 def _vertical_limits(height_m: float, params: Params, i: int) -> tuple[float, float]:
-    """Return the limits of the sink and climb rate [m/s]. Near the ground they are MPC_LAND_SPEED and MPC_TKO_SPEED."""
+    """Return the largest sink rate and climb rate [m/s].
+
+    Near the ground they are MPC_LAND_SPEED and MPC_TKO_SPEED.
+    """
     down, up = _param(params, "MPC_Z_VEL_MAX_DN", i), _param(params, "MPC_Z_VEL_MAX_UP", i)
     if math.isnan(height_m):
         return down, up

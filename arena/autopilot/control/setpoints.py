@@ -19,7 +19,7 @@ _NAN = math.nan
 
 
 class Level(IntEnum):
-    """Level of a setpoint: the controller that receives the setpoint (position, attitude or rate controller)."""
+    """Controller for which a setpoint is meant: position, attitude or rate controller."""
 
     NONE = 0  # motors off
     RATE = 1  # omega_b and thrust
@@ -51,7 +51,7 @@ class OffboardSetpoint(NamedTuple):
 
     @property
     def needs_position(self) -> bool:
-        """True if the setpoint contains a position or velocity, so that flying requires a valid position estimate."""
+        """True if the setpoint contains a position or velocity, and so needs a valid position estimate."""
         if self.level is not Level.POSITION:
             return False
         (x, y, z), (vx, vy, vz), known = self.p_n, self.v_n, math.isfinite

@@ -14,8 +14,9 @@ _VELOCITY_GAIN = 3.0  # acceleration per velocity error [1/s]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrajectoryLimits:
-    """Limits of the point that moves along a trajectory ahead of the vehicle: speed, acceleration, jerk, yaw rate and distance
-    to the vehicle.
+    """Limits of a trajectory: speeds, accelerations, jerk and yaw rate.
+
+    They hold for the point that moves ahead of the vehicle.
 
     cruise, up, down: horizontal, climb and sink speed [m/s]
     accel, accel_up, accel_down: horizontal, upward and downward acceleration [m/s2]
@@ -37,7 +38,11 @@ class TrajectoryLimits:
 
 @dataclass(slots=True)
 class Trajectory:
-    """Point that moves ahead of the vehicle on a trajectory: p_n [m], v_n [m/s], a_n [m/s2] [NED] (3,), and heading yaw [rad]."""
+    """Point that moves ahead of the vehicle along a trajectory.
+
+    p_n [m], v_n [m/s], a_n [m/s2]: position, velocity, acceleration of the point [NED] (3,)
+    yaw: heading [rad]
+    """
 
     p_n: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     v_n: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
@@ -67,7 +72,10 @@ class Trajectory:
             self.p_n[k] += self.v_n[k] * dt
 
     def turn(self, yaw: float, limits: TrajectoryLimits, dt: float) -> None:
-        """Turn the heading towards `yaw` [rad] for a time step `dt` [s]. NaN keeps the heading."""
+        """Turn the heading of the trajectory towards `yaw` [rad]; NaN keeps the heading.
+
+        dt: time step [s]
+        """
         if math.isfinite(yaw):
             left, most = wrap_angle(yaw - self.yaw), limits.yaw_rate * dt
             self.yaw = wrap_angle(self.yaw + min(max(left, -most), most))
@@ -94,7 +102,7 @@ class Trajectory:
 
 
 def _approach(distance: float, accel: float, jerk: float) -> float:
-    """Return the greatest speed [m/s] from which the point of a trajectory can stop within `distance` [m].
+    """Return the greatest speed [m/s] from which a stop within `distance` [m] is possible.
 
     The stopping distance is v^2 / 2a, plus v * 2a/j while the deceleration builds up.
     """

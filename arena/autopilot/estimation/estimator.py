@@ -158,7 +158,9 @@ class Estimator:
     # -- validity --------------------------------------------------------------------------------------------
 
     def xy_valid(self, now: float) -> Bool:
-        """Return a mask of the vehicles whose horizontal position and velocity are valid (V,). The next call overwrites it.
+        """Return a mask (V,) of the vehicles whose horizontal position and velocity are valid.
+
+        The next call overwrites the mask.
 
         They are valid if vision was fused within the last EKF2_NOAID_TOUT and the filter has converged.
         """
@@ -166,7 +168,9 @@ class Estimator:
         return self._xy_valid
 
     def z_valid(self, now: float) -> Bool:
-        """Return a mask of the vehicles whose height is valid (V,). The next call overwrites it.
+        """Return a mask (V,) of the vehicles whose height is valid.
+
+        The next call overwrites the mask.
 
         It is valid if the height of vision or of the barometer was fused within the last EKF2_NOAID_TOUT. PX4
         has the same timeout (`valid_timeout_max` in EKF2).
@@ -175,7 +179,9 @@ class Estimator:
         return self._z_valid
 
     def yaw_valid(self, now: float) -> Bool:
-        """Return a mask of the vehicles whose heading is valid (V,). The next call overwrites it.
+        """Return a mask (V,) of the vehicles whose heading is valid.
+
+        The next call overwrites the mask.
 
         It is valid if yaw was fused within the last EKF2_NOAID_TOUT, or if the parameters disable yaw fusion.
         """
@@ -183,15 +189,18 @@ class Estimator:
         return self._yaw_valid
 
     def velocity_known(self, i: int) -> bool:
-        """Return whether the estimated velocity of vehicle i is accurate enough to stop the vehicle without external vision."""
+        """Return whether the velocity estimate of vehicle i can be used to stop without external vision."""
         return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)
 
     def specific_force(self) -> Array:
-        """Return the magnitude of the specific force, averaged over 0.2 s [m/s2] (V,). At rest the magnitude is 9.8 m/s2."""
+        """Return the magnitude of the specific force [m/s2] (V,), averaged over 0.2 s; 9.8 at rest."""
         return np.asarray(np.sqrt((self._accel_mean * self._accel_mean).sum(1)))
 
     def test_ratios(self) -> Array:
-        """Return the squared innovation of each measurement divided by its gate: position [NED] and yaw [-] (V, 4)."""
+        """Return the innovation test ratios of position [NED] and yaw [-] (V, 4); above 1 is rejected.
+
+        test ratio = innovation^2 / (variance * gate^2)
+        """
         variance = np.minimum(self.innovation_var, self._gate_var)
         gates = array(self._vision.gate_squared)[:, (0, 0, 0, 1)]
         return np.asarray(self.innovation**2 / (variance * gates))
@@ -234,7 +243,7 @@ class Estimator:
             self.realign(np.array([i]))
 
     def fuse_baro(self, baro_alt_m: Array, now: float) -> None:
-        """Fuse the barometer if vision gives no height, else estimate the barometer's offset.
+        """Fuse the barometer if vision gives no height; otherwise estimate the offset of the barometer.
 
         baro_alt_m: altitude, up [m], NaN for a failed sensor (V,)
         now: time since boot [s]
@@ -256,7 +265,10 @@ class Estimator:
                 self._fuse_height(i, float(self._baro_offset[i] - baro_alt_m[i]))
 
     def _fuse_height(self, i: int, down: float) -> None:
-        """Correct the estimate of vehicle i by its position D [m], measured by the barometer."""
+        """Correct the estimate of vehicle i by a measurement of the barometer.
+
+        down: measured position [m] [NED down]
+        """
         covariance = self._covariance
         covariance.begin()
         covariance.correct(i, view(self._height), 0, down - float(self.p_n[i, 2]), _BARO_VARIANCE)
@@ -264,7 +276,9 @@ class Estimator:
         self.law.correct(i, covariance.error, int(self._delay_s[i] / self.dt) + 3)
 
     def realign(self, idx: Index) -> None:
-        """Restart the alignment: the next vision sample of each of these vehicles sets its tilt, heading and position again.
+        """Restart the alignment of some vehicles.
+
+        The next vision sample of each vehicle sets its tilt, heading and position again.
 
         The IMU biases are kept. Call this method only for vehicles on the ground.
         """

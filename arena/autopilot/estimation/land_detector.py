@@ -54,7 +54,7 @@ class LandDetector:
         array(law.land_speed)[:] = p["MPC_LAND_SPEED"]
 
     def update(self, now: float, est: Estimator, thrust: Array, climbing: Bool, v_sp_down: Array) -> None:
-        """Detect from estimate and setpoints which vehicles are on the ground, and store the result in the attributes.
+        """Detect which vehicles are on the ground, and store the result in the attributes.
 
         now: time since boot [s]
         thrust: collective thrust 0..1 (V,)
@@ -95,7 +95,9 @@ class TakeoffRamp:
         array(law.start)[:] = -GRAVITY_M_S2 / p["MPC_Z_VEL_P_ACC"]
 
     def update(self, now: float, armed_since: Array, landed: Bool, climbing: Bool) -> None:
-        """Update the take-off ramp of each vehicle: set `begun` when the ramp starts, and `flying` when the ramp is complete.
+        """Start, advance and end the take-off ramp of each vehicle.
+
+        `begun` is set when the ramp starts, and `flying` when the ramp is complete.
 
         now: time since boot [s]
         armed_since: time of arming [s], infinite while disarmed (V,)
@@ -108,7 +110,9 @@ class TakeoffRamp:
         self._law.update(now)
 
     def climb_rate_limit(self, now: float, full: Array) -> Array:
-        """Return the limit of the climb rate now [m/s] (V,). The next call overwrites the array.
+        """Return the present limit of the climb rate [m/s] (V,).
+
+        The next call overwrites the array.
 
         Before the ramp the limit is so negative that the position controller commands no thrust. During the ramp the
         limit rises to `full`. After the take-off it is infinite.

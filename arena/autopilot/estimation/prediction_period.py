@@ -1,4 +1,4 @@
-"""Period at which the estimator predicts the covariance of its error state.
+"""Number of IMU samples after which the estimator predicts its covariance once.
 
 As in PX4's EKF2, the period is longer than that of the IMU. `arena.kernels.error_covariance` computes the prediction.
 """
@@ -11,7 +11,9 @@ _PREDICT_S = 0.01  # EKF2_PREDICT_US of PX4 v1.16
 
 
 def samples_per_prediction(dt: float) -> int:
-    """Return after how many IMU samples the estimator predicts the covariance. dt: IMU period [s].
+    """Return after how many IMU samples the estimator predicts its covariance once.
+
+    dt: IMU period [s]
 
     PX4's `ImuDownSampler` rounds EKF2_PREDICT_US to a multiple of the IMU period: 8 ms at 250 Hz, 10 ms at 1000 Hz. PX4's
     estimate of the IMU period is slightly too large (32-bit floats), so a quotient such as 10 ms / 4 ms = 2.5 is rounded down.

@@ -13,7 +13,7 @@ _NOT_GIVEN = 0.0  # variance
 
 
 class VisionInput:
-    """Prepares the samples of V vehicles."""
+    """Prepares external vision samples of V vehicles, as the EKF2_EV_* parameters demand."""
 
     def __init__(self, params: Params) -> None:
         self._params = params

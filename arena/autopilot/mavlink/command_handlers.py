@@ -1,4 +1,6 @@
-"""Handlers of MAV_CMD commands. Each acts on a vehicle and returns the MAV_RESULT of the acknowledgement.
+"""Handlers of MAV_CMD commands.
+
+Each handler acts on a vehicle and returns the MAV_RESULT of the acknowledgement.
 
 PX4 accepts some meaningless arguments (NaN as "disarm", 0.5 as "arm", an unknown mode as "no change"). The
 built-in autopilot denies them, so that the client learns of its mistake.
@@ -30,7 +32,7 @@ _LONGEST_INTERVAL_S = 2147.0  # MESSAGE_INTERVAL cannot report a longer one
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """A MAV_CMD command that a vehicle has received, with its parameters and the link for replies.
+    """MAV_CMD command that a vehicle has received: its parameters, and the link for replies.
 
     link: link on which the command arrived; replies are sent on the same link
     params: param1 to param7, latitude and longitude in degrees
@@ -132,7 +134,10 @@ def _reposition(r: Request) -> int:
 
 
 def _orbit(r: Request) -> int:
-    """Fly on a circle. The mode is AUTO.LOITER; PX4 reports POSCTL with the sub mode ORBIT, which looks like a manual mode."""
+    """Fly on a circle (MAV_CMD_DO_ORBIT).
+
+    The mode is AUTO.LOITER. PX4 reports POSCTL with the sub mode ORBIT, which looks like a manual mode.
+    """
     p = r.params
     if any(math.isinf(x) for x in p) or not _is_place(p[4], p[5], p[6]):
         return DENIED
@@ -169,7 +174,9 @@ def _is_place(lat: float, lon: float, alt: float) -> bool:
 
 
 def _set_message_interval(r: Request) -> int:
-    """Set the interval of a stream [us]. A negative value stops the stream, 0 restores the default.
+    """Set the interval of a message stream on this link [us].
+
+    A negative value stops the stream, 0 restores the default.
 
     The interval of HEARTBEAT cannot be changed.
     """
@@ -189,7 +196,7 @@ def _set_message_interval(r: Request) -> int:
 
 
 def _get_message_interval(r: Request) -> int:
-    """Reply with the interval of a stream, 0 if the message is not streamed on this link."""
+    """Reply with the interval of a message stream [us]; 0 if the message is not streamed on this link."""
     if not math.isfinite(r.params[0]) or not 0 <= r.params[0] < 65535.5:
         return DENIED
     msgid = math.floor(r.params[0] + 0.5)
@@ -226,7 +233,10 @@ def _terminate(r: Request) -> int:
 
 
 def _set_mission_current(r: Request) -> int:
-    """Select the mission item to fly next. PX4 v1.16 supports this only by the message MISSION_SET_CURRENT."""
+    """Select the mission item to fly next (MAV_CMD_DO_SET_MISSION_CURRENT).
+
+    PX4 v1.16 supports this only by the message MISSION_SET_CURRENT.
+    """
     index, store = r.params[0], r.vehicle.missions
     if not (math.isfinite(index) and 0 <= index < len(store.items[MISSION])):
         return DENIED
@@ -240,7 +250,10 @@ def _actuator_test(r: Request) -> int:
 
 
 def _calibrate(r: Request) -> int:
-    """Refuse a calibration in PX4's words, which ground stations read. Accept the request to end a calibration."""
+    """Refuse a calibration in PX4's words, which ground stations read.
+
+    A request to end a calibration is accepted.
+    """
     if r.vehicle.commander.armed:
         return TEMPORARILY_REJECTED
     if not any(math.isfinite(x) and int(x) for x in r.params):

@@ -1,4 +1,7 @@
-"""Decoding of external vision messages. Poses that PX4 would not fuse are ignored here, too."""
+"""Decoding of external vision messages.
+
+A pose that PX4 would not fuse is ignored.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +28,20 @@ _NO_ATTITUDE = (math.nan,) * 4
 
 
 def from_odometry(m: Odometry) -> VisionSample | None:
-    """Decode ODOMETRY. Returns None if the message has no pose or PX4 would not fuse its pose."""
+    """Decode the pose in an ODOMETRY message.
+
+    Return None if the message has no pose, or a pose that PX4 would not fuse.
+    """
     if m.estimator_type not in _FUSED or m.frame_id not in _FRAMES:
         return None
     return _sample(m.p_n, m.q, m.variances)
 
 
 def from_vision_estimate(m: Any) -> VisionSample | None:
-    """Decode VISION_POSITION_ESTIMATE. Returns None if the message has no pose."""
+    """Decode the pose in a VISION_POSITION_ESTIMATE message.
+
+    Return None if the message has no pose.
+    """
     rpy = (m.roll, m.pitch, m.yaw)
     if not all(math.isfinite(x) for x in rpy):
         return _sample((m.x, m.y, m.z), _NO_ATTITUDE, [m.covariance[k] for k in _DIAGONAL])
@@ -54,5 +63,5 @@ def _sample(
 
 
 def _variance(given: float) -> float:
-    """Return a variance, 0 for a value that is not given."""
+    """Return a variance from a message; 0 if the message gives none."""
     return given if 0.0 < given < math.inf else 0.0

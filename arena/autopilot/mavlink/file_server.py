@@ -30,7 +30,7 @@ _Client = tuple[str, int, int]  # link, system, component
 
 
 class Operation(IntEnum):
-    """Operations that a client can request."""
+    """Operations of MAVLink FTP that a client can request."""
 
     NONE = 0
     TERMINATE_SESSION = 1
@@ -51,7 +51,7 @@ class Operation(IntEnum):
 
 
 class Problem(IntEnum):
-    """Reason of a refused request."""
+    """Error codes of MAVLink FTP in the reply to a refused request."""
 
     FAIL = 1
     INVALID_DATA_SIZE = 3
@@ -67,7 +67,10 @@ class Files(Protocol):
     """Files of one vehicle. No method waits for a disk. Paths begin with `/`."""
 
     def entries(self, folder: str) -> list[tuple[str, int | None]] | None:
-        """Return names and sizes [bytes] in a folder, size None for a folder. None if the folder does not exist."""
+        """Return names and sizes [bytes] in a folder; the size of a subfolder is None.
+
+        Return None if the folder does not exist.
+        """
         ...
 
     def read(self, path: str) -> Content | None:
@@ -86,7 +89,10 @@ class _Header:
 
     @property
     def path(self) -> str:
-        """Path in the data, with one `/` at the beginning and none at the end. A path with `..` names no file."""
+        """Path in the data of the request, with `/` at the beginning and not at the end.
+
+        A path with `..` names no file.
+        """
         text = self.data.split(b"\0", 1)[0].decode(errors="replace")
         return "/" + "/".join(part for part in text.split("/") if part not in ("", "."))
 
@@ -112,7 +118,7 @@ class _Session:
 
 
 class _Refused(Exception):
-    """A request is refused. `problem`: the reason."""
+    """Exception: the server refuses a request. problem: the reason"""
 
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem.name)
@@ -120,12 +126,15 @@ class _Refused(Exception):
 
 
 class _Later(Exception):
-    """The reply is sent when the file has been read."""
+    """Exception: the reply to a request must wait until the file has been read."""
 
 
 @dataclass(slots=True)
 class FileServer:
-    """FTP server of one vehicle. Call `receive` for each message, and `next_messages` in each step while `busy`."""
+    """MAVLink FTP server of one vehicle.
+
+    Call `receive` for each message, and `next_messages` in each step while `busy`.
+    """
 
     files: Files
     _sessions: dict[_Client, _Session] = field(default_factory=dict)
@@ -136,7 +145,10 @@ class FileServer:
         return any(s.waiting is not None or s.stream_at >= 0 for s in self._sessions.values())
 
     def receive(self, link: str, m: Any, now: float) -> list[Any]:
-        """Process a message that is addressed to this vehicle; return the replies for the same link. now: time since boot [s]"""
+        """Process a message that is addressed to this vehicle. Return the replies for the same link.
+
+        now: time since boot [s]
+        """
         client = link, m.get_srcSystem(), m.get_srcComponent()
         raw = bytes(m.payload)
         seq, session, operation, size, _, _, _, offset = _HEAD.unpack_from(raw)
@@ -169,7 +181,10 @@ class FileServer:
         return out
 
     def _session(self, client: _Client, now: float) -> _Session | None:
-        """Return the session of a client. Remove sessions that were not used for 10 s. None if there are too many."""
+        """Return the session of a client; None if too many clients have a session.
+
+        Sessions that were not used for 10 s are removed.
+        """
         for other, s in list(self._sessions.items()):
             if other != client and now - s.used_at > _SESSION_TIMEOUT_S:
                 del self._sessions[other]
@@ -194,13 +209,16 @@ class FileServer:
         return [self._kept(s, h, _reply(client, h, _ACK, data), len(data))]
 
     def _kept(self, s: _Session, h: _Header, reply: Any, size: int) -> Any:
-        """Keep a short reply, as PX4 does. A longer one is computed again when the client repeats its request."""
+        """Store a short reply, so that it can be sent again if the client repeats its request.
+
+        A longer reply is computed again, as in PX4.
+        """
         if size <= 4:
             s.last = (h.seq + 1) & 0xFFFF, reply
         return reply
 
     def _run(self, s: _Session, h: _Header) -> bytes | None:
-        """Carry out a request. Return the data of the reply, None if a burst follows."""
+        """Carry out a request. Return the data of the reply; None if a burst of messages is the reply."""
         handler = _OPERATIONS.get(h.operation)
         if handler is None:
             known = h.operation in Operation.__members__.values()
@@ -243,7 +261,10 @@ class FileServer:
         return struct.pack("<I", px4_crc32(self._load(s, h)))
 
     def _load(self, s: _Session, h: _Header) -> bytes:
-        """Return the content of the file that the request names. Raises _Later until it has been read."""
+        """Return the content of the file that the request names.
+
+        Raises _Later while the file is being read.
+        """
         content, s.loading = s.loading or self.files.read(h.path), None
         if content is None:
             raise _Refused(Problem.FILE_NOT_FOUND)
@@ -271,7 +292,10 @@ class FileServer:
 
 
 def _burst(client: _Client, s: _Session) -> Any:
-    """Return the next message of a burst: a part of the file, or END_OF_FILE, which ends the burst."""
+    """Return the next message of a burst download.
+
+    It contains a part of the file, or END_OF_FILE, which ends the burst.
+    """
     part = s.data[s.stream_at : s.stream_at + _MOST_DATA] if s.data is not None else b""
     h = _Header((s.stream_seq - 1) & 0xFFFF, 0, Operation.BURST_READ_FILE, 0, s.stream_at, b"")
     s.stream_seq = (s.stream_seq + 1) & 0xFFFF

@@ -18,7 +18,7 @@ Sequences = NDArray[np.int64]
 
 
 class LinkStreams:
-    """Streams of one link.
+    """Message streams of one link, and when each is due.
 
     schedule: of all links of all vehicles
     row: row of this link in the schedule
@@ -29,7 +29,7 @@ class LinkStreams:
         self._schedule, self._row, self._columns = schedule, row, columns
 
     def set_interval(self, msgid: int, interval_s: float, first_s: float) -> None:
-        """Set the interval at which a message is sent.
+        """Set the interval at which a message is sent on this link.
 
         interval_s: period [s], 0 stops the stream
         first_s: time of the first message [s]
@@ -42,7 +42,7 @@ class LinkStreams:
         return 0.0 if column is None else self._schedule.interval_s[self._row, column]
 
     def take_due(self, now: float) -> list[int]:
-        """Return the ids of the messages that are due at `now` [s], and schedule each of these messages again."""
+        """Return the ids of the messages that are due at `now` [s], and schedule the next ones."""
         ids = self._schedule.ids
         return [ids[column] for column in self._schedule.take_due(self._row, now)]
 
@@ -61,7 +61,10 @@ class MavlinkLink:
     def __init__(
         self, name: str, system_id: int, streams: LinkStreams, sequences: Sequences, row: int
     ) -> None:
-        """Use the sequence number `sequences[row]`, which the kernel of the streams counts, too."""
+        """Make a link whose frames are numbered by `sequences[row]`.
+
+        The kernel of the streams counts the same number.
+        """
         self.name, self.streams = name, streams
         self.codec = Codec(system_id, 1, _Sender(system_id, sequences, row))
         self.queue: list[bytes] = []
@@ -70,12 +73,18 @@ class MavlinkLink:
         self.pings = self.text_id = 0
 
     def send(self, message: Any) -> None:
-        """Queue a message, or drop it if the queue is full or the link is waiting. If `message` is None, do nothing."""
+        """Queue a message, or drop the message if the queue is full.
+
+        A link that waits for its first message drops everything. None is ignored.
+        """
         if message is not None and not self.waiting and len(self.queue) < _QUEUE_LIMIT:
             self.queue.append(self.codec.pack(message))
 
     def send_text(self, severity: int, text: str) -> None:
-        """Queue a text as STATUSTEXT, split into numbered chunks if the text is too long for one message. severity: MAV_SEVERITY"""
+        """Queue a text as STATUSTEXT. A long text is split into numbered chunks.
+
+        severity: MAV_SEVERITY
+        """
         raw = text.encode(errors="replace")
         chunks = [raw[k : k + _TEXT_BYTES] for k in range(0, len(raw), _TEXT_BYTES)]
         self.text_id = self.text_id % 65535 + 1
@@ -99,7 +108,7 @@ class MavlinkLink:
 
 
 class _Sender(mavlink.MAVLink):  # type: ignore[misc]
-    """Sender of one link. Its sequence number is an element of an array."""
+    """pymavlink sender of one link. Its sequence number is an element of an array."""
 
     def __init__(self, system_id: int, sequences: Sequences, row: int) -> None:
         self._sequences, self._row = sequences, row

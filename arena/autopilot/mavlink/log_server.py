@@ -38,7 +38,10 @@ class Logs(Protocol):
 
 @dataclass(slots=True)
 class _Transfer:
-    """Transfer of a part of a log on a link: number of the log, next byte, and the byte at which it ends."""
+    """Download of a part of a log on one link.
+
+    log: number of the log. at: next byte. until: byte at which the part ends
+    """
 
     log: int
     at: int
@@ -47,7 +50,9 @@ class _Transfer:
 
 @dataclass(slots=True)
 class LogServer:
-    """Replies to clients that list or download the logs of one vehicle. Call `next_messages` in each step while `busy`.
+    """Server of MAVLink's log protocol: lists and sends the logs of one vehicle.
+
+    Call `next_messages` in each step while `busy`.
 
     boot_unix_s: Unix time of the boot [s]
     """
@@ -60,7 +65,7 @@ class LogServer:
 
     @property
     def busy(self) -> bool:
-        """True while entries or parts of a log are being sent on any link."""
+        """True while the list of logs or parts of a log are being sent on any link."""
         return bool(self._transfers) or any(self._to_list.values())
 
     def receive(self, link: str, m: Any) -> None:
@@ -77,7 +82,7 @@ class LogServer:
         return out
 
     def _on_list(self, link: str, m: Any) -> None:
-        """Queue an entry for each log; if there is none, one entry that reports this."""
+        """Queue one LOG_ENTRY for each log. If there is no log, queue one empty LOG_ENTRY."""
         entries = self.files.logs()
         end = len(entries) - 1 if m.end == _TO_THE_LAST else min(m.end, len(entries) - 1)
         chosen = [(k, entries[k]) for k in range(min(m.start, len(entries)), end + 1)]
@@ -107,7 +112,10 @@ class LogServer:
         """Erase nothing: the logs belong to the run folder."""
 
     def _parts(self, link: str, t: _Transfer) -> list[Any]:
-        """Return the next parts of a log. A part after the end of the log has no bytes."""
+        """Return the next LOG_DATA messages of a download.
+
+        A part after the end of the log has no bytes.
+        """
         if self._open is None or self._open[0] != t.log:
             del self._transfers[link]
             return []

@@ -47,7 +47,9 @@ _GCS_TEXT_TIMEOUT_S = 10.0  # STATUSTEXT goes to links with a ground station onl
 
 
 class MavlinkInterface:
-    """Receives and sends the MAVLink messages of one vehicle on its links `router`, `vision`, `panic` and `ground` (see `MavlinkLink`).
+    """Receives and sends the MAVLink messages of one vehicle.
+
+    The links are `router`, `vision`, `panic` and `ground` (see `MavlinkLink`).
 
     telemetry: streams of all vehicles, and the state that their messages contain
     gate: decides who may command the vehicle; None obeys every sender, as PX4 does
@@ -99,7 +101,7 @@ class MavlinkInterface:
                 self._receive_message(link, message)
 
     def _refuses(self, link: MavlinkLink, data: bytes, frame: Frame) -> bool:
-        """Return whether a command is refused, because its sender must not command the vehicle now.
+        """Return whether a command is refused because its sender does not have control of the vehicle.
 
         Queue the reply to a refused command.
         """
@@ -192,7 +194,10 @@ class MavlinkInterface:
         self.vehicle.set_vision(from_vision_estimate(m))
 
     def _on_origin(self, link: MavlinkLink, m: Any) -> None:
-        """Set the origin if the new values are valid. Reply with the origin in use in any case."""
+        """Set the origin if the new values are valid.
+
+        Reply with the origin in use in both cases.
+        """
         self.vehicle.set_origin(m.latitude * 1e-7, m.longitude * 1e-7, m.altitude * 1e-3)
         link.send(streams.gps_global_origin(self.vehicle, self.vehicle.now))
 
@@ -270,23 +275,26 @@ class MavlinkInterface:
         link.send(ack)
 
     def _send_now(self, link: MavlinkLink, msgid: int) -> bool:
-        """Send one requested message. Return False if the message is not supported or has no valid content."""
+        """Send one requested message.
+
+        Return False if the message is not supported or has no valid content.
+        """
         state = self._telemetry.begin()
         return state is not None and self._send_telemetry(link, [msgid], state)
 
     # -- sending ---------------------------------------------------------------------------------------------
 
     def _wake(self) -> None:
-        """Request a call of `transmit` in this step."""
+        """Mark the vehicle, so that `transmit` is called in this step."""
         self._telemetry.wake_s[self.vehicle.row] = 0.0
 
     def wake_if_changed(self) -> None:
-        """Request a call of `transmit` if the vehicle has a new text for the user, or new progress of its mission."""
+        """Mark the vehicle for `transmit` if it has a new text for the user or new mission progress."""
         if self.vehicle.commander.texts or self.mission_protocol.has_progress:
             self._wake()
 
     def transmit(self, now: float, state: TelemetryState) -> list[tuple[str, bytes]]:
-        """Return what is to be sent at `now` [s] as (link name, datagram), at most one datagram per link.
+        """Return the datagrams to send at `now` [s] as (link name, datagram), at most one per link.
 
         state: state of all vehicles
         """
@@ -307,7 +315,9 @@ class MavlinkInterface:
         return [(link.name, link.take_datagram()) for link in self.links.values() if link.queue]
 
     def _send_telemetry(self, link: MavlinkLink, message_ids: list[int], state: TelemetryState) -> bool:
-        """Queue telemetry messages. Return False if no message is supported and has valid content.
+        """Queue telemetry messages. Return whether any message was queued.
+
+        A message is not queued if it is not supported or has no valid content.
 
         state: state of all vehicles
         """
@@ -324,7 +334,10 @@ class MavlinkInterface:
         return sent or bool(packed)
 
     def _send_rare(self, link: MavlinkLink, msgid: int, state: TelemetryState) -> bool:
-        """Queue a message that pymavlink encodes. Return False if it is not supported or has no valid content."""
+        """Queue a message that pymavlink encodes. Return whether it was queued.
+
+        A message is not queued if it is not supported or has no valid content.
+        """
         if msgid == mavlink.MAVLINK_MSG_ID_PING:
             link.pings += 1
             link.send(mavlink.MAVLink_ping_message(state.us, link.pings, 0, 0))

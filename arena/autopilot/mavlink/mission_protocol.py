@@ -105,7 +105,7 @@ class _Transfer:
 
 
 class MissionProtocol:
-    """Transfers of mission, geofence and rally points between the links of one vehicle and its mission store.
+    """Uploads and downloads of mission, geofence and rally points of one vehicle, on all its links.
 
     due: time at which `update` must be called next [s]
     """
@@ -121,7 +121,7 @@ class MissionProtocol:
 
     @property
     def has_progress(self) -> bool:
-        """True if the vehicle has reached a mission item, or begun to fly to an item, since the last `update`."""
+        """True if the vehicle has reached or begun a mission item since the last `update`."""
         return self.store.progress_changes != self._seen_progress
 
     # -- receiving -------------------------------------------------------------------------------------------
@@ -204,7 +204,10 @@ class MissionProtocol:
         self._request(link, t, now)
 
     def _begin(self, t: _Transfer, sender: tuple[int, int], m: Any) -> int | None:
-        """Begin an upload. If the upload is refused or empty, return the MAV_MISSION_RESULT to send, else None."""
+        """Begin an upload. Return None, or the MAV_MISSION_RESULT if the upload ends at once.
+
+        An upload ends at once if it is refused or has no items.
+        """
         t.partner, t.kind, t.crc, t.seq = sender, m.mission_type, 0, 0
         if m.mission_type not in CAPACITY:
             return int(mavlink.MAV_MISSION_INVALID if m.count == 0 else mavlink.MAV_MISSION_NO_SPACE)
@@ -357,8 +360,9 @@ def _sender(m: Any) -> tuple[int, int]:
 
 
 def _refusal(item: Item, kind: int) -> int:
-    """Return MAV_MISSION_ERROR if an uploaded item is refused: a fence or rally point command in a mission, or a
-    fence polygon with fewer than 3 corners. Return 0 if the item is accepted.
+    """Return MAV_MISSION_ERROR if an uploaded item must be refused, else 0.
+
+    Refused are a fence or rally point command in a mission, and a fence polygon with fewer than 3 corners.
     """
     strange = kind == MISSION and item.command in (*FENCE_COMMANDS, mavlink.MAV_CMD_NAV_RALLY_POINT)
     few = kind == FENCE and item.command in POLYGONS and item.params[0] < 3

@@ -159,7 +159,10 @@ def _rotate_by_yaw(q: list[float], v: Triple) -> Triple:
 
 
 def _turn(v: Triple, angle: float) -> Triple:
-    """Rotate a vector about the down axis by an angle [rad]. NaN in one horizontal axis makes both NaN."""
+    """Rotate a vector about the down axis by an angle [rad].
+
+    NaN in one horizontal axis makes both NaN.
+    """
     if any(math.isnan(x) for x in v[:2]):
         return _NAN, _NAN, v[2]
     c, s = math.cos(angle), math.sin(angle)

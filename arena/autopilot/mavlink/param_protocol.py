@@ -32,7 +32,7 @@ MESSAGE_IDS = (
 
 @dataclass(slots=True)
 class ParamServer:
-    """Parameter server: replies to clients that list, read or write the parameters of one vehicle.
+    """Server of MAVLink's parameter protocol: lists, reads and writes the parameters of one vehicle.
 
     row: row of the vehicle in the parameter table
     refused: reasons of refused writes; the reader removes them
@@ -46,7 +46,7 @@ class ParamServer:
     _to_list: dict[str, deque[str]] = field(default_factory=dict)
 
     def receive(self, link: str, m: Any) -> list[Any]:
-        """Process a message that is addressed to this vehicle; return the replies for the same link."""
+        """Process a message that is addressed to this vehicle. Return the replies for the same link."""
         kind = m.get_msgId()
         if kind == mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
             again = bool(self._to_list.get(link))
@@ -67,7 +67,7 @@ class ParamServer:
         return [self.value(left.popleft()) for _ in range(min(_VALUES_PER_STEP, len(left)))] if left else []
 
     def value(self, name: str) -> Any:
-        """Return the message PARAM_VALUE for an existing parameter."""
+        """Return the message PARAM_VALUE of a parameter that exists."""
         count = len(self.params.names)
         if name == HASH_NAME:
             value = _as_float_bytes("<I", self.hash())
@@ -80,7 +80,7 @@ class ParamServer:
         return mavlink.MAVLink_param_value_message(name.encode(), value, kind, count, self.params.index[name])
 
     def hash(self) -> int:
-        """Return PX4's hash of all parameter names and values: the CRC-32 of `px4_crc32` over the names, each with its value.
+        """Return PX4's hash of all parameter names and values (a CRC-32).
 
         A ground station that has cached the same hash need not request the list.
         """
@@ -127,7 +127,9 @@ class ParamServer:
 
 
 def _as_float_bytes(layout: str, value: int) -> float:
-    """Return the float with the same four bytes as an integer, because PARAM_VALUE contains integers in this form.
+    """Return the float that has the same four bytes as an integer.
+
+    PARAM_VALUE contains integers in this form.
 
     layout: struct format of the integer.
     """

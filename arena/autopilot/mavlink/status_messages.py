@@ -1,4 +1,4 @@
-"""Builders of telemetry messages that ground stations and SDKs use, and that are sent rarely.
+"""Builders of telemetry messages that are sent rarely, for ground stations and SDKs.
 
 Each function builds the message of one vehicle. It returns None if the vehicle has no valid content for the message now.
 """
@@ -34,7 +34,10 @@ def system_time(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def rc_channels(v: Vehicle, s: TelemetryState) -> Any:
-    """Return the channels of the radio: roll, pitch, throttle, yaw, and four centred ones. None without a radio."""
+    """Return RC_CHANNELS with the pulses of the radio [us]; None if no radio is received.
+
+    The channels are roll, pitch, throttle, yaw, and four centred channels.
+    """
     if s.now_s - v.manual_control.radio > _RC_TIMEOUT_S:
         return None
     sticks = v.manual_control.sticks_of("radio")
@@ -45,7 +48,7 @@ def rc_channels(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def has_radio(v: Vehicle) -> bool:
-    """Return whether the radio was ever received."""
+    """Return whether radio control (RC) was received since the start."""
     return v.manual_control.radio > -math.inf
 
 
@@ -55,12 +58,15 @@ def vibration(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def has_target(v: Vehicle) -> bool:
-    """Return whether the autopilot flies to a position in one of its own modes."""
+    """Return whether the autopilot flies by itself to a position, in one of its AUTO modes."""
     return v.commander.armed and v.origin is not None and v.commander.mode in _HAS_TARGET
 
 
 def position_target_global_int(v: Vehicle, s: TelemetryState) -> Any:
-    """Return the position to which the autopilot flies in its own modes. None in other modes, and without origin or target."""
+    """Return POSITION_TARGET_GLOBAL_INT: the position to which an AUTO mode flies.
+
+    Return None in the other modes, and without an origin or a target.
+    """
     target = s.setpoint_n[v.row].tolist()
     if not has_target(v) or v.origin is None or not all(math.isfinite(x) for x in target):
         return None
@@ -85,12 +91,15 @@ def position_target_global_int(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def has_leg(v: Vehicle) -> bool:
-    """Return whether a mission, return or reposition flies to a point."""
+    """Return whether a mission, RTL or reposition flies to a point now."""
     return v.leg_target_n is not None and v.origin is not None
 
 
 def nav_controller_output(v: Vehicle, s: TelemetryState) -> Any:
-    """Return distance and bearing of the point to which a mission, return or reposition flies. None if there is none."""
+    """Return NAV_CONTROLLER_OUTPUT: distance and bearing of the point to which the autopilot flies.
+
+    The autopilot flies to a point in a mission, in RTL and to a reposition target. Otherwise return None.
+    """
     if v.leg_target_n is None or v.origin is None:
         return None
     i = v.row
@@ -111,7 +120,7 @@ def nav_controller_output(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def actuator_output_status(v: Vehicle, s: TelemetryState) -> Any:
-    """Return the pulse of each motor [us], as in SERVO_OUTPUT_RAW; 900 while disarmed."""
+    """Return ACTUATOR_OUTPUT_STATUS with the pulse of each motor [us]; 900 while disarmed."""
     motors = s.motors[v.row, : v.rotors].tolist()
     pulses = [1000.0 + 1000.0 * m if v.commander.armed else 900.0 for m in motors]
     return mavlink.MAVLink_actuator_output_status_message(
@@ -128,12 +137,15 @@ def scaled_imu(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def has_orbit(v: Vehicle) -> bool:
-    """Return whether the vehicle flies a circle."""
+    """Return whether the vehicle flies on a circle (MAV_CMD_DO_ORBIT)."""
     return v.orbit is not None and v.origin is not None
 
 
 def orbit_execution_status(v: Vehicle, s: TelemetryState) -> Any:
-    """Return the circle that the vehicle flies. None if it flies none, and without an origin."""
+    """Return ORBIT_EXECUTION_STATUS: the circle on which the vehicle flies.
+
+    Return None if the vehicle does not fly on a circle, or if no origin is set.
+    """
     if v.orbit is None or v.origin is None:
         return None
     lat0, lon0, alt0, heading = v.origin
@@ -151,7 +163,10 @@ def _int16(value: float) -> int:
 
 
 def flight_information(v: Vehicle, s: TelemetryState) -> Any:
-    """Return the times of arming and take-off, 0 while disarmed or on the ground. As in PX4 v1.16 they count from the boot."""
+    """Return FLIGHT_INFORMATION with the times of arming and take-off since boot.
+
+    A time is 0 while the vehicle is disarmed, or on the ground. PX4 v1.16 counts from the boot, too.
+    """
     armed, up = v.commander.armed, v.landed_state != LANDED_STATE_ON_GROUND
     return mavlink.MAVLink_flight_information_message(
         s.ms,
@@ -178,7 +193,10 @@ def available_modes_monitor(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def current_event_sequence(v: Vehicle, s: TelemetryState) -> Any:
-    """Return CURRENT_EVENT_SEQUENCE of a vehicle that has sent no event. Its messages for people are STATUSTEXT."""
+    """Return CURRENT_EVENT_SEQUENCE, which reports that the vehicle has sent no event.
+
+    The built-in autopilot sends its messages for people as STATUSTEXT.
+    """
     return px4_messages.current_event_sequence(0, px4_messages.SEQUENCE_RESET)
 
 

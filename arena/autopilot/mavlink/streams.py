@@ -57,7 +57,7 @@ _INT32, _INT16 = (INT32_MIN, INT32_MAX), (-32768, 32767)
 
 
 class AllModes:
-    """Messages AVAILABLE_MODES of all selectable modes, as one entry of the send queue. `pack` encodes all of them."""
+    """AVAILABLE_MODES messages of all selectable modes, as one entry of a link's send queue."""
 
     def pack(self, sender: MavlinkSender) -> bytes:
         """Return one AVAILABLE_MODES frame per selectable mode, in PX4's order.

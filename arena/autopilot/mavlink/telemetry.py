@@ -60,7 +60,10 @@ class Telemetry:
         self._copied: list[object] = [None] * len(vehicles)
 
     def links(self, v: Vehicle) -> dict[str, MavlinkLink]:
-        """Return the links of a vehicle, with the default rates of their streams. The link for ground stations waits for a message."""
+        """Return the MAVLink links of a vehicle, with the default rates of their streams.
+
+        The link for ground stations sends only HEARTBEAT until a message arrives.
+        """
         # All streams of one vehicle are in phase, so that they share datagrams; those of different vehicles are not.
         first_s = _PHASE_S * (v.row % _PHASES)
         links = {}
@@ -78,20 +81,29 @@ class Telemetry:
         return links
 
     def start_streams(self, link: MavlinkLink, first_s: float) -> None:
-        """Start the streams of a link that are not sent yet, with their default rates. first_s: time of the first messages [s]"""
+        """Start the default streams of a link that are not running.
+
+        first_s: time of the first messages [s]
+        """
         for msgid, hz in streams.LINK_RATES[link.name].items():
             if not link.streams.interval(msgid):
                 link.streams.set_interval(msgid, 1.0 / hz, first_s)
 
     def begin(self) -> TelemetryState | None:
-        """Read the state of the last step for the messages that are sent next. Return None before the first step."""
+        """Return the state of the last step, for the messages of this step.
+
+        Return None before the first step.
+        """
         self.state = self._read_state()
         if self.state is not None:
             self.packer.begin(self.state)
         return self.state
 
     def update(self, v: Vehicle) -> None:
-        """Copy the values of a vehicle that change rarely, such as its mode and its origin, if one has changed."""
+        """Copy values of a vehicle that change rarely, such as its mode and its origin.
+
+        Values that have not changed are not copied.
+        """
         c = v.commander
         values = (
             (c.mode, c.armed, c.failsafe, v.landed_state, v.ready_to_arm, v.inputs.manual_control),

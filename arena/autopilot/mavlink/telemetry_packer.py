@@ -163,7 +163,9 @@ FREQUENT: dict[int, dict[str, str | float]] = {
 
 
 class TelemetryPacker:
-    """Packs the messages of `FREQUENT` for V vehicles with at most R rotors each. Use `begin` once per step, before `pack`.
+    """Packs the frequent telemetry messages of V vehicles with at most R rotors each.
+
+    Use `begin` once per step, before `pack`.
 
     est, sp, cascade: estimator, setpoints and controllers of the vehicles
     law: the compiled packing
@@ -201,7 +203,10 @@ class TelemetryPacker:
         packing.read_setpoints_from(integers(sp.level), *(view(each) for each in used))
 
     def begin(self, state: TelemetryState) -> None:
-        """Copy the values of this step that the kernel does not read itself from the arrays of the autopilots, and the time."""
+        """Copy the time and the values of this step to the inputs of the kernel.
+
+        The kernel reads the other values from the arrays of the autopilots.
+        """
         for to, name in self._copied:
             to[...] = getattr(state, name)
         self._pressure_hpa[...] = pressure_hpa(self._baro_alt)
@@ -209,11 +214,14 @@ class TelemetryPacker:
         self.law.set_time(state.ms, state.us, int(state.now_s * 1e9))
 
     def pack(self, v: Vehicle, message_ids: list[int], seq: int) -> bytes:
-        """Return the frames of these messages of a vehicle. seq: sequence number of the first frame."""
+        """Return the encoded frames of several messages of a vehicle.
+
+        seq: sequence number of the first frame
+        """
         return self.law.pack(v.row, message_ids, seq, v.system_id, 1)
 
     def frame_count(self, v: Vehicle, message_ids: list[int]) -> int:
-        """Return how many frames `pack` returns for these messages of a vehicle."""
+        """Return how many frames `pack` returns for several messages of a vehicle."""
         return self.law.frame_count(v.row, message_ids)
 
     def set_status(self, v: Vehicle) -> None:
@@ -239,7 +247,7 @@ class TelemetryPacker:
 
 
 def _tables() -> tuple[list[float], list[PayloadWriter]]:
-    """Return the constants of all messages, and a writer for each message."""
+    """Return the kernel's table of constants, and a payload writer for each message."""
     constants: list[float] = []
     writers, ranges = [], view(_ranges())
     for msgid, contents in FREQUENT.items():
@@ -257,7 +265,7 @@ def _tables() -> tuple[list[float], list[PayloadWriter]]:
 
 
 def _fields_of(msgid: int, names: Sequence[str], column: int, size: int) -> list[tuple[int, int, int]]:
-    """Return the rows of the kernel's table of fields for these fields of a message, one row for each number.
+    """Return the rows of the kernel's field table for some fields of a message, one row per number.
 
     column: position of the first value in the table of values.  size: number of values.
     Raises ValueError if the fields contain another number of elements.
@@ -275,7 +283,10 @@ def _fields_of(msgid: int, names: Sequence[str], column: int, size: int) -> list
 
 
 def _ranges() -> Array:
-    """Return the smallest and largest value of each type in `KINDS` (9, 2). Those of 64 bits have the range of exact floats."""
+    """Return the smallest and largest value of each number type in `KINDS` (9, 2).
+
+    The types of 64 bits have the range of integers that a float represents exactly.
+    """
     found = []
     for code in KINDS:
         bits = 8 * struct.calcsize(f"<{code}")
@@ -325,19 +336,25 @@ _SENSORS = (
 
 
 def _present(v: Vehicle, *, xy_valid: bool) -> int:
-    """Return the sensors that a vehicle has, as bits. xy_valid: its horizontal position is valid"""
+    """Return the sensors that a vehicle has, as MAV_SYS_STATUS_SENSOR bits.
+
+    xy_valid: the horizontal position is valid
+    """
     # SDKs interpret the GPS bit as "the global position is valid", whatever its source.
     present = _SENSORS | (mavlink.MAV_SYS_STATUS_SENSOR_GPS if _has_origin(v) and xy_valid else 0)
     return int(present | (mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER if v.inputs.manual_control else 0))
 
 
 def _health(v: Vehicle, working: int) -> int:
-    """Return the bits of the sensors that work, with the bit of the arming checks."""
+    """Return the working sensors and the arming checks as MAV_SYS_STATUS_SENSOR bits."""
     return int(working | mavlink.MAV_SYS_STATUS_PREARM_CHECK) if v.ready_to_arm else working
 
 
 def _is_aligned(v: Vehicle) -> bool:
-    """Return whether the estimator is initialised. From then on the position is sent, also an invalid one, as PX4 does."""
+    """Return whether the estimator is initialised.
+
+    From then on the position is sent even if it is not valid, as in PX4.
+    """
     return v.aligned
 
 

@@ -15,7 +15,9 @@ Bool = NDArray[np.bool_]
 
 
 class TelemetryState:
-    """State of V vehicles with at most R rotors each, from which telemetry messages are made. Valid until the next step.
+    """State of V vehicles at one step, from which telemetry messages are made.
+
+    The state is valid until the next step. A vehicle has at most R rotors.
 
     now_s, us: time since boot [s], [us]
     ms: time since boot [ms], modulo 2^32
@@ -55,14 +57,17 @@ class TelemetryState:
 
     @property
     def xy_valid(self) -> list[bool]:
-        """True if the horizontal position is valid (V,). Computed at the first use."""
+        """Valid horizontal position: True or False for each vehicle (V,).
+
+        Computed at the first use.
+        """
         if self._xy_valid is None:
             self._xy_valid = self.est.xy_valid(self.now_s).tolist()
         return self._xy_valid
 
     @property
     def z_valid(self) -> list[bool]:
-        """True if the height is valid (V,)."""
+        """Valid height: True or False for each vehicle (V,)."""
         valid: list[bool] = self.est.z_valid(self.now_s).tolist()
         return valid
 

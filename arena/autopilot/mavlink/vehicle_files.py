@@ -12,7 +12,7 @@ LOG_FOLDER = "/log"
 
 @dataclass(frozen=True, slots=True)
 class _Ready:
-    """Content that is in memory."""
+    """Content of a file that is in memory already."""
 
     data: bytes
     ready: bool = True
@@ -20,7 +20,7 @@ class _Ready:
 
 @dataclass(frozen=True, slots=True)
 class VehicleFiles:
-    """Files of one vehicle, for FTP and for the log protocol.
+    """Files of one vehicle that clients can list and download, by FTP and by the log protocol.
 
     vehicle: name of the vehicle.  library: the logs, None if no logs are written
     """
@@ -45,7 +45,10 @@ class VehicleFiles:
         return self.read_log(name) if folder == LOG_FOLDER else None
 
     def entries(self, folder: str) -> list[tuple[str, int | None]] | None:
-        """Return names and sizes [bytes] in a folder, size None for a folder. None if the folder does not exist."""
+        """Return names and sizes [bytes] in a folder; the size of a subfolder is None.
+
+        Return None if the folder does not exist.
+        """
         sizes = {path: len(data) for path, data in FILES.items()}
         sizes |= {f"{LOG_FOLDER}/{entry.name}": entry.size for entry in self.logs()}
         root = folder.rstrip("/") + "/"

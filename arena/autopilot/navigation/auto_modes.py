@@ -1,4 +1,4 @@
-"""Flight in AUTO.MISSION, in AUTO.RTL and to reposition targets, for all vehicles.
+"""Flight of all vehicles in AUTO.MISSION, in AUTO.RTL and to reposition targets (DO_REPOSITION).
 
 Checks missions and geofences, and runs a `Navigator` for each vehicle that flies a mission, a return or to a
 reposition target. All other vehicles cost almost no computing time.
@@ -27,7 +27,7 @@ _MODES = (Mode.MISSION, Mode.RTL)
 
 @dataclass(slots=True)
 class _Checked:
-    """Mission and geofence of one vehicle as last checked, with the values that the check depends on.
+    """Result of the last check of a vehicle's mission and geofence, with the values that it depends on.
 
     key: the values that the check depends on; when they change, mission and geofence are checked again
     fence_id: identifier of the uploaded geofence that `fence.areas` was read from
@@ -64,8 +64,9 @@ class AutoModes:
         s.fence = checked.fence.breach(self.est.p_n[v.row].tolist()) if has_fence and s.xy_valid else ""
 
     def is_flying(self, v: Vehicle) -> bool:
-        """Return whether `AutoModes` flies the vehicle in its present mode: MISSION, RTL, or HOLD with a reposition
-        target or an orbit.
+        """Return whether `AutoModes` flies the vehicle in its present mode.
+
+        These modes are MISSION, RTL, and HOLD with a reposition target or an orbit.
         """
         mode = v.commander.mode
         if v.commander.failsafe:
@@ -73,7 +74,7 @@ class AutoModes:
         return mode in _MODES or (mode is Mode.HOLD and (v.orbit is not None or self._is_repositioned(v)))
 
     def fly(self, v: Vehicle, s: CommanderInputs, sp: Setpoints) -> Mode | None:
-        """Write the vehicle's setpoint. Return the flight mode that the mission requests, or None."""
+        """Write the vehicle's setpoint. Return the flight mode that the mission requests; None if none."""
         if v.origin is None or v.home_n is None:
             return Mode.HOLD
         n = self._navigator(v)
@@ -144,7 +145,10 @@ class AutoModes:
         )
 
     def _check_lists(self, v: Vehicle, s: CommanderInputs, checked: _Checked, home: Point | None) -> None:
-        """Check geofence and mission again, because an upload, the origin, the home position or a parameter has changed."""
+        """Check geofence and mission again after a change.
+
+        Changes are an upload, and a new origin, home position or parameter.
+        """
         store, p, i = v.missions, self.params, v.row
         horizontal, vertical = float(p["GF_MAX_HOR_DIST"][i]), float(p["GF_MAX_VER_DIST"][i])
         kept = checked.fence.areas

@@ -31,14 +31,20 @@ class Area:
     inside: bool
 
     def allows(self, p: Point) -> bool:
-        """Return whether the vehicle may be at the point `p`: north, east [m]."""
+        """Return whether the vehicle may be at a point.
+
+        p: north, east [m]
+        """
         return (self._in_circle(p) if len(self.corners) == 1 else self._in_polygon(p)) == self.inside
 
     def _in_circle(self, p: Point) -> bool:
         return math.dist(p, self.corners[0]) < self.radius_m
 
     def _in_polygon(self, p: Point) -> bool:
-        """Return whether the point `p` is inside: an odd number of the polygon's edges lies north of `p` (Jordan curve theorem)."""
+        """Return whether a point is inside the polygon, by the Jordan curve theorem.
+
+        A point is inside if an odd number of edges lies north of the point.
+        """
         crossings = 0
         for (n1, e1), (n2, e2) in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
             if (e1 > p[1]) != (e2 > p[1]) and p[0] < n1 + (n2 - n1) * (p[1] - e1) / (e2 - e1):
@@ -47,7 +53,9 @@ class Area:
 
 
 def read_areas(items: Sequence[Item], origin: Origin) -> list[Area]:
-    """Return the areas of an uploaded fence. If corners of a polygon are missing, use the received corners.
+    """Return the polygons and circles of an uploaded fence.
+
+    If corners of a polygon are missing, use the received corners.
 
     origin: place and direction of the local frame on Earth
     """
@@ -77,7 +85,7 @@ class Fence:
     max_vertical_m: float = 0.0
 
     def breach(self, p_n: Sequence[float]) -> str:
-        """Return PX4's text for the geofence rule that a position violates; "" if the position violates no rule.
+        """Return PX4's text for the geofence rule that a position violates; "" for none.
 
         p_n: position [m] [NED]
         """
@@ -95,12 +103,12 @@ class Fence:
 def usable_areas(
     found: list[Area], home: Point | None, here: Point | None
 ) -> tuple[tuple[Area, ...], list[str]]:
-    """Return the valid areas. As in PX4, an area is invalid if it forbids the home position or the vehicle's position.
+    """Return the valid polygons and circles of a geofence, and PX4's text for each invalid one.
+
+    As in PX4, an area is invalid if it forbids the home position or the vehicle's position.
 
     home: north, east [m], None if not set
     here: north, east [m] of a vehicle in flight, None on the ground
-
-    Also returns PX4's text for each invalid area.
     """
     kept, reasons = [], []
     for area in found:

@@ -18,7 +18,7 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """State of the vehicle that the navigator uses in one step.
+    """State of the vehicle at one step, as the navigator uses it.
 
     now: time since boot [s]
     p_n, v_n, yaw: estimated position [m] [NED], velocity [m/s] [NED] and heading [rad]
@@ -124,7 +124,10 @@ class LegFollower:
         )
 
     def steer(self, sp: Setpoints, s: Situation, dt: float) -> None:
-        """Write the setpoint of the leg. dt: time since the last call [s]."""
+        """Write the setpoint for the current leg.
+
+        dt: time since the last call [s]
+        """
         leg, trajectory, limits = self.leg, self.trajectory, self._limits()
         if leg.kind == "stay" and not s.flying:
             # Keep descending on the ground: the land detector needs it to stay landed.
@@ -155,7 +158,10 @@ class LegFollower:
         )
 
     def _fly_circle(self, orbit: Orbit, sp: Setpoints, s: Situation, dt: float) -> None:
-        """Fly to the circle, then along it. The speed along the circle begins at 0."""
+        """Write the setpoint to reach a circle and to fly along it.
+
+        The speed along the circle begins at 0.
+        """
         limits = self._limits()
         if not self._circling and orbit.is_reached(s.p_n, self._param("NAV_MC_ALT_RAD")):
             self._circling, self._circle_speed = True, 0.0
@@ -172,7 +178,7 @@ class LegFollower:
         sp.set_position(self.row, p_n=target.p_n, v_n=target.v_n, a_n=target.a_n, yaw=self.trajectory.yaw)
 
     def _lift_off(self, sp: Setpoints, s: Situation) -> None:
-        """Set a climb rate until the take-off is complete, as AUTO.TAKEOFF does."""
+        """Write a setpoint with a climb rate until the take-off is complete, as AUTO.TAKEOFF does."""
         left = s.p_n[2] - self.leg.to[2]
         v = (0.0, 0.0, -min(self._param("MPC_TKO_SPEED"), max(left, 0.0) + 0.15))
         self.trajectory.begin(
@@ -188,7 +194,9 @@ class LegFollower:
         )
 
     def _heading(self, s: Situation) -> float:
-        """Return the heading setpoint [rad]: the heading of the leg if it is set, else the direction to a distant target.
+        """Return the heading setpoint [rad] of the current leg.
+
+        It is the heading of the leg if the leg has one, else the direction to a distant target.
 
         NaN keeps the present heading.
         """

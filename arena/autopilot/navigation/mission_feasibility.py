@@ -1,4 +1,4 @@
-"""Feasibility checks of an uploaded mission: those of PX4 v1.16 for a multirotor, with PX4's texts. Pure."""
+"""Feasibility checks of an uploaded mission: the checks and texts of PX4 v1.16 for a multirotor. Pure."""
 
 from __future__ import annotations
 

@@ -143,7 +143,9 @@ class Item:
 
 
 def item_of(m: Any, *, ints: bool) -> Item | int:
-    """Decode a MISSION_ITEM, or a MISSION_ITEM_INT if `ints` is true.
+    """Decode a MISSION_ITEM or MISSION_ITEM_INT message.
+
+    ints: True for MISSION_ITEM_INT
 
     Returns a MAV_MISSION_RESULT instead of an item if the item is refused.
     """
@@ -231,13 +233,18 @@ def position_of(item: Item, origin: Origin, home_d: float) -> tuple[float, float
 
 
 def local(origin: Origin, lat: float, lon: float) -> tuple[float, float]:
-    """Return the north, east [m] of a latitude, longitude [deg], computed on a spherical earth as in PX4."""
+    """Convert latitude, longitude [deg] to north, east [m] of the local frame.
+
+    The earth is a sphere, as in PX4.
+    """
     n, e = local_from_globe(origin.lat, origin.lon, lat, lon, origin.heading)
     return float(n), float(e)
 
 
 def item_message(item: Item, seq: int, kind: int, to: tuple[int, int], *, current: bool, ints: bool) -> Any:
-    """Encode an item as MISSION_ITEM, or as MISSION_ITEM_INT if `ints`.
+    """Encode a mission, fence or rally item as MISSION_ITEM_INT, or as MISSION_ITEM.
+
+    ints: True for MISSION_ITEM_INT
 
     to: system and component id of the client
     """

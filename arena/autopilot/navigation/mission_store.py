@@ -50,7 +50,10 @@ class MissionStore:
         self.current_changes += 1
 
     def set_progress(self, *, current: int | None = None, reached: int | None = None) -> None:
-        """Store the mission item that the vehicle flies to now (`current`) or that was reached (`reached`). None keeps the old value."""
+        """Store which mission item the vehicle flies to now, and which was reached.
+
+        current: item to which the vehicle flies. reached: item that was reached. None keeps the old value
+        """
         self.current = self.current if current is None else current
         self.reached = self.reached if reached is None else reached
         self.progress_changes += 1

@@ -1,4 +1,4 @@
-"""Navigation of one vehicle in AUTO.MISSION, in AUTO.RTL and to a reposition target.
+"""Flight of one vehicle along a mission (AUTO.MISSION), back home (AUTO.RTL) or to a reposition target.
 
 Splits each mission item into legs and writes the setpoints. Pure.
 
@@ -28,7 +28,7 @@ _MAX_JUMPS = 64
 
 
 class Navigator:
-    """Flies one vehicle along its mission, its return to home, or to a reposition target.
+    """Flies one vehicle along its mission, back home, or to a reposition target.
 
     row: row of the vehicle in the arrays over all vehicles
     mode: MISSION, RTL, or HOLD for a reposition target; None while the navigator does not fly the vehicle
@@ -51,7 +51,7 @@ class Navigator:
 
     @property
     def target_n(self) -> Point:
-        """Target of the current leg [m] [NED]."""
+        """Target position of the current leg [m] [NED]."""
         return self._follower.leg.to
 
     # -- interface -------------------------------------------------------------------------------------------
@@ -77,7 +77,7 @@ class Navigator:
         self._follower.set_leg(Leg(kind="stay", to=to, yaw=yaw))
 
     def fly_orbit(self, orbit: Orbit, s: Situation) -> None:
-        """Fly on a circle until another flight begins (DO_ORBIT)."""
+        """Fly on a circle until the vehicle gets another target (MAV_CMD_DO_ORBIT)."""
         if self.mode is not Mode.HOLD:
             self.mode, self.requested_mode = Mode.HOLD, None
             self._follower.begin(s)
@@ -86,11 +86,11 @@ class Navigator:
 
     @property
     def orbit(self) -> Orbit | None:
-        """Circle that the vehicle flies; None if it flies none."""
+        """Circle on which the vehicle flies; None if it does not fly on a circle."""
         return self._follower.leg.orbit if self.mode is Mode.HOLD else None
 
     def change_speed(self, speed: float) -> None:
-        """Set the cruise speed [m/s], NaN for MPC_XY_CRUISE."""
+        """Set the cruise speed [m/s]. NaN selects MPC_XY_CRUISE."""
         self._follower.cruise = speed
 
     def leave(self, *, armed: bool) -> None:
@@ -106,7 +106,10 @@ class Navigator:
             self._disarmed, self._follower.cruise = True, math.nan
 
     def fly(self, sp: Setpoints, s: Situation, dt: float) -> None:
-        """Write the setpoint for a time step `dt` [s]. If the current leg is complete, begin the next leg first."""
+        """Write the setpoint of this step, and begin the next leg if the current leg is complete.
+
+        dt: time step [s]
+        """
         if self.mode is Mode.MISSION and self.missions.current_changes != self._seen_changes:
             self._start_current_item(s)
         if self._follower.is_complete(s):
@@ -129,7 +132,7 @@ class Navigator:
             self._load(s)
 
     def _start_current_item(self, s: Situation) -> None:
-        """Check the mission. If a client has selected another item during the flight, begin this item."""
+        """Check the mission, and begin the item that a client has selected during the flight."""
         begun, self._seen_changes = self._seen_changes < 0, self.missions.current_changes
         if not (self.missions.items[MISSION] and self.missions.valid):
             rest = "refusing takeoff" if s.landed else "loitering"
@@ -156,7 +159,10 @@ class Navigator:
         return d if s.p_n[2] - d > self._param("NAV_MC_ALT_RAD") else math.nan
 
     def _load(self, s: Situation) -> None:
-        """Begin the current mission item. If this item is a jump, begin the item that the jump leads to."""
+        """Begin the current mission item.
+
+        If the item is a jump, begin the item to which it jumps.
+        """
         items = self.missions.items[MISSION]
         k = self._past_jumps(self.missions.current)
         if k is None or k >= len(items):
@@ -291,8 +297,9 @@ class Navigator:
             self._move_home(d, s)
 
     def _return_destination(self, s: Situation) -> Point:
-        """Return the target of the return flight [m] [NED]: home, or a rally point if the rally point is nearer by
-        more than _RALLY_MARGIN_M.
+        """Return the target of the return flight [m] [NED]: home or a rally point.
+
+        A rally point is used if it is nearer by more than _RALLY_MARGIN_M.
         """
         best, least = s.home_n, math.dist(s.home_n[:2], s.p_n[:2])
         for item in self.missions.items[RALLY]:

@@ -29,7 +29,9 @@ class YawBehaviour(IntEnum):
 
 
 class OrbitRequest(NamedTuple):
-    """Parameters of MAV_CMD_DO_ORBIT. NaN keeps the default, or the present position.
+    """Parameters of MAV_CMD_DO_ORBIT.
+
+    NaN selects the default, or the present position.
 
     radius: [m], negative for a counter-clockwise flight
     speed: [m/s]
@@ -46,7 +48,10 @@ class OrbitRequest(NamedTuple):
 
 
 class OrbitSetpoint(NamedTuple):
-    """Setpoint on a circle: position, velocity, acceleration [NED] (3,) and heading [rad]. NaN is not controlled."""
+    """Setpoint on a circle: position, velocity, acceleration [NED] (3,) and heading [rad].
+
+    NaN means that the value is not controlled.
+    """
 
     p_n: Point
     v_n: Point
@@ -71,13 +76,16 @@ class Orbit:
     initial_yaw: float
 
     def points(self) -> list[Point]:
-        """Return points of the circle, to compare them with a geofence [m] [NED]."""
+        """Return points of the circle [m] [NED], to check that the circle is inside the geofence."""
         angles = [2.0 * math.pi * k / _FENCE_POINTS for k in range(_FENCE_POINTS)]
         n, e, d = self.centre
         return [(n + self.radius * math.cos(a), e + self.radius * math.sin(a), d) for a in angles]
 
     def is_reached(self, p_n: Point, within_up_m: float) -> bool:
-        """Return whether a position is near the circle. within_up_m: accepted difference of height [m]"""
+        """Return whether a position is near the circle.
+
+        p_n: position [m] [NED]. within_up_m: largest difference of height [m]
+        """
         away = math.dist(p_n[:2], self.centre[:2])
         return abs(away - self.radius) < _ON_CIRCLE_M and abs(p_n[2] - self.centre[2]) < within_up_m
 
@@ -91,7 +99,10 @@ class Orbit:
         )
 
     def setpoint(self, p_n: Point, velocity: float) -> OrbitSetpoint:
-        """Return the setpoint at a position [m] [NED]. velocity: present speed along the circle, see `Orbit`"""
+        """Return the setpoint for the next step of a vehicle at a position [m] [NED].
+
+        velocity: present speed along the circle, see `Orbit`
+        """
         out = _outward(p_n, self.centre)
         inward = _RADIAL_GAIN * (self.radius - math.dist(p_n[:2], self.centre[:2]))
         accel = -velocity * velocity / self.radius
@@ -103,7 +114,7 @@ class Orbit:
         )
 
     def heading(self, p_n: Point) -> float:
-        """Return the heading at a position [rad], NaN to keep the present one."""
+        """Return the heading for a vehicle at a position [rad]. NaN keeps the present heading."""
         out = _outward(p_n, self.centre)
         if self.yaw_behaviour is YawBehaviour.INITIAL_HEADING:
             return self.initial_yaw
@@ -151,7 +162,10 @@ def orbit_of(
 
 
 def _outward(p_n: Point, centre: Point) -> tuple[float, float]:
-    """Return the horizontal direction from the centre to a position; north at the centre itself."""
+    """Return the horizontal unit vector from the centre of a circle to a position.
+
+    At the centre the vector points north.
+    """
     away = (p_n[0] - centre[0], p_n[1] - centre[1])
     length = math.hypot(*away)
     return (away[0] / length, away[1] / length) if length > 1e-6 else (1.0, 0.0)

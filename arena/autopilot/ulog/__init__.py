@@ -1,1 +1,1 @@
-"""ULog of the built-in autopilot: the log that PX4 writes, with PX4's topics, fields and rates."""
+"""ULog files of the built-in autopilot, with PX4's topics, fields and rates."""

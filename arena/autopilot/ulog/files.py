@@ -1,4 +1,4 @@
-"""Files of the logs: `<vehicle>.ulg` in the folder `ulog` of the run, written in the background."""
+"""Log files `ulog/<vehicle>.ulg` in the run folder, which a thread writes in the background."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class _File:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Bytes of a file that one write of the thread adds.
+    """Bytes that the writing thread adds to a log file at once.
 
     last: True if no bytes follow, so that the thread closes the file. It is stored here, because the flight can end while
     an earlier write of the file is in progress.
@@ -58,13 +58,13 @@ class _Part:
 
 @dataclass(slots=True)
 class _Reading:
-    """File that the second thread reads. See `stored_logs.Content`."""
+    """File that the reading thread reads. See `stored_logs.Content`."""
 
     ready: bool = False
     data: bytes | None = None
 
     def read(self, path: Path) -> None:
-        """Read the file. This runs in the thread."""
+        """Read the file. Only the reading thread calls this method."""
         try:
             self.data = path.read_bytes()
         except OSError:
@@ -73,7 +73,9 @@ class _Reading:
 
 
 class UlogFiles:
-    """Writes the logs of all vehicles. A disk that does not respond, or is full, never blocks the caller.
+    """Writes the logs of all vehicles, without blocking the caller.
+
+    This also holds for a disk that is full or does not respond.
 
     folder: folder of the files; it is created with the first log
     The first log of a vehicle is `<name>.ulg`, the next ones are `<name>_2.ulg`, `<name>_3.ulg`, ...
@@ -111,7 +113,10 @@ class UlogFiles:
         return [LogEntry(f.path.name, f.size, f.begun_at) for f in files if f.path is not None]
 
     def read(self, name: str) -> Content | None:
-        """Begin to read a log in a thread of its own. Return None if it does not exist."""
+        """Begin to read a log in a second thread.
+
+        Return None if the log does not exist.
+        """
         paths = [f.path for files in self._all.values() for f in files if f.path is not None]
         path = next((path for path in paths if path.name == name), None)
         if path is None:
@@ -121,20 +126,23 @@ class UlogFiles:
         return reading
 
     def hand_over(self, now: float) -> None:
-        """Pass the collected bytes to the thread twice a second (wall time). now: time since boot [s]"""
+        """Pass the collected bytes to the writing thread twice a second (wall time).
+
+        now: time since boot [s]
+        """
         self._now = now
         if time.monotonic() >= self._wrote_at + _PERIOD_S or self._bytes > _MOST_BYTES:
             self._submit()
 
     def events(self) -> list[str]:
-        """Return lines for the event log about logs that could not be written, since the last call."""
+        """Return lines for the event log about failed writes since the last call."""
         if lost := self._writer.take_lost():
             self._events.append(f"ulog: the disk did not respond, so {lost} writes of the logs are missing")
         found, self._events = self._events, []
         return found
 
     def close(self) -> None:
-        """Write the rest, and wait for it for at most 3 s."""
+        """Write all collected bytes; wait at most 3 s for the disk."""
         self._submit()
         self._writer.flush(_FLUSH_S)
 

@@ -1,4 +1,4 @@
-"""Records about mode, arming, landing and failsafes, from the commander of each vehicle."""
+"""Log records of mode, arming, landing and failsafes, from the commander of each vehicle."""
 
 from __future__ import annotations
 
@@ -68,7 +68,10 @@ _CONSTANTS: Mapping[str, Mapping[str, Any]] = {
 
 
 class FlightState:
-    """Fills the records of `topics.STATE` for each vehicle. records: topic -> records of all vehicles (V,)"""
+    """Fills the log records of mode, arming, landing and failsafes of each vehicle.
+
+    records: topic -> records of all vehicles (V,)
+    """
 
     def __init__(self, sources: Sources, records: Mapping[str, Records]) -> None:
         self._s, self._records = sources, records
@@ -80,7 +83,7 @@ class FlightState:
                 records[topic][name] = value
 
     def key(self, i: int) -> tuple[object, ...]:
-        """Return values whose change PX4 publishes at once: mode, arming, landing, failsafes."""
+        """Return the values of vehicle i whose change is logged at once, such as mode and arming."""
         v, land = self._s.vehicles[i], self._s.land
         c, s = v.commander, v.inputs
         return (
@@ -106,7 +109,10 @@ class FlightState:
             records["timestamp"] = round(1e6 * now)
 
     def update(self, i: int, now: float) -> None:
-        """Fill all records of vehicle i, after a change of `key`. now: time since boot [s]"""
+        """Fill all records of vehicle i, after a change of a value in `key`.
+
+        now: time since boot [s]
+        """
         v = self._s.vehicles[i]
         if v.commander.mode is not self._mode[i]:
             self._mode[i], self._mode_since[i] = v.commander.mode, now

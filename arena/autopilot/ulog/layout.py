@@ -1,4 +1,4 @@
-"""Places of the periodic records in memory: one second of records of all vehicles, in the order of time.
+"""Memory layout of the periodic log records: one second of records of all vehicles, in order of time.
 
 All vehicles record the same topics at the same steps, so the records of a topic have the same place in the row of each vehicle.
 """
@@ -24,7 +24,7 @@ _CYCLE_S = 1.0
 
 @dataclass(slots=True)
 class Step:
-    """Work of one step of the cycle.
+    """Log records to fill in one step of the cycle of 1 s.
 
     prepares: functions that compute the quantities
     copies: pairs of arrays: place in the records, and the quantity
@@ -37,7 +37,7 @@ class Step:
 
 
 class Layout:
-    """Memory for one second of records of V vehicles.
+    """Memory for the periodic log records of V vehicles in one second.
 
     rows: the bytes of the records (V, B)
     steps: work of each step of the cycle
@@ -51,7 +51,7 @@ class Layout:
         quantities: Mapping[str, NDArray[Any]],
         groups: Mapping[str, Callable[[], None]],
     ) -> None:
-        """Make the layout.
+        """Reserve the memory and plan the records of each step.
 
         period_s: sensor period [s]
         quantities: quantity -> its array over all vehicles
@@ -86,7 +86,10 @@ class Layout:
         kind: np.dtype[np.void],
         quantities: Mapping[str, NDArray[Any]],
     ) -> None:
-        """Add a record of a topic to a step. place: its bytes in the row of each vehicle"""
+        """Plan a record of a topic in a step.
+
+        place: bytes of the record in the row of each vehicle
+        """
         group = self._groups.get(PERIODIC[topic].group or ("state" if topic in STATE else ""))
         if group is not None and group not in step.prepares:
             step.prepares.append(group)
@@ -104,7 +107,7 @@ class Layout:
 
 
 def _is_due(topic: str, k: int, period_s: float) -> bool:
-    """Return whether a topic is recorded in step k of the cycle.
+    """Return whether a topic is recorded in step k of the cycle of 1 s.
 
     The slow topics begin at different steps, so that no step has much more work than the others.
     """
@@ -118,6 +121,9 @@ def _is_due(topic: str, k: int, period_s: float) -> bool:
 
 
 def _field(records: Records, name: str) -> NDArray[Any]:
-    """Return a field of records, or one element of it. name: such as `xyz` or `xyz[2]`"""
+    """Return a field of log records, or one element of a field.
+
+    name: such as `xyz` or `xyz[2]`
+    """
     name, _, element = name.rstrip("]").partition("[")
     return records[name][:, int(element)] if element else records[name]

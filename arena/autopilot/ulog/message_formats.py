@@ -1,4 +1,6 @@
-"""Definitions of the logged topics: names and types of the fields, those of PX4 v1.16, in the order in which PX4 logs them.
+"""Names and types of the fields of all logged topics, in PX4's order of logging.
+
+They are those of PX4 v1.16.
 
 PX4 writes the time stamp first, then the other fields by decreasing size.
 """

@@ -1,4 +1,4 @@
-"""Quantities of the log: arrays over all vehicles that the fields of the topics contain."""
+"""Values that the fields of the log contain, as arrays over all vehicles."""
 
 from __future__ import annotations
 
@@ -55,7 +55,10 @@ _RECENTLY_S = 0.2  # a measurement counts as fused for this time
 
 
 class Sources(Protocol):
-    """Parts of `Autopilots` from which the log is made. dt: sensor period [s]"""
+    """Parts of the autopilots from which the log is made.
+
+    dt: sensor period [s]
+    """
 
     dt: float
     vehicles: list[Vehicle]
@@ -69,7 +72,9 @@ class Sources(Protocol):
 
 
 class Quantities:
-    """Quantities of V vehicles. `begin` sets the time; a method named in `topics` computes the quantities of its group.
+    """Logged values of V vehicles, such as setpoints and estimates.
+
+    `begin` sets the time. A method that is named in `topics` computes the values of its group.
 
     values: quantity -> array (V,) or (V, n), always the same array, so that records can be made from it
     """
@@ -134,7 +139,7 @@ class Quantities:
         self.values["covariances"] = np.zeros((count, _VARIANCES))
 
     def begin(self, now: float, sensors: Mapping[str, Array], motors: Array, consumed_mah: Array) -> None:
-        """Set the time and the newest values that are not kept in the same arrays in each step.
+        """Store the time and the newest sensor values and motor commands.
 
         now: time since boot [s]
         sensors: see `Autopilots.step`
@@ -150,7 +155,10 @@ class Quantities:
         np.negative(self._s.allocator.thrust, out=self.values["thrust_z"])
 
     def motors(self) -> None:
-        """Copy the motor commands; NaN for missing rotors, and for all motors of a disarmed vehicle, as in PX4."""
+        """Copy the motor commands.
+
+        NaN is logged for missing rotors, and for all motors of a disarmed vehicle, as in PX4.
+        """
         allocator = self._s.allocator
         armed = np.array([v.commander.armed for v in self._s.vehicles])
         rotors = min(_MOTORS, allocator.present.shape[1])
@@ -169,11 +177,11 @@ class Quantities:
         self._set_origins()
 
     def _set_accuracies(self) -> None:
-        """Compute the accuracies from the variances: horizontal, vertical; of position, of velocity."""
+        """Compute the horizontal and vertical accuracies of position and velocity from the variances."""
         np.sqrt(self._variance[:, :6] @ _PAIRS, out=self._accuracies)
 
     def _set_origins(self) -> None:
-        """Read the origins of the local frames, if they have changed."""
+        """Read the origins of the local frames again if they have changed."""
         origins = [v.origin for v in self._s.vehicles]
         if origins == self._origins:
             return
@@ -192,7 +200,10 @@ class Quantities:
         to["globe_valid"][:] = [v.origin is not None and v.inputs.xy_valid for v in s.vehicles]
 
     def setpoint(self) -> None:
-        """Copy the setpoints of the position controllers; NaN for vehicles whose position controller does not run."""
+        """Copy the setpoints of the position controllers.
+
+        They are NaN for vehicles whose position controller does not run.
+        """
         s, to = self._s, self.values
         runs = s.sp.has_level(Level.POSITION)
         velocity = np.where(runs[:, None], s.cascade.position.v_sp_n, np.nan)
@@ -243,7 +254,7 @@ class Quantities:
         ]
 
     def innovations(self) -> None:
-        """Copy the innovations, with PX4's sign: estimate minus measurement."""
+        """Copy the innovations of the estimator with PX4's sign: estimate minus measurement."""
         est = self._s.est
         found = {"innovation": -est.innovation, "variance": est.innovation_var, "ratio": est.test_ratios()}
         for kind, values in found.items():

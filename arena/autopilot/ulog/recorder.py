@@ -42,10 +42,16 @@ INFO: dict[str, str | int] = {
 
 
 class Sink(Protocol):
-    """Receiver of the bytes of the logs, for example `UlogFiles`. No method waits for a disk."""
+    """Receiver of the bytes of the logs, for example `UlogFiles`.
+
+    No method waits for a disk.
+    """
 
     def begin(self, name: str, data: bytes) -> None:
-        """Begin a new log of a vehicle. data: header and definitions"""
+        """Begin a new log file of a vehicle.
+
+        name: of the vehicle. data: header and definitions
+        """
         ...
 
     def write(self, name: str, data: bytes) -> None:
@@ -57,20 +63,23 @@ class Sink(Protocol):
         ...
 
     def hand_over(self, now: float) -> None:
-        """Pass on what was written, if it is time. This is called four times per simulated second. now: time since boot [s]"""
+        """Store the received bytes if enough time has passed.
+
+        This is called four times per simulated second. now: time since boot [s]
+        """
         ...
 
     def events(self) -> list[str]:
-        """Return lines for the event log about bytes that could not be written, since the last call."""
+        """Return lines for the event log about failed writes since the last call."""
         ...
 
     def close(self) -> None:
-        """Write everything that was received, because the process ends."""
+        """Store all received bytes before the process ends."""
         ...
 
 
 class UlogRecorder:
-    """Logs of V vehicles.
+    """Recorder of the ULog files of V vehicles.
 
     A log begins and ends as SDLOG_MODE requires: 0 from arming to disarming, 1 from boot to disarming, 2 from boot, 4 from arming.
     Mode 2 and 4 end with the process. A vehicle that arms again gets a new log.
@@ -108,7 +117,10 @@ class UlogRecorder:
     # -- every step ------------------------------------------------------------------------------------------
 
     def step(self, now: float, sensors: Mapping[str, Array], motors: Array, consumed_mah: Array) -> None:
-        """Record one sensor period. The arguments are those of `Quantities.begin`."""
+        """Record the values of one sensor period.
+
+        The arguments are those of `Quantities.begin`.
+        """
         self._now = now
         if not self._any:
             return
@@ -134,7 +146,10 @@ class UlogRecorder:
         self._sink.hand_over(self._now)
 
     def _pass_on(self, i: int, more: bytes = b"") -> None:
-        """Pass the new records of vehicle i to the sink, then further bytes."""
+        """Pass the new records of vehicle i to the sink.
+
+        more: bytes to add after the records
+        """
         data = self._layout.rows[i, self._taken[i] : self._at].tobytes() + more
         self._taken[i] = self._at
         if data:
@@ -143,7 +158,10 @@ class UlogRecorder:
     # -- decisions -------------------------------------------------------------------------------------------
 
     def decide(self, now: float) -> None:
-        """Begin and end logs, and record changes. Called after each decision of the commanders. now: time since boot [s]"""
+        """Begin and end logs, and record changes of mode, arming and parameters.
+
+        This is called after each decision of the commanders. now: time since boot [s]
+        """
         self._now = now
         if self._params_version != self._s.params.version:
             self._record_parameters()
@@ -154,7 +172,7 @@ class UlogRecorder:
                 self._record_changes(i, v, now)
 
     def _is_wanted(self, i: int, commander: Commander, now: float) -> bool:
-        """Return whether vehicle i must log now."""
+        """Return whether vehicle i must be logged now, as its logging mode and arming state demand."""
         mode, armed = self._modes[i], commander.armed
         if mode == _DISABLED:
             return False
@@ -224,13 +242,19 @@ class UlogRecorder:
     # -- on arrival ------------------------------------------------------------------------------------------
 
     def record_vision(self, i: int, sample: VisionSample, now: float) -> None:
-        """Record a sample of external vision of vehicle i, at most every 0.03 s. now: time since boot [s]"""
+        """Record a sample of external vision of vehicle i, at most every 0.03 s.
+
+        now: time since boot [s]
+        """
         if self._open[i] and now >= self._vision_at[i] + _VISION_PERIOD_S - 1e-6:
             self._vision_at[i] = now
             self._pass_on(i, _vision_record(sample, now))
 
     def record_text(self, i: int, severity: int, text: str) -> None:
-        """Record a text for the user, which is sent as STATUSTEXT. severity: MAV_SEVERITY"""
+        """Record a text of vehicle i that is sent to the user as STATUSTEXT.
+
+        severity: MAV_SEVERITY
+        """
         if self._open[i]:
             self._pass_on(i, ulog.text(severity, round(1e6 * self._now), text))
 
@@ -247,7 +271,7 @@ class UlogRecorder:
         self._pass_on(i, _HOME.pack(values))
 
     def close(self) -> None:
-        """End all logs, because the process ends."""
+        """End all logs before the process ends."""
         for i, is_open in enumerate(self._open):
             if is_open:
                 self._switch(i)
@@ -285,7 +309,7 @@ def _definitions() -> bytes:
 
 
 def _vision_record(sample: VisionSample, now: float) -> bytes:
-    """Return a record of `vehicle_visual_odometry`, in NED, without velocity."""
+    """Return a log record of `vehicle_visual_odometry`, in NED, without velocity."""
     now_us = round(1e6 * now)
     variances = (*sample.var_p, *(sample.var_yaw,) * 3, *_NAN3)
     ned, unknown, quality = 1, 0, 100
@@ -294,7 +318,7 @@ def _vision_record(sample: VisionSample, now: float) -> bytes:
 
 
 def _offboard_record(setpoint: OffboardSetpoint, now: float) -> bytes:
-    """Return a record of `offboard_control_mode`."""
+    """Return a log record of `offboard_control_mode`."""
     is_position = setpoint.level is Level.POSITION
     given = [
         is_position and any(map(math.isfinite, values))

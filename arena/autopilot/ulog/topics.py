@@ -1,4 +1,4 @@
-"""Topics of the log that are recorded periodically: their periods, and the quantity that each field contains.
+"""Topics that are logged periodically: the period of each, and the value that each field contains.
 
 The periods are those of PX4 v1.16's default profile on a flight controller.
 """
@@ -14,7 +14,7 @@ _NAN, _INF = math.nan, math.inf
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """A topic that is recorded periodically.
+    """Topic that is logged periodically.
 
     period_s: time between two records [s]; 0 records every sensor period
     group: name of the method of `Quantities` that computes the quantities of this topic; "" if they always exist
@@ -47,7 +47,10 @@ _INNOVATION_FIELDS = (
 
 
 def _innovations(kind: str) -> Topic:
-    """Return a topic with values of the innovations. kind: prefix of the quantities"""
+    """Return a log topic with the innovations of the estimator.
+
+    kind: prefix of the quantities
+    """
     return Topic(
         period_s=0.5,
         group="innovations",
