@@ -1,4 +1,4 @@
-"""State of a running arena for viewers: received without sending anything to a vehicle.
+"""State of a running arena for viewers (programs that show an arena). Viewers send nothing to a vehicle.
 
 A viewer calls `LiveFeed.poll` and gets a `Snapshot`. A viewer that hangs or dies changes nothing in the arena.
 """

@@ -1,4 +1,4 @@
-"""Live feed: finds the running arena, receives its state, and waits for the next arena when it has ended.
+"""Live feed of a running arena for viewers. After the end of the arena, the feed waits for the next arena.
 
 The feed only receives. It opens no port of the arena, is no client of the simulation clock, and sends nothing to a vehicle.
 """
@@ -36,7 +36,7 @@ _TAIL_BYTES = 1 << 18  # of events.jsonl that are read when the feed begins
 
 
 class LiveFeed:
-    """State of the running arena. Call `poll` at the rate at which pictures are drawn; it does not block.
+    """Source of the newest state of the running arena. Call `poll` before each picture; it does not block.
 
     run: folder of the run to watch; None watches the only running arena, and the next one when it has ended.
     """
@@ -48,7 +48,10 @@ class LiveFeed:
         self.waiting_for = ""
 
     def poll(self, now: float | None = None) -> Snapshot | None:
-        """Return the state of the arena; None while there is none. `waiting_for` then says why. now: monotonic [s]."""
+        """Return the present state of the arena, or None if no arena is running.
+
+        In the second case, `waiting_for` contains the reason. now: monotonic [s].
+        """
         now = time.monotonic() if now is None else now
         if now >= self._next_search:
             self._next_search = now + SEARCH_PERIOD_S
@@ -88,7 +91,7 @@ class LiveFeed:
 
 
 class _OpenRun:
-    """Connections to one running arena."""
+    """Connections of a viewer to one running arena."""
 
     def __init__(self, state: RunState) -> None:
         self._state, self._run = state, Path(state.run)
@@ -113,7 +116,10 @@ class _OpenRun:
 
     @property
     def has_ended(self) -> bool:
-        """True if the run has ended. After the death of a supervisor, the run ends with its last process."""
+        """True if the run has ended.
+
+        If the supervisor has died, the run ends with its last process.
+        """
         return not self._state.live and not _is_up(open_run(self._run))
 
     def poll(self, now: float) -> Snapshot:
@@ -160,7 +166,7 @@ class _OpenRun:
         )
 
     def _open_pages(self) -> None:
-        """Open the shared memory of the world as soon as the world has made it."""
+        """Open the shared memory with the true states and the simulation clock, if the world has created it."""
         with contextlib.suppress(RunError):
             if self._truth is None and self.settings.truth is not None:
                 self._truth = TruthReader(self.settings.truth)
@@ -173,7 +179,10 @@ def _is_up(state: RunState | None) -> bool:
 
 
 class _Tail:
-    """Reader of new whole lines at the end of a file. path: the file, which may not exist yet."""
+    """Reader of the lines that are added to a file.
+
+    path: the file, which may not exist yet. The first call of `read` starts near the end of the file.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path, self._at, self._part = path, 0, b""
@@ -181,7 +190,7 @@ class _Tail:
             self._at = max(0, path.stat().st_size - _TAIL_BYTES)
 
     def read(self) -> list[bytes]:
-        """Return the lines that were added since the last call."""
+        """Return the complete lines that were added to the file since the last call."""
         try:
             with self._path.open("rb") as file:
                 file.seek(self._at)

@@ -1,4 +1,4 @@
-"""State of all vehicles of an arena, from telemetry, the truth page, motion capture and the supervisor's table. Pure.
+"""State of all vehicles of an arena, from telemetry, true states, motion capture and the supervisor. Pure.
 
 Arrays have one row per vehicle, in the order of the settings. Values that are not known are NaN.
 """
@@ -40,7 +40,7 @@ _RECEIVED = {
 
 @dataclass(frozen=True, kw_only=True)
 class FleetSnapshot:
-    """State of N vehicles at one instant.
+    """State of all N vehicles of an arena at one instant.
 
     names, kinds, modes, controls: one entry per vehicle. mode: PX4's name, "" if unknown. control: who commands the vehicle.
     armed, landed, connected: None if unknown.
@@ -86,7 +86,7 @@ class FleetSnapshot:
 
 
 class FleetTracker:
-    """Collects the newest state of all vehicles. All times `now` are monotonic [s].
+    """Collector of the newest state of all vehicles. All times `now` are monotonic [s].
 
     Pass received data to the `on_...` methods, and call `snapshot` when a picture is drawn.
     """
@@ -105,18 +105,18 @@ class FleetTracker:
         self._pose_age_s = np.full(n, np.nan)
 
     def on_datagram(self, row: int, data: bytes, now: float) -> None:
-        """Decode a datagram of telemetry. row: index of the vehicle."""
+        """Update the state of a vehicle from a MAVLink datagram. row: index of the vehicle."""
         self.telemetry[row].on_datagram(data, now)
 
     def on_truth(self, truth: Truth, now: float) -> None:
-        """Take over the true state of the simulated vehicles."""
+        """Store the true states of the simulated vehicles."""
         rows, at = self._rows_of_truth, self._indices
         self._p_n[rows], self._v_n[rows], self._q_nb[rows] = truth.p_n[at], truth.v_n[at], truth.q_nb[at]
         self._omega_b[rows], self._motors[rows] = truth.omega_b[at], truth.motors[at]
         self._posed_at[rows] = now
 
     def on_frames(self, frames: Iterable[CapturedFrame], now: float) -> None:
-        """Take over the captured poses of the real vehicles."""
+        """Store the captured poses of the real vehicles."""
         for frame in frames:
             for pose in frame.poses:
                 if (row := self._bodies.get(pose.body)) is not None:
@@ -124,7 +124,10 @@ class FleetTracker:
                     self._posed_at[row] = now
 
     def on_status(self, status: Mapping[str, Any]) -> None:
-        """Take over facts and statistics from the supervisor's table. status: reply to the request `view`."""
+        """Store the facts and pose ages that the supervisor has reported.
+
+        status: reply of the supervisor to the request `view`.
+        """
         self._facts = status.get("facts") or {}
         ages = {
             row.get("vehicle"): (row.get("stats") or {}).get("pose_age_ms")

@@ -1,4 +1,4 @@
-"""Reads the planned paths of a running arena from the files that its recorder writes."""
+"""Reader of the planned paths of all vehicles, from the files that the recorder of a running arena writes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ NO_PATH: Array = np.zeros((0, 3))
 
 
 class PlannedPaths:
-    """Planned paths of all vehicles. folder: with `<vehicle>.json`; None: the arena has no such folder.
+    """Reader of the planned paths of all vehicles.
+
+    folder: contains a file `<vehicle>.json` per vehicle. None: the arena records no planned paths.
 
     newest: one path per vehicle [m] [NED] (k, 3), without points if the vehicle has none. A new tuple after each change.
     """
@@ -26,7 +28,7 @@ class PlannedPaths:
         self.newest: tuple[Array, ...] = (NO_PATH,) * len(vehicles)
 
     def poll(self) -> None:
-        """Read the files that were written since the last call, and update `newest`."""
+        """Read the path files that have changed since the last call, and update `newest`."""
         found = list(self.newest)
         changed = False
         for k, file in enumerate(self._files):

@@ -1,4 +1,7 @@
-"""Thread that asks the supervisor for the status of a run once a second, so that a paused supervisor delays no viewer."""
+"""Thread that requests the status of a run from the supervisor once a second.
+
+Viewers are not delayed if the supervisor is paused.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ _TIMEOUT_S = 3.0
 
 
 class RunStatus:
-    """Newest reply of a supervisor to the request `view`, and whether the supervisor replies.
+    """Newest status that the supervisor of a run has sent, requested in a thread once a second.
 
     This request, unlike `ps`, does not mean that an operator is present, so the data-link failsafe of real vehicles still works.
 
@@ -34,15 +37,15 @@ class RunStatus:
 
     @property
     def newest(self) -> tuple[int, dict[str, Any]]:
-        """Return the number of replies so far, and the last one; {} before the first."""
+        """Return (number of replies so far, last reply). The reply is {} before the first one."""
         return self._number, self._status
 
     def answers(self, now: float) -> bool:
-        """Return whether the supervisor has replied within the last seconds. now: monotonic [s]."""
+        """Return whether the supervisor has replied recently. now: monotonic [s]."""
         return now - self._at <= PERIOD_S + _TIMEOUT_S
 
     def close(self) -> None:
-        """End the thread. Does not wait for a reply."""
+        """End the thread, without waiting for a reply."""
         self._stop.set()
 
     def _run(self) -> None:

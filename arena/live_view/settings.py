@@ -1,6 +1,6 @@
-"""Description of an arena for viewers: room, geofence and vehicles. Known before the first message arrives. Pure.
+"""Description of an arena for viewers: room, geofence and vehicles. Pure.
 
-The slice `view.json` of the run folder contains it.
+It is known before the first message arrives. The slice `view.json` of the run folder contains it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Kind = Literal["simulated", "real", "replayed"]
 
 @dataclass(frozen=True, kw_only=True)
 class Fence:
-    """The geofence: the box that the vehicles' centres must stay in.
+    """The geofence of an arena: a box that the centres of the vehicles must not leave.
 
     north, east: lowest and highest coordinate [m] [NED].  up: height above the floor [m].
     """
@@ -38,7 +38,7 @@ class Rotor:
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleSettings:
-    """Vehicle of the arena, as viewers need it.
+    """Description of one vehicle for viewers: name, size, rotors, and the sources of its state.
 
     id: MAVLink system id.
     index: row of the vehicle in the truth page; None if the vehicle has no simulated body.
@@ -63,7 +63,7 @@ class VehicleSettings:
 
     @classmethod
     def of(cls, raw: Mapping[str, Any]) -> VehicleSettings:
-        """Read one vehicle of the slice."""
+        """Convert the entry of one vehicle in `view.json` to a `VehicleSettings`."""
         kind: Kind = "replayed" if raw.get("replayed") else "simulated" if raw["simulated"] else "real"
         rotors = tuple(
             Rotor(position_b=_triple(r["position_m"]), clockwise=r["direction"] == "cw")
@@ -87,7 +87,7 @@ class VehicleSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Description of an arena: room, vehicles, and where their states are published.
+    """Description of an arena for viewers: the room, the vehicles, and the places where their states are published.
 
     size_m: north, east and height of the room [m].  ceiling: false if the room is open to the sky.
     fence: None without a geofence.  obstacles: fixed bodies in the room.
@@ -109,7 +109,10 @@ class Settings:
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Settings:
-        """Read the settings from the slice `view.json`. Raises RunError if a key is missing or has the wrong type."""
+        """Convert the content of `view.json` (the viewers' configuration) to a `Settings`.
+
+        Raises RunError if a key is missing or has the wrong type.
+        """
         try:
             return cls(
                 size_m=_triple(raw["size_m"]),

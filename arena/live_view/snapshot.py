@@ -43,7 +43,7 @@ class ProcessRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """A line for the operator: something that happened to a process or a vehicle.
+    """An event of a run, as one line of text for the operator.
 
     number: count of events before this one.  time_s: time of the run [s], as in `Snapshot`; None before the world runs.
     source: process or vehicle.  text: what happened.
@@ -59,7 +59,7 @@ class Event:
 
 @dataclass(frozen=True, kw_only=True)
 class Playback:
-    """Position in the record that a replay plays.
+    """Position of a replay in its record: time, length and pause.
 
     time_s: [s] from the begin of the record.  duration_s: length of the record [s].
     """
@@ -97,7 +97,7 @@ class Snapshot:
 
 
 def process_rows(status: Mapping[str, Any]) -> tuple[ProcessRow, ...]:
-    """Return the processes in the supervisor's reply to the request `view`."""
+    """Return one row per process, from the supervisor's reply to the request `view`."""
     return tuple(
         ProcessRow(
             name=name,
@@ -121,7 +121,10 @@ def _rates(stats: Mapping[str, Any]) -> dict[str, float]:
 
 
 def real_time_factor(status: Mapping[str, Any]) -> float | None:
-    """Return the real-time factor that the world or a replay reports in the supervisor's reply; None without it."""
+    """Return the real-time factor of a simulation or replay, or None if the status contains none.
+
+    status: reply of the supervisor to the request `view`.
+    """
     for row in (status.get("processes") or {}).values():
         if row["kind"] in ("world", "replay") and (found := (row["stats"] or {}).get("rtf")) is not None:
             return float(found)
@@ -129,7 +132,10 @@ def real_time_factor(status: Mapping[str, Any]) -> float | None:
 
 
 def playback_of(status: Mapping[str, Any]) -> Playback | None:
-    """Return the position in the record, from the supervisor's reply to the request `view`; None if the arena is no replay."""
+    """Return the position of a replay in its record, or None if the arena is not a replay.
+
+    status: reply of the supervisor to the request `view`.
+    """
     for row in (status.get("processes") or {}).values():
         stats = row["stats"] or {}
         if row["kind"] == "replay" and "duration_s" in stats:
@@ -142,7 +148,7 @@ def playback_of(status: Mapping[str, Any]) -> Playback | None:
 
 
 class EventList:
-    """The newest events of a run: lines of events.jsonl, and changes of the vehicles' state (armed, mode, in the air).
+    """The newest events of a run: lines of events.jsonl, and changes of a vehicle's state such as `armed`.
 
     vehicles: names of the vehicles.
     """
@@ -160,7 +166,7 @@ class EventList:
         return tuple(self._events)
 
     def on_lines(self, lines: Iterable[bytes]) -> None:
-        """Add new lines of events.jsonl to the list of events.
+        """Add new lines of the file events.jsonl to the list.
 
         Requests to vehicles (entries `audit`, for `arena audit`) and lines that cannot be read are left out.
         """
@@ -171,7 +177,10 @@ class EventList:
                 continue
 
     def on_status(self, status: Mapping[str, Any]) -> None:
-        """Add what has changed in each vehicle since the last call, such as `armed`. status: reply to the request `view`."""
+        """Add an event for each change of a vehicle's state since the last call, such as `armed`.
+
+        status: reply of the supervisor to the request `view`.
+        """
         messages = self._changes.on_facts(status.get("facts") or {})
         for message in messages if self._has_facts else ():  # the first facts are no changes
             self._add(_seconds(status.get("time_s")), message.source, message.text, detail=False)

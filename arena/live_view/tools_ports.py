@@ -1,4 +1,4 @@
-"""Telemetry of all vehicles from the tools ports of the router.
+"""Receiver of the telemetry of all vehicles, from the tools ports of the MAVLink router.
 
 The router sends the telemetry of a vehicle to each program that has sent a frame to its tools port within the last 10 s.
 This receiver sends PING, addressed to the router itself. The router forwards no such frame, so no vehicle receives anything:
@@ -23,7 +23,7 @@ _MAX_DATAGRAMS = 500  # per vehicle and call: a flood must not delay the viewer
 
 
 class ToolsPorts:
-    """Receiver with one socket per vehicle. It never blocks.
+    """Receiver of the telemetry of all vehicles, with one socket per vehicle. It never blocks.
 
     addresses: tools port of each vehicle; None for a vehicle without telemetry.
     on_datagram: called with the index of the vehicle, a datagram and the time [s].
@@ -43,7 +43,10 @@ class ToolsPorts:
                 self._sockets.append((row, sock))
 
     def poll(self, now: float) -> None:
-        """Pass on all waiting datagrams, and repeat the PINGs every PING_PERIOD_S. now: monotonic [s]."""
+        """Pass all received datagrams to the callback, and send a PING to the router periodically.
+
+        The router sends telemetry only to programs that send something. now: monotonic [s].
+        """
         if now >= self._next_ping:
             self._next_ping = now + PING_PERIOD_S
             ping = self._codec.pack(ping_router())
@@ -58,7 +61,7 @@ class ToolsPorts:
                 self._on_datagram(row, data, now)
 
     def close(self) -> None:
-        """Close all sockets. The router removes their addresses after 10 s."""
+        """Close all sockets. The router stops to send telemetry 10 s later."""
         for _, sock in self._sockets:
             sock.close()
 

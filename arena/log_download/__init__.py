@@ -1,1 +1,1 @@
-"""Download of log files from vehicles over MAVLink (`arena log fetch`)."""
+"""Download of log files from vehicles over MAVLink, for the command `arena log fetch`."""

@@ -1,4 +1,4 @@
-"""Download of one log from one vehicle: which requests to send, and which bytes are missing. Pure.
+"""Download of one log from one vehicle, without sockets: requests to send, and bytes that are missing. Pure.
 
 The vehicle sends a requested part of a log as a sequence of LOG_DATA. Messages that were lost are requested again, as soon as the
 last message of the part has arrived or nothing arrives any more. A vehicle that is armed is not asked for a log, because the
@@ -25,14 +25,17 @@ _MOST_REQUESTS = 10  # in a row without an answer
 
 @dataclass(frozen=True, kw_only=True)
 class Interrupted:
-    """State of an interrupted download. entry: the log.  missing: ranges that were not received."""
+    """State of an interrupted download.
+
+    entry: the log on the vehicle. missing: ranges of bytes that were not received.
+    """
 
     entry: LogEntry
     missing: tuple[Range, ...]
 
 
 class LogDownload(Transfer):
-    """Transfer that lists the logs of one vehicle and downloads one of them.
+    """Transfer that lists the logs of one vehicle, and downloads one of these logs.
 
     number: id of the log; None: the newest one
     only_list: end when all logs are listed
@@ -80,12 +83,12 @@ class LogDownload(Transfer):
         return self.missing is not None and not self.missing.ranges
 
     def take_pieces(self) -> list[tuple[int, bytes]]:
-        """Remove and return the received parts of the log: (offset, bytes)."""
+        """Return the received parts of the log as (offset, bytes), and remove them from this object."""
         found, self._pieces = self._pieces, []
         return found
 
     def stop_request(self) -> bytes:
-        """Return the frame that ends the vehicle's transmission of a log."""
+        """Return the MAVLink frame that requests the vehicle to stop sending a log."""
         return self._codec.frame(*mavlink_logs.request_end(self.system))
 
     # -- requests ----------------------------------------------------------------------------------------------
@@ -113,7 +116,7 @@ class LogDownload(Transfer):
         return []
 
     def _choose(self) -> None:
-        """Choose the log to download from the list of the vehicle. If the list is empty, end the transfer."""
+        """Choose the log to download from the vehicle's list of logs. If the list is empty, end the transfer."""
         self._requests_in_a_row = 0
         found = sorted(self.entries.values(), key=lambda each: (each.time_s, each.number))
         if not found:
@@ -159,7 +162,7 @@ class LogDownload(Transfer):
     # -- answers -----------------------------------------------------------------------------------------------
 
     def receive(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Handle a received frame; frames of other senders than the vehicle's autopilot are ignored.
+        """Process a received MAVLink frame. Only frames of the vehicle's autopilot have an effect.
 
         data: bytes that contain the frame
         now: monotonic time [s]

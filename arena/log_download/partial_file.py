@@ -1,4 +1,4 @@
-"""File of a download that is not complete: `NAME.ulg.part`, and beside it `NAME.ulg.part.json` with the missing ranges."""
+"""File of an incomplete download: `NAME.ulg.part`, with its missing ranges in `NAME.ulg.part.json`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from arena.wire.mavlink_logs import LogEntry
 
 
 class PartialFile:
-    """Partly downloaded log of a vehicle. Every method raises OSError if the disk is full or the folder is not writable.
+    """File of a log whose download is not complete.
+
+    Every method raises OSError if the disk is full or the folder is not writable.
 
     path: path of the complete file
     """
@@ -24,7 +26,7 @@ class PartialFile:
         self._fd = -1
 
     def interrupted(self) -> Interrupted | None:
-        """Return the state of an interrupted download; None if there is none that can be continued."""
+        """Return the state of an interrupted download, or None if no download can be continued."""
         try:
             found = json.loads(self._state.read_text())
             entry = LogEntry(*(int(found[key]) for key in LogEntry._fields))
@@ -34,7 +36,10 @@ class PartialFile:
             return None
 
     def write(self, pieces: list[tuple[int, bytes]], *, resumed: bool) -> None:
-        """Write received parts (offset, bytes). resumed: False deletes the parts of an earlier download at the first call."""
+        """Write received parts of the log to the file. pieces: (offset, bytes) of each part.
+
+        resumed: False deletes the parts of an earlier download at the first call.
+        """
         if self._fd < 0:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | (0 if resumed else os.O_TRUNC)
@@ -43,7 +48,11 @@ class PartialFile:
             os.pwrite(self._fd, data, offset)
 
     def save(self, entry: LogEntry, missing: tuple[Range, ...]) -> None:
-        """Save the missing ranges. The received bytes are on the disk before, so that no range is missing twice."""
+        """Save the list of missing ranges next to the file.
+
+        The received bytes are written to the disk first. So the list never lacks a range that is missing in
+        the file.
+        """
         if self._fd < 0:
             return
         os.fdatasync(self._fd)
@@ -52,7 +61,10 @@ class PartialFile:
         temporary.replace(self._state)
 
     def finish(self) -> Path:
-        """Give the complete file its name and return it. An older log is kept: the new one is then NAME_2.ulg, and so on."""
+        """Rename the complete file to its final name, and return its path.
+
+        An older log keeps its name: then the name of the new log is NAME_2.ulg, and so on.
+        """
         self.write([], resumed=True)
         os.fsync(self._fd)
         self.close()

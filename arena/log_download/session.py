@@ -1,4 +1,7 @@
-"""Downloads of logs from several vehicles at the same time. One thread polls all sockets and serial devices."""
+"""Downloads of logs from several vehicles at the same time, in one thread.
+
+The thread polls all sockets and serial devices.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ OnProgress = Callable[[Mapping[str, Progress]], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Fetched:
-    """Result of a download from one vehicle.
+    """Result of the download of a log from one vehicle.
 
     ending: "done", or why the download ended early
     why: why the connection could not be opened, why there is no log, or why it could not be written; "" otherwise
@@ -48,7 +51,7 @@ class Fetched:
 
 
 class _Connection:
-    """Connection to one vehicle: its download, its file, and its open socket or device."""
+    """Connection to one vehicle: the download, its file, and the open socket or serial device."""
 
     def __init__(
         self, name: str, target: ParamTarget, folder: Path, number: int | None, only_list: bool
@@ -82,7 +85,7 @@ class _Connection:
                 self.download.receive(data, frame, time.monotonic())
 
     def step(self) -> None:
-        """Write received bytes, and send what is due."""
+        """Write the received bytes to the file, and send the requests that are due."""
         download, was_done = self.download, self.download.done
         frames = download.due(time.monotonic())
         try:
@@ -109,7 +112,7 @@ class _Connection:
             self.file.save(download.entry, download.missing.ranges)
 
     def stop(self) -> None:
-        """End the download, because the user pressed Ctrl-C. The received bytes are kept."""
+        """End the download and keep the received bytes, because the user pressed Ctrl-C."""
         self.download.stop()
         self.step()
         if self.transport:
@@ -137,7 +140,7 @@ def fetch_logs(
     only_list: bool = False,
     on_progress: OnProgress = lambda progress: None,
 ) -> dict[str, Fetched]:
-    """Download one log from each vehicle to `folder/<vehicle>.ulg`. Return vehicle -> result.
+    """Download one log from each vehicle to `folder/<vehicle>.ulg`. Return {vehicle: result}.
 
     number: id of the log; None for the newest one of each vehicle. Its file is then `<vehicle>_log<number>.ulg`
     only_list: list the logs and download none

@@ -1,4 +1,4 @@
-"""Process of the MAVLink router. Run as `python -m arena.mavlink_router slice.json`.
+"""Process of the MAVLink router: `python -m arena.mavlink_router slice.json`.
 
 The module for fault injection is imported only if the JSON configuration (slice) has a path in `faults`.
 """
@@ -18,7 +18,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def make_shell(process: ProcessContext) -> RouterShell:
-    """Create the `RouterShell` (sockets and loop of the router).
+    """Create the `RouterShell` of this process: the sockets and the loop of the router.
 
     It has fault injection if the configuration contains `faults`, the path of the socket that receives faults.
     """

@@ -1,4 +1,4 @@
-"""Detects datagrams that waited in a socket while the router was stalled, and removes the frames that became too old.
+"""Filter for datagrams that waited in a socket while the router was stalled: frames that are too old are removed.
 
 Asking the kernel for the age of each datagram would make the router slower. A datagram cannot be older than the time since
 its socket was last empty, and `poll` reports that for free. Only if this time is longer than the shortest age limit, the
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Backlog:
-    """Measures how long datagrams have waited in the router's sockets, and drops the frames that are too old.
+    """Measures how long datagrams have waited in the router's sockets, and removes frames that are too old.
 
     links: indices in `sockets` of the links to autopilots. Frames of autopilots are never dropped, because some telemetry
     values are sent only once
@@ -48,14 +48,17 @@ class Backlog:
         self.dropped = 0
 
     def tick(self, now: float) -> None:
-        """Measure the offset between wall clock and monotonic clock. The kernel stamps datagrams by the wall clock, which may jump.
+        """Measure the offset between the wall clock and the monotonic clock.
 
-        Call this method a few times a second. now: monotonic [s].
+        The kernel stamps received datagrams by the wall clock, which may jump. Call this method a few times a
+        second. now: monotonic [s].
         """
         self._ages.update(time.time(), now)
 
     def receive(self, key: int) -> tuple[Buffer, Address]:
-        """Receive a datagram from a socket whose `waits.may_be_old` returned True. Drop its frames that are too old.
+        """Receive a datagram that may be old from a socket, and remove its frames that are too old.
+
+        Call this method if `waits.may_be_old` returned True.
 
         key: index of the socket. Returns (frames that are not too old, sender). Raises OSError.
         """
@@ -68,9 +71,10 @@ class Backlog:
         return young, sender
 
     def young(self, key: int, data: Buffer, now: float) -> Buffer:
-        """Return a received datagram without the frames that may be too old. Call this if `waits.is_old` returned True.
+        """Return a received datagram without the frames that may be too old.
 
-        The time at which the datagram arrived is not known: it counts as the time at which the socket was last empty.
+        Call this method if `waits.is_old` returned True. The time at which the datagram arrived is not known:
+        it counts as the time at which the socket was last empty.
         """
         young, dropped = without_old_frames(data, self._age_s(key, None, now))
         self.dropped += dropped

@@ -1,4 +1,4 @@
-"""Filter of the router for commands to vehicles.
+"""Filter of the router that refuses commands of senders without authority over a vehicle.
 
 A command is forwarded only if its sender may command the vehicle now (`arena.authority`).
 """
@@ -16,7 +16,9 @@ from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame
 
 
 class CommandFilter:
-    """Filter for the commands that clients of the router send to vehicles, with one `CommandGate` per vehicle.
+    """Filter for the commands that clients of the router send to vehicles.
+
+    It has one `CommandGate` per vehicle.
 
     sim_now: returns the simulation time [s], by which commands to simulated vehicles are timed; None without a
     simulated world.
@@ -32,7 +34,10 @@ class CommandFilter:
         self._news = set(self._gates)
 
     def allows(self, vehicle: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> bool:
-        """Return whether a client's frame may be sent to a vehicle. vehicle: system id. now: monotonic [s]."""
+        """Return whether a client's frame may be sent to a vehicle now.
+
+        vehicle: system id. now: monotonic [s].
+        """
         gate = self._gates[vehicle]
         role = role_of_tool(frame[4]) if endpoint.role is None else endpoint.role
         if gate.simulated and self._sim_now is not None:
@@ -47,38 +52,45 @@ class CommandFilter:
         return False
 
     def passes_setpoint(self, vehicle: int, now: float) -> bool:
-        """Return whether a program's setpoint may be sent to a vehicle without further tests. vehicle: system id. now: monotonic [s]."""
+        """Return whether a setpoint of a vehicle's program may pass now without further checks.
+
+        vehicle: system id. now: monotonic [s].
+        """
         gate = self._gates[vehicle]
         return gate.authority.passes_program_setpoint(self._time(gate, now))
 
     def take_replies(self) -> list[Out]:
-        """Return the replies to send to clients whose commands were refused since the last call."""
+        """Return the replies to clients whose commands were refused since the last call."""
         if not self._replies:
             return []
         found, self._replies = self._replies, []
         return found
 
     def on_heartbeat(self, vehicle: int, armed: bool, mode: str, now: float) -> None:
-        """Process the arming state and mode from a heartbeat of a vehicle. vehicle: system id. now: monotonic [s]."""
+        """Update the arming state and mode of a vehicle after its heartbeat.
+
+        vehicle: system id. now: monotonic [s].
+        """
         gate = self._gates[vehicle]
         gate.on_state(armed, mode, self._time(gate, now))
         if gate.has_news:
             self._news.add(vehicle)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request that the supervisor has sent to the router (see `process_context`). now: monotonic [s].
+        """Process a request that the supervisor has sent to the router, such as `release`.
 
-        An example is `release`: the operator ends the control that land-all or the copilot has taken, so that programs may command
-        the vehicle again.
+        `release`: the operator ends the control that land-all or the copilot has taken, so that programs may
+        command the vehicle again. request: see `process_context`. now: monotonic [s].
         """
         for gate in self._gates.values():
             gate.on_request(request, self._time(gate, now))
         self._news |= set(self._gates)
 
     def changes(self) -> tuple[list[str], dict[str, Any]]:
-        """Return lines for the event log, and the facts (values for the supervisor) that have changed, since the last call.
+        """Return events (lines of text) and changed facts, as {name: value}, since the last call.
 
-        The hardware link of a real vehicle reports its events and who has control of it, so both are left out here.
+        Both are for the supervisor. The hardware link of a real vehicle reports its events and who has
+        control of it, so both are left out here.
         """
         events: list[str] = []
         facts: dict[str, Any] = {}
@@ -92,7 +104,7 @@ class CommandFilter:
         return events, facts
 
     def take_audit(self) -> list[dict[str, Any]]:
-        """Return one entry for each request that a client has made to a vehicle since the last call.
+        """Return one audit entry per request that a client has sent to a vehicle since the last call.
 
         `arena audit` shows the entries. Setpoints have none (see `arena.authority.audit`).
         """

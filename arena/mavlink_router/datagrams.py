@@ -1,4 +1,4 @@
-"""Frames that are sent together as one datagram."""
+"""Grouping of MAVLink frames that the router sends together as one datagram."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ NO_TARGET = -1
 
 
 def join_frames(frames: list[Frame], targets: list[int]) -> list[tuple[int, int, int, int]]:
-    """Group adjacent frames with the same target. Each group is sent as one datagram.
+    """Group adjacent frames with the same target, so that each group can be sent as one datagram.
 
     frames: all frames of a received datagram, in order
     targets: target of each frame; frames with the target `NO_TARGET` are not forwarded

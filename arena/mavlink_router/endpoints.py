@@ -1,4 +1,4 @@
-"""Data of the router about its vehicles and clients: addresses, MAVLink senders, receivers that were found, and counters."""
+"""Data of the router about vehicles and clients: addresses, MAVLink senders, stored receivers, counters."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Out = tuple[Buffer, Destinations]
 
 @dataclass(kw_only=True)
 class Endpoint:
-    """Address of a client, tool or ground station, to which the router sends messages.
+    """Address of a client, tool or ground station that receives messages from the router.
 
     The MAVLink senders that have sent from this address are recorded, so that replies to them are sent to it.
 
@@ -45,7 +45,7 @@ class Endpoint:
         self.place = self.socket, self.address
 
     def serves(self, target: int) -> bool:
-        """Return whether this client must receive a vehicle's message that is addressed to `target`.
+        """Return whether this client must receive a vehicle's message for the MAVLink address `target`.
 
         target: system << 8 | component; component 0 means every component of the system
         """
@@ -56,7 +56,7 @@ class Endpoint:
 
 @dataclass(kw_only=True)
 class AutopilotLink:
-    """Link between the router and one autopilot.
+    """Link between the router and one autopilot: its socket, and the stored receivers of messages.
 
     remote: address of the autopilot's end. socket: index in `Router.sockets`
     number: index among the links of all vehicles, which the shortcut sets
@@ -70,13 +70,13 @@ class AutopilotLink:
 
     @property
     def up(self) -> Destinations:
-        """Return the autopilot's end as the receiver of a datagram."""
+        """Return the autopilot's address, in the form in which the router stores receivers."""
         return ((self.socket, self.remote),)
 
 
 @dataclass(kw_only=True)
 class VehicleRoutes:
-    """Data that the router keeps about one vehicle: its sockets, status, clients and the receivers of its messages.
+    """Data of the router about one vehicle: its sockets, status, clients and stored receivers.
 
     number: index in the routing table
     serve_socket, tool_socket: indices in `Router.sockets`
@@ -104,16 +104,16 @@ class VehicleRoutes:
 
     @property
     def main(self) -> AutopilotLink:
-        """Router link: the only one that sets the status of the vehicle."""
+        """Router link of the vehicle. Only this link sets the status of the vehicle."""
         return self.links[0]
 
     @property
     def ground(self) -> AutopilotLink | None:
-        """Ground station link. None: the router link carries the messages of ground stations, too."""
+        """Ground station link of the vehicle, or None if the router link also serves ground stations."""
         return self.links[1] if len(self.links) > 1 else None
 
     def receivers(self, link: AutopilotLink, target: int, stations: Iterable[Endpoint]) -> Destinations:
-        """Return the receivers of a message that has arrived from the autopilot on `link`.
+        """Return the receivers of a message that an autopilot has sent on `link`.
 
         The recorder receives the streams of the router link only, because those of the ground station link have the same contents.
         It receives the replies on both links.
@@ -129,7 +129,7 @@ class VehicleRoutes:
 
 @dataclass(kw_only=True)
 class Counts:
-    """Number of frames and bytes since the start.
+    """Numbers of frames and bytes that the router has received, sent and dropped since its start.
 
     A frame that is sent to n receivers counts n times. The copies of frames to vehicles, which the recorder receives, count
     only in `bytes_out`.

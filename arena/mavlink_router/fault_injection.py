@@ -1,4 +1,4 @@
-"""Router process with fault injection: receives faults from a socket.
+"""Router process with fault injection: a socket receives the faults, such as loss and delay.
 
 A fault makes a link lose or delay datagrams. Delays are measured in simulation time, or in wall time if there is no
 simulation clock.
@@ -27,7 +27,7 @@ from arena.wire.mavlink_frame import Buffer
 
 
 class FaultInjectionShell(RouterShell):
-    """A `RouterShell` (sockets and loop of the router) whose links can lose and delay datagrams.
+    """Router process (`RouterShell`) whose links can lose and delay datagrams.
 
     faults: path of the socket that receives faults
     impaired: the router with impaired links
@@ -59,7 +59,9 @@ class FaultInjectionShell(RouterShell):
             self._send(self.impaired.outgoing(out, self._delay_time(now)))
 
     def _update(self, now: float) -> None:
-        """Apply received faults, send datagrams whose delay has ended, and request a wake-up at the end of the next delay.
+        """Apply received faults, and send datagrams whose delay has ended.
+
+        Also set the time of the next wake-up, which is the end of the next delay.
 
         now: monotonic [s].
         """
@@ -91,7 +93,9 @@ class FaultInjectionShell(RouterShell):
         return now if self._clock is None else self._clock.now()
 
     def _join_clock(self) -> None:
-        """Connect to the simulation clock if a link delays datagrams, because delays are measured in simulation time.
+        """Connect to the simulation clock when a link delays datagrams.
+
+        Delays are measured in simulation time.
 
         Raises RunError if the process that serves the clock has ended.
         """

@@ -15,11 +15,14 @@ _HEARTBEAT = mavlink.MAVLink_heartbeat_message(
 
 
 class GroundStation:
-    """Encoder of the router's heartbeats as a ground station. While they arrive, PX4's data-link failsafe does not act."""
+    """Encoder of the heartbeats that the router sends as a ground station.
+
+    While PX4 receives these heartbeats, its data-link failsafe does not act.
+    """
 
     def __init__(self) -> None:
         self._codec = Codec(SYSTEM, COMPONENT)
 
     def heartbeat(self) -> bytes:
-        """Return the next heartbeat as a MAVLink frame."""
+        """Return the next ground station heartbeat as a MAVLink frame."""
         return self._codec.pack(_HEARTBEAT)

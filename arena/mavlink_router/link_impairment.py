@@ -35,7 +35,7 @@ class _Direction:
 
 @dataclass(kw_only=True)
 class _ImpairedLink:
-    """Loss and delay that are set for one link of a vehicle.
+    """Loss and delay of datagrams on one link between the router and an autopilot.
 
     share: probability that a datagram is lost, 0 to 1 [-]. delay_s: delay of each datagram [s].
     up: state of the direction to the autopilot. down: state of the direction from the autopilot.
@@ -52,7 +52,7 @@ class _ImpairedLink:
 
 
 class ImpairedRouter:
-    """Routes datagrams in place of a `Router` while a fault is active, and loses or delays some of these datagrams.
+    """Router for use while a fault is active: it loses or delays datagrams on the links to autopilots.
 
     at, in every method: time for measuring delays [s], by any clock that never goes backwards
     now, in every method: monotonic [s], as in `Router`
@@ -73,7 +73,9 @@ class ImpairedRouter:
         self.muted = False
 
     def apply(self, fault: Fault) -> str:
-        """Apply one fault (a JSON object, see `arena.fault_injection`) and return a description of the fault as text.
+        """Apply one fault, such as loss on a link, and return a description of the fault as text.
+
+        The fault is a JSON object, see `arena.fault_injection`.
 
         Raises InputError if the fault is invalid.
         """
@@ -91,7 +93,7 @@ class ImpairedRouter:
 
     @property
     def active(self) -> bool:
-        """True while a link has a fault, or datagrams are still delayed."""
+        """True while a link has a fault, or delayed datagrams wait to be sent."""
         return any(
             link.share or link.delay_s or link.up.waiting or link.down.waiting
             for link in self._links.values()
@@ -103,7 +105,7 @@ class ImpairedRouter:
 
     @property
     def due(self) -> float | None:
-        """Time at which the next delayed datagram must be sent [s]; None if there is none."""
+        """Time at which the next delayed datagram must be sent [s]; None if no datagram is delayed."""
         return min(
             (
                 direction.waiting[0][0] + link.delay_s
@@ -115,14 +117,17 @@ class ImpairedRouter:
         )
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float, at: float) -> list[Out]:
-        """Route a received datagram, as `Router.on_datagram` does. Return the datagrams to send at once."""
+        """Route a received datagram with loss and delay. Return the datagrams to send now.
+
+        The arguments `socket`, `sender` and `data` are those of `Router.on_datagram`.
+        """
         link = self._links.get(socket)
         if link is None or self._passes(link, link.down, sender, data, at):
             return self.outgoing(self._router.on_datagram(socket, sender, data, now), at)
         return []
 
     def outgoing(self, out: list[Out], at: float) -> list[Out]:
-        """Apply loss and delay to the datagrams that the router is about to send. Return those that must be sent at once.
+        """Apply loss and delay to datagrams that the router is about to send. Return those to send now.
 
         out: (datagram, receivers) pairs, as returned by `Router.on_datagram`.
         """
@@ -133,7 +138,7 @@ class ImpairedRouter:
         ]
 
     def release(self, now: float, at: float) -> list[Out]:
-        """Return the datagrams whose delay has ended. They must be sent now."""
+        """Return the delayed datagrams whose delay has ended, to be sent now."""
         out: list[Out] = []
         for key, link in self._links.items():
             for _, sender, data in _take_until(link.down, at - link.delay_s):
@@ -148,7 +153,7 @@ class ImpairedRouter:
     def _passes(
         self, link: _ImpairedLink, direction: _Direction, address: Address, data: Buffer, at: float
     ) -> bool:
-        """Return whether to send a datagram at once.
+        """Return whether a datagram on a link must be sent now, without loss or delay.
 
         If not, the datagram is discarded or stored until its delay ends.
         """
@@ -184,7 +189,7 @@ class ImpairedRouter:
         return f"the ground station's heartbeat {'is sent again' if on else 'is not sent'}"
 
     def _links_of(self, fault: Fault) -> tuple[str, list[_ImpairedLink]]:
-        """Return the vehicle that a fault names, and its links: they represent one radio."""
+        """Return the name and all links of the vehicle in a fault. The links represent one radio."""
         router = self._router
         name = word(fault, "vehicle", router.links)
         return name, [self._links[of[name]] for of in (router.links, router.ground_links) if name in of]

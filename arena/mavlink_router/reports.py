@@ -1,4 +1,4 @@
-"""Reports of the router to the supervisor, in a process of its own and in the fused arena."""
+"""Reports of the router to the supervisor. Both the router process and the fused arena use this module."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ READY_TIMEOUT_S = 10.0  # a vehicle without a heartbeat for this time is no long
 
 
 def report_changes(process: ProcessContext, router: Router) -> None:
-    """Report what has changed since the last call: warnings of the autopilots, facts and events."""
+    """Report to the supervisor what has changed since the last call: autopilot warnings, facts and events."""
     for warning in router.warnings():  # first, so that a failsafe is shown before the mode that it enters
         process.event(warning)
     events, control = router.commands.changes()
@@ -20,7 +20,9 @@ def report_changes(process: ProcessContext, router: Router) -> None:
 
 
 def report_ready(process: ProcessContext, router: Router, waited_s: float) -> bool:
-    """Report that the router is ready if all vehicles are connected, or after `READY_TIMEOUT_S`. Return whether it is ready.
+    """Report to the supervisor when the router is ready, and return True then.
+
+    The router is ready if all simulated vehicles are connected, or after `READY_TIMEOUT_S`.
 
     waited_s: time since the start [s]
     """

@@ -1,5 +1,4 @@
-"""Core of the router: determines the receivers of each datagram, from the table of clients and from the
-MAVLink target of the message. It opens no sockets and reads no clocks.
+"""Core of the router: finds the receivers of each MAVLink datagram, without sockets and clocks.
 
 Routes:
     vehicle, message to all     its clients, tools and recorder
@@ -58,7 +57,7 @@ _REFUSED = "refused: another has control of the vehicle"
 
 
 class Router:
-    """Routes datagrams between vehicles, clients and ground stations.
+    """Router of MAVLink datagrams between vehicles, clients and ground stations, without sockets.
 
     Pass received datagrams to `on_datagram`, and send the datagrams that it returns. Call `tick` a few times
     a second.
@@ -92,28 +91,28 @@ class Router:
 
     @property
     def sockets(self) -> list[Address]:
-        """Addresses to bind, in the order of their indices."""
+        """Addresses of the sockets that the caller must open, in the order of their indices."""
         return self._socket_table.addresses
 
     @property
     def counts(self) -> Counts:
-        """Return the numbers of frames and bytes since the start. It is always the same object."""
+        """Numbers of frames and bytes since the start. The property always returns the same object."""
         self.shortcut.collect(self._counts)
         return self._counts
 
     @property
     def sensor_sockets(self) -> dict[str, int]:
-        """Name of each vehicle with emulated sensors -> index in `sockets` of the socket that receives its measurements."""
+        """{vehicle name: index in `sockets` of the socket that receives emulated sensor measurements}."""
         return {v.vehicle.name: v.sensor_socket for v in self._vehicles if v.sensor_socket is not None}
 
     @property
     def links(self) -> dict[str, int]:
-        """Vehicle name -> index in `sockets` of the socket that exchanges messages with this vehicle's autopilot."""
+        """{vehicle name: index in `sockets` of the socket of the router link to its autopilot}."""
         return {v.vehicle.name: v.main.socket for v in self._vehicles}
 
     @property
     def ground_links(self) -> dict[str, int]:
-        """The same for the ground station links. Vehicles without such a link are missing."""
+        """{vehicle name: index in `sockets` of its ground station link}, for vehicles that have this link."""
         return {v.vehicle.name: v.ground.socket for v in self._vehicles if v.ground is not None}
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
@@ -128,12 +127,12 @@ class Router:
         return self.on_other_datagram(socket, sender, data, now)
 
     def on_other_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
-        """Route a datagram that is not ordinary, as `on_datagram` does."""
+        """Route a datagram without the compiled shortcut, as `on_datagram` does."""
         self._counts.bytes_in += len(data)
         return self._socket_table.handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
-        """Remove tools that have sent nothing for `TOOL_TIMEOUT_S`, and mark vehicles without heartbeat as not connected.
+        """Remove silent tools from the receivers, and mark vehicles without heartbeat as not connected.
 
         A tool is any program on this computer that sends to the `tools` address of a vehicle. now: monotonic [s].
         """
@@ -145,7 +144,7 @@ class Router:
                 self._forget_routes(v)
 
     def heartbeat(self, frame: bytes, *, operator: bool = True) -> list[Out]:
-        """Return the datagrams that send the heartbeat `frame` of a ground station to the vehicles.
+        """Return the datagrams that carry a ground station's heartbeat `frame` to the vehicles.
 
         As soon as a ground station was received, it is sent on ground station links, too. Autopilots send STATUSTEXT only on links with
         such heartbeats, and those of the ground station are too rare when a simulation is fast.
@@ -158,7 +157,7 @@ class Router:
         return [(frame, places)] if places else []
 
     def changed_facts(self) -> dict[str, Fact]:
-        """Return the status values (connected, armed, mode, ...) that have changed since the last call: {"uav1.armed": True}."""
+        """Return the facts (status values) that have changed since the last call, as {"uav1.armed": True}."""
         if not self._changed_facts:
             return {}
         found = dict(self._changed_facts)
@@ -166,7 +165,7 @@ class Router:
         return found
 
     def warnings(self) -> list[str]:
-        """Return the warnings of autopilots since the last call, such as `uav1: Failsafe activated: ...`."""
+        """Return the new warnings of autopilots since the last call, such as `uav1: Failsafe activated: ...`."""
         found = [f"{v.vehicle.name}: {text}" for v in self._vehicles for text in v.telemetry.texts]
         for v in self._vehicles if found else ():
             v.telemetry.texts.clear()
@@ -182,17 +181,17 @@ class Router:
         return {v.vehicle.name: v.telemetry.values() for v in self._vehicles}
 
     def stats(self) -> dict[str, Any]:
-        """Return the number of routed and dropped frames, and the telemetry of the vehicles, for the statistics of the process."""
+        """Return counts of frames and bytes, and the telemetry of the vehicles, for the statistics of the process."""
         dropped = {why: n for why, n in self._counts.dropped.items() if n}
         return {**vars(self.counts), "dropped": dropped, "telemetry": self.telemetry()}
 
     def armed(self, *, simulated: bool) -> list[str]:
-        """Return the names of the armed vehicles: the simulated ones if `simulated` is true, else the real ones."""
+        """Return the names of the armed vehicles: simulated ones if `simulated` is true, else real ones."""
         return [v.vehicle.name for v in self._vehicles if v.status.armed and v.vehicle.simulated == simulated]
 
     @property
     def all_connected(self) -> bool:
-        """True when every simulated vehicle has sent a heartbeat. Real vehicles do not count, because they may be switched on later."""
+        """True if every simulated vehicle has sent a heartbeat. Real vehicles may be switched on later."""
         return not self.missing
 
     @property
@@ -274,7 +273,7 @@ class Router:
         return found
 
     def _from_sensors(self, v: VehicleRoutes, sender: Address, data: Buffer, now: float) -> list[Out]:
-        """Return the datagram with the measurements of a vehicle's emulated sensors for the vehicle's clients and tools.
+        """Return the datagrams that carry emulated sensor measurements to a vehicle's clients and tools.
 
         Ground stations do not receive measurements, because a radio could not carry them. A datagram with any other frame is
         dropped: it could look like a message of the autopilot.
@@ -326,7 +325,7 @@ class Router:
     def _up(
         self, v: VehicleRoutes | None, endpoint: Endpoint, frames: list[Frame], data: Buffer, now: float
     ) -> list[Out]:
-        """Return the datagrams that forward a client's frames to vehicles, and the replies to refused commands.
+        """Return the datagrams that forward a client's frames to vehicles, and replies to refused commands.
 
         v: the only vehicle that the client may command; None for ground stations.
         """
@@ -361,7 +360,7 @@ class Router:
         return self._allowed_key(target, endpoint, data, frame, now) if msgid in MESSAGES else target
 
     def _allowed_key(self, target: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> int:
-        """Return the key in `VehicleSets` of those target vehicles that the client may command now.
+        """Return the key in `VehicleSets` of the target vehicles that this client may command now.
 
         target: system id of the command's target, 0 for all vehicles.
         """
@@ -381,7 +380,7 @@ class Router:
         self.shortcut.set_senders(endpoint)
 
     def _forget_routes(self, v: VehicleRoutes) -> None:
-        """Discard the stored receivers of the vehicle's messages, because an endpoint has changed. They are searched again."""
+        """Delete the stored receivers of the vehicle's messages, because a client or tool has changed."""
         for link in v.links:
             link.routes.clear()
             self.shortcut.set_receivers(link, ())

@@ -13,7 +13,10 @@ from arena.transport import Address
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """Link between router and autopilot. local: the router's end. remote: the autopilot's end."""
+    """The two addresses of a link between the router and an autopilot.
+
+    local: the router's address. remote: the autopilot's address.
+    """
 
     local: Address
     remote: Address
@@ -21,7 +24,7 @@ class Link:
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """Addresses of a vehicle and of the clients that receive only this vehicle's messages.
+    """Addresses of one vehicle, and of the clients that receive only messages of this vehicle.
 
     id: MAVLink system id
     local, remote: the router's end and the autopilot's end of the router link
@@ -50,7 +53,7 @@ class Vehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """The routing table: the addresses of all vehicles with their clients, and of the ground stations.
+    """The routing table: addresses of all vehicles, their clients, and the ground stations.
 
     recorder: receives a copy of each datagram that the router passes on, in both directions: datagrams from a vehicle are sent to
         it from the vehicle's `serve` address, datagrams to a vehicle from its `tools` address. None: no copies.
@@ -71,7 +74,7 @@ class Table:
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Table:
-        """Read the table from the router's JSON configuration.
+        """Read the routing table from the router's JSON configuration (slice).
 
         Raises InputError, which names the missing key or the wrong address.
         """
@@ -90,9 +93,9 @@ class Table:
             )
         except (KeyError, TypeError) as error:
             missing = isinstance(error, KeyError)
-            what = f"the key {error} is missing" if missing else f"a value has the wrong type: {error}"
+            problem = f"the key {error} is missing" if missing else f"a value has the wrong type: {error}"
             raise InputError(
-                f"configuration of the router: {what} (docs/reference/slices.md lists the keys)"
+                f"configuration of the router: {problem} (docs/reference/slices.md lists the keys)"
             ) from error
 
 

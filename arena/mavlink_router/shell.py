@@ -29,7 +29,7 @@ _TICK_S, _SECOND_S = 0.25, 1.0
 
 
 class RouterShell:
-    """Runs a `Router`: opens its sockets, and receives and sends datagrams in a loop.
+    """The router process: opens the sockets of a `Router`, and receives and sends datagrams in a loop.
 
     Each cycle reads one datagram from each socket that has some, or a few if the kernels are compiled, so that a flood on
     one socket does not delay the others.
@@ -81,7 +81,10 @@ class RouterShell:
         self._process.stats(self._stats())
 
     def turn(self, timeout_s: float) -> None:
-        """Run one cycle: wait at most `timeout_s` for datagrams, route them, and do the periodic work that is due."""
+        """Run one cycle of the router: wait for datagrams, route them, and do the periodic work that is due.
+
+        timeout_s: longest time to wait [s].
+        """
         if self._loop is not None and self._in_loop:
             self._run_loop(self._loop, timeout_s)
         else:
@@ -106,7 +109,10 @@ class RouterShell:
             s.close()
 
     def _make_loop(self) -> DatagramLoop:
-        """Create the compiled loop. It routes ordinary datagrams itself, and calls methods of this object for all others."""
+        """Create the compiled loop, which receives and routes ordinary datagrams (telemetry, setpoints).
+
+        For all other datagrams, the loop calls methods of this object.
+        """
         from arena.kernels.datagram_loop import DatagramLoop
 
         fds = [s.fileno() for s in self._sockets]
@@ -134,22 +140,25 @@ class RouterShell:
         loop.bytes_out = loop.unsent = 0
 
     def _on_other_datagram(self, key: int, sender: Address, data: memoryview, now: float) -> None:
-        """Route a datagram that the compiled loop has received and that is not ordinary, such as a command."""
+        """Route a datagram that the compiled loop does not route itself, such as a command."""
         self._send(self._router.on_other_datagram(key, sender, data, now))
 
     def _on_late_datagram(self, key: int, sender: Address, data: memoryview, now: float) -> None:
-        """Route a datagram that may be too old, because the process was stalled between the poll and the reading of the socket."""
+        """Route a datagram whose frames may be too old, because the process was stalled before it read them."""
         self._send(self._route(key, sender, self._backlog.young(key, data, now), now))
 
     def _on_event(self, fd: int) -> None:
-        """Read a file descriptor that the compiled loop does not read: a socket whose datagrams may be too old, or another file."""
+        """Read a socket or file that has data but that the compiled loop does not read.
+
+        This is a socket whose datagrams may be too old, or a file descriptor of a derived class.
+        """
         if fd in self._receive:
             self._read_old(fd, time.monotonic())
         else:
             self._on_other_event(fd)
 
     def _on_other_event(self, fd: int) -> None:
-        """Read a file descriptor that a derived class has added to the poll, such as the socket for injected faults."""
+        """Read a file descriptor that a derived class polls, such as the socket for injected faults."""
 
     def _read(self, fd: int) -> None:
         now = time.monotonic()
@@ -162,7 +171,7 @@ class RouterShell:
             self._send(self._route(key, sender, self._buffer[:size], now))
 
     def _read_old(self, fd: int, now: float) -> None:
-        """Read datagrams that may be too old. Several are read at a time, because many wait in the socket after a stall."""
+        """Read and route several datagrams that may be too old. Many datagrams wait after a stall."""
         _, key = self._receive[fd]
         with contextlib.suppress(OSError):  # no more datagrams
             for _ in range(_MAX_OLD_DATAGRAMS):
@@ -215,7 +224,7 @@ class RouterShell:
             self._send_heartbeat(self._router.heartbeat(self._station.heartbeat(), operator=operator), now)
 
     def _report_operator(self, operator: bool, now: float) -> None:
-        """Log when the operator disappears or returns.
+        """Report an event when the operator of the arena disappears or returns.
 
         Nothing is logged if no vehicle needs an operator (receives heartbeats only while an operator is present).
         """
@@ -251,7 +260,7 @@ class RouterShell:
 
 
 def _world_time(path: str | None) -> SimTime | None:
-    """Return a reader of the simulation time. Return None if no process serves a simulation clock.
+    """Return a reader of the simulation time, or None if the arena has no simulation clock.
 
     path: path of the simulation clock; None without a simulated world.
     """

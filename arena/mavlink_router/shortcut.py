@@ -1,4 +1,8 @@
-"""Shortcut of the router for ordinary datagrams, which are nearly all: the kernel `ordinary_datagrams` with the router's tables."""
+"""Shortcut of the router for ordinary datagrams (telemetry to all clients, setpoints), in compiled code.
+
+Nearly all datagrams are ordinary. The kernel `ordinary_datagrams` finds their receivers in the tables of the
+router.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +33,9 @@ _FLOAT, _BITS = struct.Struct("<f"), struct.Struct("<I")
 
 
 class Shortcut:
-    """Receivers of ordinary datagrams. The router keeps the receivers and senders up to date.
+    """Finder of the receivers of ordinary datagrams: telemetry to all clients, and setpoints.
+
+    The router keeps the receivers and senders up to date.
 
     kernel: finds the receivers.  vehicles: all vehicles of the router, with their clients
     passes_setpoint: (MAVLink system id, monotonic time [s]) -> whether a program's setpoint may be sent to the vehicle now
@@ -66,23 +72,29 @@ class Shortcut:
             self.ordinary.set_receivers(len(links) + v.number, v.up_and_record)
 
     def route(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out] | None:
-        """Return the datagrams to send; None if the datagram is not ordinary. The arguments are those of `Router.on_datagram`."""
+        """Return the datagrams to send, or None if the received datagram is not ordinary.
+
+        The arguments are those of `Router.on_datagram`.
+        """
         number = self._number_of_address.get(sender, _UNKNOWN)
         found = self.ordinary.find(socket, number, data, 0, len(data), now)
         return [(data, self.ordinary.receivers[found])] if found >= 0 else None
 
     def set_receivers(self, link: AutopilotLink, receivers: Destinations) -> None:
-        """Set the receivers of those messages on a link that are addressed to all; () until the router has found them."""
+        """Set the receivers of broadcast messages that arrive on a link; () until they are known."""
         self.ordinary.set_receivers(link.number, receivers)
 
     def set_senders(self, endpoint: Endpoint) -> None:
-        """Process a change of the known senders of an endpoint. Do nothing if it is not a configured client of one vehicle."""
+        """Update the known MAVLink senders of a client after a change.
+
+        Endpoints that are not configured clients of one vehicle are ignored.
+        """
         client = self._client_of.get(id(endpoint))
         if client is not None:
             self.ordinary.set_senders(client, endpoint.senders)
 
     def collect(self, counts: Counts) -> None:
-        """Add to `counts` the frames and bytes that the kernel has counted since the last call."""
+        """Add the kernel's counts of frames and bytes since the last call to `counts`."""
         ordinary = self.ordinary
         counts.frames_from_vehicles += ordinary.from_vehicles
         counts.frames_to_clients += ordinary.to_clients
@@ -93,14 +105,14 @@ class Shortcut:
         ordinary.from_clients = ordinary.to_vehicles = ordinary.bytes_in = 0
 
     def collect_height(self, v: VehicleRoutes) -> None:
-        """Set the height of a vehicle from its last LOCAL_POSITION_NED, if one has arrived since the last call."""
+        """Update the height of a vehicle from its last LOCAL_POSITION_NED since the last call."""
         bits = self.ordinary.take_z_bits(v.number)
         if bits >= 0:
             v.telemetry.on_z_n(*_FLOAT.unpack(_BITS.pack(bits)))
 
 
 def _kind(msgid: int) -> int:
-    """Return the properties of a message as the bits that `ordinary_datagrams` defines, such as SETPOINT."""
+    """Return the properties of a MAVLink message as bits, such as SETPOINT, for the kernel `ordinary_datagrams`."""
     kind = NOT_FROM_AUTOPILOT if msgid in _STATUS else 0
     if msgid == LOCAL_POSITION_NED:
         kind |= POSITION

@@ -1,4 +1,4 @@
-"""Table of the router's sockets: the address to bind of each socket, and the method that processes its datagrams."""
+"""Table of the router's sockets: the address of each socket, and the method that processes its datagrams."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ANY_ADDRESS = ("0.0.0.0", 0)
 
 
 class SocketTable:
-    """Sockets of a router.
+    """Sockets of a router: their addresses, and the methods that process their datagrams.
 
     addresses: addresses to bind. handlers: processes the datagrams of the socket with the same index.
     """
@@ -25,7 +25,7 @@ class SocketTable:
         self.handlers: list[Handler] = []
 
     def add(self, local: Address, handler: Handler) -> int:
-        """Add a socket and return its index. local: address to bind."""
+        """Add a socket to the table and return its index. local: address to bind."""
         self.addresses.append(local)
         self.handlers.append(handler)
         return len(self.addresses) - 1
@@ -33,7 +33,7 @@ class SocketTable:
     def serve(
         self, local: Address, handler: Handler, clients: Iterable[Address], role: Role = Role.PROGRAM
     ) -> dict[Address, Endpoint]:
-        """Add the socket that exchanges messages with `clients`. Return the endpoint of each client.
+        """Add the socket that exchanges messages with `clients`. Return {address: endpoint} of the clients.
 
         If this socket is bound to loopback, it cannot send to other computers: clients on other computers get a second socket.
         local: address to bind. handler: processes the received datagrams. role: role of the clients.

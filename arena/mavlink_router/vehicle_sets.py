@@ -1,4 +1,4 @@
-"""Receivers of the messages that clients and ground stations send to one vehicle, to all vehicles, or to some of them."""
+"""Receivers of messages that clients or ground stations send to one, several or all vehicles."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from arena.mavlink_router.endpoints import TO_ALL, Destinations, VehicleRoutes
 
 
 class VehicleSets:
-    """Sets of vehicles by key: the system id of a vehicle, `TO_ALL`, `NO_TARGET`, or a number below it for several vehicles.
+    """Receivers of messages to a set of vehicles. Each set has an integer key.
+
+    The key is the system id of one vehicle, `TO_ALL`, `NO_TARGET`, or a number below `NO_TARGET` for several
+    vehicles.
 
     Messages of ground stations are sent on the ground station link of a vehicle, all others on its router link. The recorder receives a
     copy of both.
@@ -25,11 +28,14 @@ class VehicleSets:
         self._of_stations[TO_ALL] = self._joined(self.ids)
 
     def receivers(self, key: int, *, station: bool) -> Destinations:
-        """Return the receivers of a message to a set. station: the sender is a ground station; only it can send to several vehicles."""
+        """Return the receivers of a message to the set of vehicles with this key.
+
+        station: the sender is a ground station. Only ground stations can send to several vehicles.
+        """
         return (self._of_stations if station else self._of_clients)[key]
 
     def key_of(self, found: Sequence[int]) -> int:
-        """Return the key of the set with these vehicles. found: system ids."""
+        """Return the key of the set that contains the vehicles with these system ids."""
         key = NO_TARGET - sum(1 << vehicle for vehicle in found)
         if found:
             self._of_stations[key] = self._joined(found)

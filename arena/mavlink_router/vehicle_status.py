@@ -1,4 +1,4 @@
-"""Status of one vehicle for the supervisor (connected, armed, mode, landed), read from HEARTBEAT and EXTENDED_SYS_STATE."""
+"""Status of one vehicle (connected, armed, mode, landed), from HEARTBEAT and EXTENDED_SYS_STATE."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Fact = bool | str | float
 
 @dataclass(kw_only=True)
 class VehicleStatus:
-    """Status of one vehicle: the values `connected`, `armed`, `mode`, `landed` and `airborne_s`, which are called facts.
+    """Status of one vehicle as facts: `connected`, `armed`, `mode`, `landed` and `airborne_s`.
 
     changed: receives each changed fact as "uav1.armed" -> value; shared by all vehicles of a router
     The fact `armed` of a vehicle that falls silent keeps its last value.
@@ -42,7 +42,7 @@ class VehicleStatus:
         return self._received_at is not None
 
     def on_frame(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Update the status from one frame of the vehicle's autopilot. now: monotonic [s]."""
+        """Update the status from a MAVLink frame of the vehicle's autopilot. now: monotonic [s]."""
         if frame.msgid == HEARTBEAT:
             self._received_at = now
             self._set("connected", True)

@@ -20,7 +20,7 @@ _FLOAT = struct.Struct("<f")
 
 
 class VehicleTelemetry:
-    """Latest height, battery charge and warnings of one vehicle, for the terminal of `arena up` and for events.jsonl.
+    """Latest height, battery charge and warnings of one vehicle, for the terminal and events.jsonl.
 
     height_m: height above the arena's floor [m], None before the first message.
     battery: remaining charge [%], None if unknown.
@@ -35,7 +35,10 @@ class VehicleTelemetry:
         self._reported: dict[str, float] = {}
 
     def on_frame(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Update height, battery or warnings from one frame of the vehicle's autopilot. now: monotonic [s]."""
+        """Update height, battery or warnings from a frame of the vehicle's autopilot.
+
+        now: monotonic [s].
+        """
         if frame.msgid == LOCAL_POSITION_NED:
             self.on_z_n(*_FLOAT.unpack(_bytes_at(data, frame, _Z, 4)))
         elif frame.msgid == SYS_STATUS:
@@ -45,18 +48,21 @@ class VehicleTelemetry:
             self._on_text(data, frame, now)
 
     def on_z_n(self, z: float) -> None:
-        """Update the height from the z of LOCAL_POSITION_NED [m] [NED]."""
+        """Update the height. z: field of LOCAL_POSITION_NED [m] [NED]."""
         self.height_m = -z if abs(z) < 1e6 else None
 
     def values(self) -> dict[str, float | None]:
-        """Return `height_m`, rounded to 1 cm, and `battery`. None: the value is unknown."""
+        """Return `height_m` [m], rounded to 1 cm, and `battery` [%]; None if unknown."""
         return {
             "height_m": None if self.height_m is None else round(self.height_m, 2),
             "battery": self.battery,
         }
 
     def _on_text(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Join the chunks of a long STATUSTEXT. The chunk that contains a zero byte is the last one."""
+        """Add the text of a STATUSTEXT to the warnings. The chunks of a long text are joined.
+
+        The chunk that contains a zero byte is the last one.
+        """
         raw, number = _bytes_at(data, frame, _TEXT, _TEXT_BYTES), uint_at(data, frame, _ID, 2)
         if number and byte_at(data, frame, _CHUNK):
             raw = self._chunks.pop(number, b"") + raw
@@ -72,6 +78,6 @@ class VehicleTelemetry:
 
 
 def _bytes_at(data: Buffer, frame: Frame, offset: int, width: int) -> bytes:
-    """Return `width` bytes of the payload. Zeros replace bytes that MAVLink 2 has truncated."""
+    """Return `width` bytes of a frame's payload. Bytes that MAVLink 2 has truncated are zero."""
     end = frame.payload + min(offset + width, frame.size)
     return bytes(data[frame.payload + offset : end]).ljust(width, b"\0")

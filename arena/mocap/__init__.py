@@ -1,1 +1,1 @@
-"""Motion capture: the table of vendors, one package per vendor, the code shared by all clients, and the emulator."""
+"""Motion capture: the table of vendors, one package per vendor, code shared by all clients, and the emulator."""

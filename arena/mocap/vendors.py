@@ -1,4 +1,4 @@
-"""The table of motion-capture vendors: name of the vendor -> package with its settings, client and emulated server.
+"""The table of motion-capture vendors: {vendor: package with its settings, client and emulated server}.
 
 Each row names the package that contains everything specific to one vendor. Such a package has three modules:
 
@@ -30,7 +30,7 @@ Settings = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class SocketUse:
-    """Socket of a client or server, for the list of open ports.
+    """A socket that a motion-capture client or server opens, for the list of open ports.
 
     port: 0 if the kernel chooses the port.
     what: what the socket carries, as shown to the user.
@@ -51,7 +51,7 @@ class SocketUse:
 
 
 class VendorSettings(Protocol):
-    """Interface of the module `settings` of a vendor: converts the YAML's `mocap:` values to settings of clients and servers.
+    """Interface of a vendor's module `settings`, which converts the YAML's `mocap:` to client and server settings.
 
     keys: the values under `mocap:` in the YAML, defaults included.
     PORTS: YAML keys that are UDP ports -> purpose of the port.
@@ -60,31 +60,40 @@ class VendorSettings(Protocol):
     PORTS: Mapping[str, str]
 
     def derived_keys(self, keys: Settings, address: str) -> dict[str, Any]:
-        """Return the values under `mocap:` that depend on other values, such as the default multicast group.
+        """Return the values under `mocap:` that depend on other values, such as the multicast group.
 
         address: numeric IPv4 address that the processes of this arena bind (YAML key `address`)
         """
 
     def problems(self, keys: Settings) -> Iterator[tuple[str, str]]:
-        """Yield (YAML key, message) for values under `mocap:` that contradict each other. The message says what to do."""
+        """Yield (YAML key, message) for each value under `mocap:` that contradicts another value.
+
+        The message says what the user must do.
+        """
 
     def client_settings(self, keys: Settings) -> dict[str, Any]:
-        """Return the settings of a client of the vendor's real server. The caller adds the requested `bodies`."""
+        """Return the settings of a client of the vendor's real server.
+
+        The caller adds the list of requested `bodies`.
+        """
 
     def emulator_client_settings(self, keys: Settings, address: str) -> dict[str, Any]:
-        """Return the settings of a client of the emulator at `address`. The caller adds the requested `bodies`."""
+        """Return the settings of a client of the emulator at `address`.
+
+        The caller adds the list of requested `bodies`.
+        """
 
     def server_settings(self, keys: Settings, address: str) -> dict[str, Any]:
-        """Return the settings with which the emulator serves this vendor's protocol at `address`."""
+        """Return the settings of the emulated server of this vendor at `address`."""
 
     def client_sockets(self, settings: Settings) -> tuple[SocketUse, ...]:
         """Return the sockets that a client with these settings opens."""
 
     def server_sockets(self, settings: Settings) -> tuple[SocketUse, ...]:
-        """Return the sockets that the emulator with these settings opens."""
+        """Return the sockets that the emulated server with these settings opens."""
 
     def parse_client(self, text: str) -> dict[str, Any]:
-        """Parse the text after `VENDOR:` in a command-line option such as `--capture`.
+        """Convert the text after `VENDOR:` in the option `--capture` to client settings.
 
         Return the settings of a motion-capture client. Raises InputError.
         """
@@ -96,7 +105,7 @@ def vendor_settings(vendor: str) -> VendorSettings:
 
 
 def load_vendor(vendor: str, module: str) -> Any:
-    """Import one module of a vendor's package. Raises InputError for an unknown vendor."""
+    """Import a module of a vendor's package, such as `client`. Raises InputError for an unknown vendor."""
     if vendor not in VENDORS:
         raise InputError(f"motion capture: got vendor {vendor!r}, expected one of {', '.join(VENDORS)}")
     return importlib.import_module(f"{VENDORS[vendor]}.{module}")

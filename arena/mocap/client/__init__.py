@@ -1,4 +1,4 @@
-"""Code shared by all motion-capture clients, and the function that opens a client.
+"""Code that all motion-capture clients share, and `open_client`, which opens the client of a vendor.
 
 Only this package converts the axes of a capture system (world z-up, bodies FLU) to NED and FRD. It contains
 nothing that is specific to one vendor.

@@ -1,4 +1,4 @@
-"""Messages that explain why a motion-capture server sends no poses, for every vendor. Pure."""
+"""Texts for the user about why a motion-capture server sends no poses, for all vendors. Pure."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ _LATE_TIMES = 2
 
 
 def no_network(server: str, reason: str) -> str:
-    """Return the message for the user when no socket to the server can be opened."""
+    """Return the text for the user when the client cannot open a socket to the server."""
     return f"motion capture: no network route to {server} ({reason}): is this computer in the server's network? Retrying every second"
 
 
 def no_pose(server: str, bodies: BodyStatus) -> str:
-    """Return what the user must check when frames arrive but do not contain a requested body; "" when all bodies are tracked."""
+    """Return what the user must check when frames arrive without a requested body, such as its name on the server.
+
+    Returns "" if all requested bodies are tracked.
+    """
     if bodies.duplicate:
         return (
             f"motion capture: {server} has two bodies called {_list(bodies.duplicate)}, so the poses of both are dropped: "
@@ -41,7 +44,10 @@ def no_pose(server: str, bodies: BodyStatus) -> str:
 
 
 def _nearest(name: str, bodies: BodyStatus) -> str:
-    """Return the body name on the server that is most similar to a missing name, ignoring case; "" if none is similar."""
+    """Return the name of a body on the server that is most similar to a missing name; "" if no name is similar.
+
+    Upper and lower case count as equal.
+    """
     import difflib  # rarely needed, and it would delay the start of each process that receives poses
 
     by_lower = {name.lower(): name for name in sorted(bodies.names)}
@@ -55,7 +61,7 @@ def _list(names: Sequence[str]) -> str:
 
 
 class LateFrames:
-    """Detects that frames arrive too late, and explains to the user what to check.
+    """Detector of frames that arrive too late, with a text for the user.
 
     limit_s: lateness above which poses are dropped [s].
     """
@@ -66,7 +72,7 @@ class LateFrames:
         self._text = ""
 
     def diagnosis(self, late_s: float) -> str:
-        """Return what the user must check if frames arrive late, else "". Call this method once a second.
+        """Return a text for the user if frames arrive late, else "". Call this method once a second.
 
         Frames arrive late if the newest frame was late at this call and at the call before it.
         late_s: lateness of the last frame [s]. The text keeps the first lateness, so that it is logged once.
@@ -83,13 +89,13 @@ class LateFrames:
 
 
 class ChangeReport:
-    """Filter for diagnosis texts: passes on each new diagnosis once, and reports once when the problem has ended."""
+    """Filter that logs each new diagnosis text once, and logs once when the problem has ended."""
 
     def __init__(self) -> None:
         self._reported = ""
 
     def changed(self, diagnosis: str) -> str | None:
-        """Return the line to log now; None if the diagnosis has not changed."""
+        """Return the line to log now, or None if the diagnosis is the same as at the last call."""
         if diagnosis == self._reported:
             return None
         self._reported = diagnosis

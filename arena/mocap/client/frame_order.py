@@ -1,4 +1,4 @@
-"""Detector of repeated, reordered and restarted frame numbers. Pure.
+"""Detector of repeated and reordered frames, and of restarts of the server, by frame numbers. Pure.
 
 After a restart a server counts frames from the beginning. The detector distinguishes this from frames that
 the network repeats or reorders.
@@ -14,9 +14,10 @@ _RESTART_COUNT = 9  # old numbers in a row, each greater than the one before: no
 
 
 class FrameOrder:
-    """Detector of repeated frames and of a restart of the server. Each frame number is compared with the newest frame number.
+    """Detector of repeated frames and of a restart of the server, by the frame numbers.
 
-    A single old frame is dropped. Nine old frames in a row mean that the server has restarted.
+    Each frame number is compared with the newest frame number. A single old frame is dropped. Nine old frames
+    in a row mean that the server has restarted.
     """
 
     def __init__(self) -> None:
@@ -25,7 +26,7 @@ class FrameOrder:
         self._run = 0
 
     def place(self, number: int) -> Place:
-        """Classify a frame by its number.
+        """Return whether a frame is "new", "repeated" or the first one after a restart ("restarted").
 
         - "new": greater than the newest number.
         - "repeated": not greater than the newest number.

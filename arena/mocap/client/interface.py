@@ -1,4 +1,4 @@
-"""Interface of a motion-capture client, and the function that opens the client of a given vendor."""
+"""Interface of a motion-capture client, and `open_client`, which opens the client of a vendor."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from arena.mocap.vendors import Settings, load_vendor
 
 
 class MocapClient(Protocol):
-    """Interface of a client of one motion-capture server. The client receives the poses of the bodies in its settings.
+    """Interface of a client that receives poses from one motion-capture server.
 
-    The vendor's settings module lists the sockets of the client: `client_sockets`.
+    The settings of the client list the requested bodies. The vendor's settings module lists the sockets of
+    the client: `client_sockets`.
     """
 
     @property
     def counts(self) -> Counter[str]:
-        """Counters: frames returned by `poll` (key `frames`), and dropped datagrams, one key for each reason."""
+        """Number of frames that `poll` returned (key `frames`), and of dropped datagrams by reason."""
 
     def fileno(self) -> int:
-        """Return a descriptor that is readable when `poll` has something to read."""
+        """Return a file descriptor that is readable when `poll` can return new frames."""
 
     def poll(self, now: float) -> list[CapturedFrame]:
         """Return the frames that have arrived, oldest first. Never blocks.
@@ -30,29 +31,34 @@ class MocapClient(Protocol):
         """
 
     def definition(self, body: str) -> str:
-        """Return a text that changes when the rigid body is defined again, such as a hash of its markers; "" if unknown yet.
+        """Return a text that changes when a rigid body is defined again on the server; "" if unknown.
 
-        For a server that does not describe its bodies, return their names.
+        The text is, for example, a hash of the markers of the body. For a server that does not describe its
+        bodies, return their names.
         """
 
     def refresh_definitions(self) -> None:
-        """Request the descriptions of the bodies again, because a server may change them without notice."""
+        """Request the descriptions of the bodies from the server again.
+
+        A server may change them without notice.
+        """
 
     def diagnosis(self) -> str:
-        """Return one sentence on why poses are missing and what to check; "" if poses arrive.
+        """Return a sentence about why poses are missing and what to check; "" if poses arrive.
 
         Returns "" in the first seconds too, because the server may still answer. Call it about once a second.
         """
 
     def close(self) -> None:
-        """Close the sockets."""
+        """Close the sockets of the client."""
 
 
 def open_client(settings: Settings) -> MocapClient:
-    """Open a client from the `capture` object of a process's configuration file; the key `kind` names the vendor.
+    """Open the motion-capture client of the vendor that the settings name.
 
-    Without a network the client opens its sockets later, as soon as there is a route. Raises InputError for
-    settings that cannot work.
+    settings: the `capture` object of a process's configuration file; its key `kind` names the vendor. Without
+    a network the client opens its sockets later, as soon as there is a route. Raises InputError for settings
+    that cannot work.
 
     The optional key `stamps` is for a client that calls `poll` at fixed times, not when a frame arrives: the frames get the time of
     their arrival (`CapturedFrame.arrived_s`), if the vendor's client supports it.

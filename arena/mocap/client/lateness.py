@@ -1,4 +1,4 @@
-"""Lateness of captured frames: compares the server's time stamps with the receiver's clock. Pure.
+"""Lateness of captured frames, from the server's time stamps and the receiver's clock. Pure.
 
 The two clocks have different zeros. The offset (receiver's clock minus server's clock) is limited from both sides:
 
@@ -30,7 +30,9 @@ _MAX_ROUND_TRIP_S = 2.0
 
 
 class Lateness:
-    """Measures the lateness of one motion-capture server's frames: how much longer a frame takes than the fastest frames.
+    """Measures how late the frames of one motion-capture server are.
+
+    A frame is late if it takes longer than the fastest frames.
 
     stale_s: lateness limit [s]. shifts: number of detected changes of the server's clock.
     latency_s: time from the exposure of the last frame to its arrival [s]; nan before the first echo answer.
@@ -42,9 +44,10 @@ class Lateness:
         self.reset()
 
     def reset(self) -> None:
-        """Discard the measured offset of the clocks, for example because the server has restarted with another clock.
+        """Discard the measured offset between the server's clock and the receiver's clock.
 
-        The next frame becomes the reference.
+        Call this method, for example, if the server has restarted with another clock. The next frame becomes
+        the reference.
         """
         self.latency_s = nan
         self._low, self._high = -inf, inf  # limits of the offset [s]
@@ -57,18 +60,23 @@ class Lateness:
 
     @property
     def clock_error_s(self) -> float:
-        """Greatest possible error of the estimated clock offset [s]; infinite before the first reply to an echo request."""
+        """Greatest possible error of the estimated clock offset [s]; infinite without an echo reply."""
         return 0.5 * (self._high - self._low)
 
     def measure_frame(self, frame: CapturedFrame, now: float, flying: bool) -> float:
-        """Return how late a frame is [s], from its time stamps and the server's replies to echo requests."""
+        """Return how late a frame is [s].
+
+        The result is computed from the frame's time stamps and the server's replies to echo requests.
+
+        now: time of arrival [s]. flying: true if a vehicle flies.
+        """
         if frame.echo is not None and frame.echo is not self._echo:
             self._echo = frame.echo
             self._on_echo(frame.echo, now)
         return self.measure(frame.time_s, now, flying, sent_s=frame.sent_s)
 
     def measure(self, stamp_s: float, now: float, flying: bool, sent_s: float | None = None) -> float:
-        """Return how late a frame is [s]; infinite if the time stamp of the frame cannot be right.
+        """Return how late a frame with this time stamp is [s]; infinite if the time stamp must be wrong.
 
         stamp_s: exposure, by the server's clock [s]. sent_s: time of sending, by the server's clock [s].
         now: time of arrival [s]. flying: true if a vehicle flies. The reference is then never replaced because frames are late:
@@ -100,13 +108,15 @@ class Lateness:
 
     @property
     def _offset(self) -> float:
-        """Estimated offset of the clocks [s]: the middle between its lower and upper limit, or the upper limit
-        if no lower limit is known.
+        """Estimated offset (receiver's clock minus server's clock) [s].
+
+        This is the middle between the lower and the upper limit. Without a lower limit, it is the upper
+        limit.
         """
         return 0.5 * (self._low + self._high) if isfinite(self._low) else self._high
 
     def _drift(self, now: float) -> float:
-        """Extend the limits of the clock offset by the greatest possible drift of the clocks since the last call.
+        """Extend the limits of the clock offset by the greatest possible drift since the last call.
 
         Return the time since the last call [s].
         """
@@ -117,7 +127,7 @@ class Lateness:
         return elapsed_s
 
     def _on_late_frame(self, offset: float, late: float, now: float, flying: bool) -> float:
-        """Return the lateness [s] of a frame that is over the limit; 0 if the frame becomes the new reference.
+        """Return the lateness [s] of a frame over the limit, or 0 if it becomes the new reference.
 
         The first frame is the reference, and its time stamp may be wrong. The reference is replaced if all frames of the
         last 3 s were late, no vehicle flies, few frames have agreed with the reference, and no echo reply was received.
@@ -134,7 +144,7 @@ class Lateness:
         return 0.0
 
     def _on_echo(self, echo: Echo, now: float) -> None:
-        """Update the limits of the clock offset with the server's reply to an echo request.
+        """Update the limits of the clock offset after a reply of the server to an echo request.
 
         After `_PROOF_COUNT` replies in a row that contradict the limits, replace the limits.
         """
@@ -154,9 +164,9 @@ class Lateness:
 
 
 class StreamLateness:
-    """Lateness of the frames of one motion-capture server.
+    """Measures how late the frames of one server are, for receivers that do not check frame numbers.
 
-    This class also detects repeated frames and a restart of the server, for receivers that do not check frame numbers.
+    This class also detects repeated frames and a restart of the server.
     """
 
     def __init__(self, stale_s: float) -> None:

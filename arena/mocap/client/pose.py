@@ -17,7 +17,7 @@ _MAX_DISTANCE_M = 1e4
 
 
 class Pose(NamedTuple):
-    """Position and attitude of a rigid body in NED.
+    """Position and attitude of a rigid body, in NED and FRD axes.
 
     body: name of the rigid body. p_n: position of its origin [m] [NED]. q_nb: attitude [-] wxyz.
     """
@@ -29,7 +29,9 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Echo:
-    """Comparison of the server's clock with the receiver's clock. The receiver sends a request, and the server replies with its time.
+    """Comparison of the server's clock with the receiver's clock.
+
+    The receiver sends a request, and the server replies with its time.
 
     sent, received: times of the request and of the answer, by the receiver's clock [s].
     answered_s: time at which the server received the request, by its own clock [s].
@@ -42,7 +44,7 @@ class Echo:
 
 @dataclass(frozen=True, slots=True)
 class CapturedFrame:
-    """Frame of motion capture: the poses of one exposure.
+    """Poses of all requested bodies at one exposure of the cameras.
 
     number: frame number. time_s: time of the exposure, by the server's clock [s].
     poses: poses of the tracked bodies. untracked: names of the bodies that are not tracked.
@@ -61,12 +63,12 @@ class CapturedFrame:
 
 
 def pose_ned(body: str, position_w: Triple, quat_xyzw_wf: Quad) -> Pose | None:
-    """Convert a pose from z-up and FLU axes to NED and FRD axes: p_n = (y, x, -z), q_nb = q_nw * q_wf * q_fb.
+    """Convert a pose from z-up world axes and FLU body axes to NED and FRD. Returns None for an invalid pose.
 
-    Returns None if a value is not finite, the position is farther than 10 km, or the quaternion does not have
-    norm 1.
-    q_nw is a rotation by 180 deg about (1, 1, 0), q_fb a rotation by 180 deg about the forward axis. The
-    product is written out in the code; a test compares it with arena.geometry.
+    p_n = (y, x, -z), q_nb = q_nw * q_wf * q_fb. Returns None if a value is not finite, the position is
+    farther than 10 km, or the quaternion does not have norm 1. q_nw is a rotation by 180 deg about (1, 1, 0),
+    q_fb a rotation by 180 deg about the forward axis. The product is written out in the code; a test compares
+    it with arena.geometry.
     """
     x, y, z, w = quat_xyzw_wf
     norm = sqrt(x * x + y * y + z * z + w * w)

@@ -1,4 +1,4 @@
-"""Record of what a client has received and when, used for its diagnosis.
+"""Record of what a motion-capture client has received and when, for its diagnosis.
 
 Pure: every time is an argument, monotonic [s].
 """
@@ -20,7 +20,7 @@ _HIDDEN_S = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class BodyStatus:
-    """The requested bodies that have no pose, as one list per cause.
+    """Requested bodies that have no pose, as one list per cause.
 
     names: names of all bodies of the server.
     missing: requested bodies that the server does not have.
@@ -35,7 +35,7 @@ class BodyStatus:
 
 
 class Reception:
-    """Times at which one client last received data of each kind.
+    """Times at which a client last received each kind of data, such as frames.
 
     started: time at which the client was opened [s].
     """
@@ -48,7 +48,7 @@ class Reception:
         self._foreign_address, self._foreign_at = "", -math.inf
 
     def update(self, event: str, count: int, now: float) -> bool:
-        """Record that an event has happened, if its count differs from that of the last call. Return whether it differs.
+        """Store the count of an event, such as received frames. Return True if the count has changed.
 
         event: name of the event, such as "frames". count: number of these events since the client was opened.
         """
@@ -62,7 +62,7 @@ class Reception:
         return now - self._changed_at.get(event, -math.inf) < within_s
 
     def update_frames(self, readable: int, frames: Sequence[CapturedFrame], now: float) -> bool:
-        """Record the result of one poll. Return True if frames have arrived and could be decoded.
+        """Record the frames that one poll returned. Return True if new frames could be decoded.
 
         readable: number of frames decoded since the start, including frames without a requested body.
         frames: frames returned by this poll.
@@ -81,7 +81,7 @@ class Reception:
         return now - self._changed_at.get("frames", -math.inf) <= STREAMING_S
 
     def on_foreign(self, address: str, now: float) -> None:
-        """Record that a datagram came from an address other than the server's.
+        """Record that a datagram came from an address that is not the server's address.
 
         If several such addresses send, the first address is kept until it is silent.
         """
@@ -89,15 +89,15 @@ class Reception:
             self._foreign_address, self._foreign_at = address, now
 
     def foreign_address(self, now: float) -> str:
-        """Return the foreign address that has sent a datagram recently, "" if there is none."""
+        """Return the last address, other than the server's, that sent a datagram recently; "" if none."""
         return self._foreign_address if now - self._foreign_at < RECENT_S else ""
 
     def too_early(self, now: float) -> bool:
-        """Return whether it is too early to report a silent server, because the client was opened a moment ago."""
+        """Return whether the client was opened less than 3 s ago, so that the server may still answer."""
         return now - self._started < _GRACE_S
 
     def body_status(self, served: Counter[str], wanted: Collection[str], now: float) -> BodyStatus:
-        """Return which requested bodies have no pose, by cause.
+        """Return the requested bodies that have no pose, grouped by cause.
 
         served: name -> number of bodies of the server with this name. wanted: names of the requested bodies.
         """

@@ -23,7 +23,7 @@ _STAMPED_BUFFER_BYTES = 4 << 20  # holds the datagrams of a client that reads la
 
 
 def local_address_for(server: str, port: int) -> str:
-    """Return the address of the local interface that routes to the server.
+    """Return the address of this computer's network interface that routes to the server.
 
     Sends nothing. Raises OSError without a route.
     """
@@ -33,7 +33,10 @@ def local_address_for(server: str, port: int) -> str:
 
 
 def udp_socket(address: str, port: int) -> socket.socket:
-    """Open a non-blocking UDP socket; other processes may bind the same fixed port. Raises OSError."""
+    """Open a non-blocking UDP socket. Raises OSError.
+
+    Several processes can bind the same fixed port. port: 0 for any free port.
+    """
     s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         s.setblocking(False)
@@ -46,11 +49,11 @@ def udp_socket(address: str, port: int) -> socket.socket:
 
 
 def multicast_socket(group: str, port: int, local: str) -> socket.socket:
-    """Open a socket that receives one multicast group on one interface. Raises OSError.
+    """Open a socket that receives the datagrams of one multicast group on one interface.
 
-    The socket is bound to the group's address, so that it does not receive other groups on the same port. By
-    default Linux delivers every datagram of the group that reaches the computer, even if another program
-    joined the group on another interface; IP_MULTICAST_ALL = 0 switches this off.
+    Raises OSError. The socket is bound to the group's address, so that it does not receive other groups on
+    the same port. By default Linux delivers every datagram of the group that reaches the computer, even if
+    another program joined the group on another interface; IP_MULTICAST_ALL = 0 switches this off.
     """
     s = udp_socket(group, port)
     try:
@@ -66,7 +69,7 @@ def multicast_socket(group: str, port: int, local: str) -> socket.socket:
 
 
 class ServerSockets:
-    """UDP sockets between one client and one server.
+    """UDP sockets through which a client exchanges datagrams with one motion-capture server.
 
     The sockets open when the network is available, and accept datagrams of this server only.
 
@@ -104,7 +107,10 @@ class ServerSockets:
         return bool(self._sockets)
 
     def open(self, wall: float) -> bool:
-        """Open the sockets, at most once a second. Return True if this call has opened the sockets."""
+        """Open the sockets if the last try was more than 1 s ago. Return True if this call has opened them.
+
+        wall: monotonic wall time [s].
+        """
         if wall - self._tried < _RETRY_S:
             return False
         self._tried = wall
@@ -122,19 +128,22 @@ class ServerSockets:
         return True
 
     def listen_on(self, port: int) -> None:
-        """Receive datagrams on an additional UDP port of the same interface. Raises OSError."""
+        """Receive datagrams on this UDP port of the same interface, too. Raises OSError."""
         self._add(udp_socket(self.local, port))
 
     def read(self, wall: float) -> list[bytes]:
-        """Return the datagrams from the server that have arrived, one socket after the other."""
+        """Return the datagrams that have arrived from the server, one socket after the other."""
         return [data for data, _ in self.read_stamped(wall)]
 
     def read_stamped(self, wall: float) -> list[tuple[bytes, float | None]]:
-        """Return (datagram, monotonic time of arrival [s]) as `read` returns the datagrams. The time is None without stamps."""
+        """Return (datagram, monotonic time of arrival [s]) of each datagram that has arrived.
+
+        The time is None if the option `stamps` is off.
+        """
         return [received for s in self._sockets for received in self._read(s, wall)]
 
     def send(self, data: bytes) -> None:
-        """Send a request to the server. If the network refuses the request, the request is lost."""
+        """Send a request to the server. If the network does not accept the request, it is lost."""
         if not self._sockets:
             return
         try:

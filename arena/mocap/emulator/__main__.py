@@ -32,7 +32,7 @@ class _EmulatorProcess:
                 self._poll.register(fd, select.POLLIN)
 
     def serve(self) -> None:
-        """Simulate the cameras and send their frames, until a stop signal arrives or the world ends."""
+        """Simulate the cameras and send their frames until a stop signal arrives or the world ends."""
         try:
             while not self._process.stopping:
                 if (now := self._sleep_until(self._shell.due)) is not None:
@@ -43,7 +43,7 @@ class _EmulatorProcess:
             self._shell.close()
 
     def _sleep_until(self, due: float) -> float | None:
-        """Sleep until simulation time `due` [s]. Return the simulation time; None if the sleep has ended before `due`.
+        """Sleep until simulation time `due` [s]. Return the time; None if the sleep ended early.
 
         The sleep ends after 250 ms of wall time, and when injected faults have arrived. Faults are applied at once, because
         simulation time may stand still while many faults are sent.

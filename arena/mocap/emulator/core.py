@@ -1,4 +1,4 @@
-"""Emulated cameras, without sockets or clocks: compute measured frames from the true poses.
+"""Emulated cameras, without sockets or clocks: compute measured frames from true poses.
 
 Frame k is exposed at k / rate and sent one latency later. Every frame has new noise. Each body has its own random stream,
 so another body does not change its noise. An occluded body is still sent, with its last pose and marked as not tracked,
@@ -27,7 +27,7 @@ _CLOCK_STEP_S = 1e-6  # a clock that wakes by steps may return a time a little b
 
 
 class EmulatedCameras:
-    """Simulates the cameras: computes measured frames from true poses, with noise, latency and injected faults.
+    """Emulated cameras: compute frames from true poses, with noise, latency and injected faults.
 
     settings: configuration of the `mocap` process.
     delay_s: injected delay, added to the latency [s]; may change at any time.
@@ -63,37 +63,43 @@ class EmulatedCameras:
     # -- frames --------------------------------------------------------------------------------------------------------
 
     def exposure(self, number: int) -> float:
-        """Return the time at which frame `number` is exposed [s]."""
+        """Return the simulation time of the exposure of frame `number` [s]."""
         return number / self.rate_hz
 
     def due(self, number: int) -> float:
-        """Return the simulation time of the next action [s]: to measure frame `number`, or to send the oldest queued frame.
+        """Return the simulation time at which a frame must be measured or sent next [s].
 
-        A frame is measured one latency after its exposure, because it cannot be sent earlier.
+        number: the next frame to measure. A frame is measured one latency after its exposure, because it
+        cannot be sent earlier.
         """
         exposes = self.exposure(number) + self.latency_s
         return min(exposes, self.leaves_at(self._waiting[0])) if self._waiting else exposes
 
     def leaves_at(self, frame: MeasuredFrame) -> float:
-        """Return the time at which the server sends a frame [s]: the exposure plus the latency and the injected delay."""
+        """Return the simulation time at which a frame is sent: exposure + latency + injected delay [s]."""
         return frame.exposed_s + self.latency_s + self.delay_s
 
     def enqueue(self, number: int, truth: Truth) -> None:
-        """Measure frame `number` and queue it for sending. truth: true poses at the exposure.
+        """Measure frame `number` and add it to the queue of frames to send.
+
+        truth: true poses at the exposure.
 
         Call it one latency after the exposure.
         """
         self._waiting.append(self.measure(number, truth))
 
     def leaving(self, now: float) -> list[MeasuredFrame]:
-        """Remove from the queue and return the frames to send at time `now` [s], oldest first."""
+        """Return the frames to send at time `now` [s], oldest first, and remove them from the queue."""
         frames = []
         while self._waiting and self.leaves_at(self._waiting[0]) <= now + _CLOCK_STEP_S:
             frames.append(self._waiting.popleft())
         return frames
 
     def measure(self, number: int, truth: Truth) -> MeasuredFrame:
-        """Return frame `number`, with noise and injected faults. truth: true poses at the exposure."""
+        """Return frame `number` as the cameras measure it, with noise and injected faults.
+
+        truth: true poses at the exposure.
+        """
         self._law.measure(view(truth.p_n), view(truth.q_nb), self._next_noise())
         places, quats = self._position_w.tolist(), self._quat_xyzw_wf.tolist()
         bodies = [
@@ -106,7 +112,7 @@ class EmulatedCameras:
         return MeasuredFrame(number=number, exposed_s=self.exposure(number), bodies=tuple(bodies))
 
     def _next_noise(self) -> int:
-        """Return the row of the next frame in the noise. Draw new noise if all rows are used."""
+        """Return the index of the noise values for the next frame. Draw new values if all are used."""
         if not self._frames_left:
             for i, stream in enumerate(self._streams):
                 self._noise[:, i] = stream.standard_normal((_BLOCK, 6))
@@ -115,7 +121,7 @@ class EmulatedCameras:
         return _BLOCK - 1 - self._frames_left
 
     def _with_faults(self, name: str, measured: MeasuredBody) -> MeasuredBody:
-        """Return the pose of a body with the injected faults: an occluded or frozen body repeats its last pose."""
+        """Return a measured pose with faults: an occluded or frozen body repeats its last pose."""
         last = self._last[self._index[name]] if self._last else measured
         if name in self._occluded:
             return last._replace(tracked=False)
@@ -124,15 +130,15 @@ class EmulatedCameras:
     # -- fault injection -----------------------------------------------------------------------------------------------
 
     def set_occluded(self, body: str, occluded: bool) -> None:
-        """Make the cameras lose a body, or track the body again."""
+        """Inject or end the fault that the cameras do not see a body."""
         (self._occluded.add if occluded else self._occluded.discard)(body)
 
     def set_frozen(self, body: str, frozen: bool) -> None:
-        """Start or stop repeating the last pose of a body, which stays marked as tracked."""
+        """Inject or end the fault that the pose of a tracked body does not change."""
         (self._frozen.add if frozen else self._frozen.discard)(body)
 
     def set_offset(self, body: str, offset_n: Sequence[float], yaw_rad: float) -> None:
-        """Add an offset to all measured poses of a body from now on, as an injected fault.
+        """Inject the fault that all measured poses of a body have an offset.
 
         offset_n: [m] [NED] (3,). yaw_rad: rotation about the vertical axis through the body, clockwise seen
         from above.
@@ -141,7 +147,7 @@ class EmulatedCameras:
         self._offset_n[i], self._rotation[i] = offset_n, quat_from_euler([0.0, 0.0, yaw_rad])
 
     def set_swapped(self, a: str, b: str, swapped: bool) -> None:
-        """Start or stop exchanging the poses of two bodies."""
+        """Inject or end the fault that two bodies have exchanged their poses."""
         pair = frozenset((a, b))
         self._swapped = [p for p in self._swapped if p != pair] + [pair] * swapped
         self._shown_rows[:] = self._rows

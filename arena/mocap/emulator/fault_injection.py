@@ -1,4 +1,7 @@
-"""Fault injection for the emulated cameras. A fault is a JSON object, see `arena.fault_injection`. Pure."""
+"""Fault injection for the emulated cameras. Pure.
+
+A fault is a JSON object, see `arena.fault_injection`.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ _MAX_OFFSET_M, _MAX_YAW_DEG, _MAX_DELAY_MS = 1e3, 360.0, 10_000.0
 
 
 def apply_fault(cameras: EmulatedCameras, fault: Fault) -> str:
-    """Apply a fault and return a description for the event log.
+    """Apply one fault to the emulated cameras, and return a description for the event log.
 
     Raises InputError if the fault cannot be applied.
     """

@@ -1,4 +1,4 @@
-"""Interface of an emulated motion-capture server, and the measured frames that the server sends in a vendor's protocol."""
+"""Interface of an emulated motion-capture server, and the frames that it sends."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class MeasuredBody(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredFrame:
-    """The poses of all bodies, measured by the cameras at the same time.
+    """Poses of all bodies that the emulated cameras measure at one exposure.
 
     number: frame number. exposed_s: time of the exposure [s].
     """
@@ -37,7 +37,9 @@ class MeasuredFrame:
 
 
 class MocapServer(Protocol):
-    """A vendor's server inside the emulator. The server opens its sockets itself and never blocks.
+    """Interface of an emulated motion-capture server for the protocol of one vendor.
+
+    The server opens its sockets itself and never blocks.
 
     counts: number of frames sent, of requests answered, and of datagrams dropped for each reason.
     """
@@ -46,20 +48,24 @@ class MocapServer(Protocol):
     def counts(self) -> Counter[str]: ...
 
     def send(self, frame: MeasuredFrame, sent_s: float, wall: float) -> int:
-        """Send one frame to every client. Return the number of clients to which sending failed.
+        """Send one frame to every client. Return the number of clients to which the frame could not be sent.
+
+        sent_s: simulation time of sending [s]. wall: monotonic wall time [s].
 
         sent_s: simulation time of sending [s]. wall: monotonic wall time [s].
         """
 
     def answer(self, wall: float) -> None:
-        """Answer the requests that have arrived. wall: monotonic wall time [s]."""
+        """Reply to the requests that clients have sent. wall: monotonic wall time [s]."""
 
     def close(self) -> None:
-        """Close the sockets."""
+        """Close the sockets of the server."""
 
 
 def open_server(settings: Settings) -> MocapServer:
-    """Open the server from the configuration of the `mocap` process. Raises RunError if a port is taken.
+    """Open the emulated server of the vendor that the settings name.
+
+    settings: configuration of the `mocap` process. Raises RunError if a port is in use.
 
     settings: the key `kind` names the vendor.
     """

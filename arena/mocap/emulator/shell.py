@@ -1,4 +1,4 @@
-"""Sockets, faults and statistics of the motion capture emulator. Its caller owns the clock and decides when to call it."""
+"""Sockets, faults and statistics of the motion capture emulator. The caller owns the clock."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FrameListener = Callable[[MeasuredFrame, float], None]
 
 
 class EmulatorShell:
-    """Emulated cameras with a vendor's server. Call `advance` whenever the simulation time reaches `due`.
+    """Emulated cameras with the server of a vendor. Call `advance` when the simulation time reaches `due`.
 
     now: simulation time at which the first frame may be exposed [s].
     on_frame: function that also takes each frame that is sent; None without one.
@@ -37,7 +37,7 @@ class EmulatorShell:
 
     @property
     def due(self) -> float:
-        """Simulation time at which `advance` must be called: a frame must be measured or sent then [s]."""
+        """Simulation time at which the next frame must be measured or sent, by `advance` [s]."""
         return self._cameras.due(self._number)
 
     def advance(self, now: float) -> None:
@@ -60,17 +60,20 @@ class EmulatorShell:
             self._report(wall)
 
     def apply_faults(self) -> None:
-        """Apply the injected faults that have arrived, and report each as an event."""
+        """Apply the injected faults that have arrived, and report each fault as an event."""
         for text in self.faults.apply(lambda fault: apply_fault(self._cameras, fault)):
             self._process.event(text)
 
     def close(self) -> None:
-        """Close the sockets."""
+        """Close the sockets of the emulator."""
         self.faults.close()
         self._server.close()
 
     def _expose(self, now: float) -> None:
-        """Measure the next frame and queue this frame for sending. Frames that are too late are skipped."""
+        """Measure the next frame and add it to the queue. Frames that are too late are skipped.
+
+        now: simulation time [s].
+        """
         cameras, number = self._cameras, self._number
         sample = self._truth.at(cameras.exposure(number))
         if sample is None:

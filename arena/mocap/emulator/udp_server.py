@@ -1,4 +1,7 @@
-"""`MocapServer` over UDP for any vendor's protocol: one socket receives requests, another sends frames."""
+"""Emulated motion-capture server over UDP, for the protocol of any vendor.
+
+One socket receives requests, another socket sends frames.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ _MAX_REQUESTS = 64  # per call: a flood of requests must not delay the frames
 
 
 class ServerProtocol(Protocol):
-    """Interface of a vendor's protocol: encodes frames and replies, and decodes requests, without sockets.
+    """Interface of a vendor's protocol without sockets: encodes frames, and replies to requests.
 
     wall: monotonic wall time [s].
     """
@@ -24,17 +27,17 @@ class ServerProtocol(Protocol):
     counts: Counter[str]
 
     def encode(self, frame: MeasuredFrame, sent_s: float) -> bytes:
-        """Return the datagram of one frame. sent_s: simulation time of sending [s]."""
+        """Return one frame as a datagram. sent_s: simulation time of sending [s]."""
 
     def destinations(self, wall: float) -> list[Address]:
-        """Return the addresses to send frames to."""
+        """Return the addresses to which frames are sent. wall: monotonic wall time [s]."""
 
     def reply(self, data: bytes, sender: Address, wall: float) -> bytes | None:
-        """Return the reply to a datagram received on the request socket, None if there is no reply."""
+        """Return the reply to a client's request, or None if the request needs no reply."""
 
 
 class UdpServer:
-    """Emulated motion-capture server over UDP, with one socket for requests and one for frames.
+    """Emulated motion-capture server with one UDP socket for requests and one for frames.
 
     requests: address and port on which requests are received. Frames are sent from the same address, but from another
     port.
@@ -73,7 +76,7 @@ class UdpServer:
         self._frames.close()
 
 
-def _request_socket(address: Address, name: str) -> socket.socket:
+def _request_socket(address: Address, protocol_name: str) -> socket.socket:
     s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     s.setblocking(False)
     try:
@@ -81,14 +84,14 @@ def _request_socket(address: Address, name: str) -> socket.socket:
     except OSError as error:
         s.close()
         raise RunError(
-            f"motion capture emulator: cannot serve {name} on UDP {address[0]}:{address[1]}: {error.strerror}. "
+            f"motion capture emulator: cannot serve {protocol_name} on UDP {address[0]}:{address[1]}: {error.strerror}. "
             "Does another program use this port?"
         ) from error
     return s
 
 
 def _frame_socket(address: str) -> socket.socket:
-    """Open the socket that sends frames, on any free port.
+    """Open the UDP socket from which frames are sent, on any free port of `address`.
 
     On the clients' port, this socket would receive the frames that are meant for the clients.
     """

@@ -1,1 +1,1 @@
-"""NatNet, the protocol of OptiTrack's Motive: codec, client, settings and emulated server."""
+"""NatNet, the protocol of OptiTrack's Motive: codec, client, settings, and the server of the emulator."""

@@ -1,4 +1,4 @@
-"""NatNet client: opens the sockets of a `NatNetReceiver` and decides when its requests are sent. Never blocks."""
+"""NatNet client: opens UDP sockets for a `NatNetReceiver`, and sends its requests in time. Never blocks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ _KEEPALIVE = codec.packet(codec.KEEPALIVE)
 
 
 def open_client(settings: Settings) -> NatNetClient:
-    """Open a client from the `capture` object of a process's configuration.
+    """Open a NatNet client.
+
+    settings: the `capture` object of a process's configuration.
 
     Raises InputError if the server's name cannot be resolved.
     """
@@ -40,7 +42,7 @@ def open_client(settings: Settings) -> NatNetClient:
 
 
 class NatNetClient:
-    """Client of one NatNet server; implements `MocapClient`."""
+    """Client of one NatNet server, which implements the interface `MocapClient`."""
 
     def __init__(self, settings: Settings) -> None:
         self.core = NatNetReceiver(settings["bodies"])
@@ -138,8 +140,9 @@ class NatNetClient:
             self._frames_at_open = self.counts["frames"]
 
     def _restart(self, wall: float) -> None:
-        """Connect again, with new sockets and a new handshake, because the server, the network or the route to
-        the server may have changed.
+        """Open new sockets and start a new handshake, after 2 s without frames.
+
+        The server, the network or the route to the server may have changed. wall: monotonic wall time [s].
         """
         if self._sockets.is_open:
             self.counts["no frames" if self.core.is_connected else "no handshake"] += 1
@@ -149,7 +152,10 @@ class NatNetClient:
         self._last_frame = wall
 
     def _advance_handshake(self, wall: float) -> None:
-        """Send the next request of the handshake. A new request is sent at once; an unanswered request is repeated every 0.5 s."""
+        """Send the next request of the handshake, or repeat it after 0.5 s without an answer.
+
+        wall: monotonic wall time [s].
+        """
         request = b"" if self.core.is_connected else self.core.next_request()
         if request and (request != self._request or wall - self._requested_at >= _RETRY_S):
             repeated = request == self._request and self._answers_at_request == self.core.answers

@@ -1,12 +1,9 @@
-"""NatNet 3.0 to 4.2, the network format of OptiTrack's Motive: encodes and decodes packets.
-
-No sockets, no axis conversions.
+"""Codec for NatNet 3.0 to 4.2, the network protocol of OptiTrack's Motive. No sockets, no axis conversions.
 
 Every packet has a message number u16, a payload size u16 and the payload; all little endian. From 4.1 on the
 count of each section is followed by the section's size in bytes. Positions are in metres and quaternions in
-xyzw, in the axes of the capture system.
-Later 4.x versions are decoded too, if their frames have the layout of 4.2.
-(Layouts follow the documentation of the NatNet SDK and its public clients.)
+xyzw, in the axes of the capture system. Later 4.x versions are decoded too, if their frames have the layout
+of 4.2. (Layouts follow the documentation of the NatNet SDK and its public clients.)
 """
 
 from __future__ import annotations
@@ -44,7 +41,7 @@ _SIZED_TAIL_BYTES = (
 
 
 class Body(NamedTuple):
-    """A rigid body in a frame.
+    """Pose of a rigid body in a NatNet FRAME packet.
 
     position: [m] [capture axes]. quat_xyzw: attitude [-] [capture axes]. mean_error_m: NatNet's mean marker error [m].
     tracked: NatNet's tracking-valid bit.
@@ -77,7 +74,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServerInfo:
-    """Content of a SERVERINFO packet, in which a server describes itself.
+    """Content of a NatNet SERVERINFO packet: name, version, clock rate and data port of a server.
 
     group: multicast group; "" if the server streams by unicast.
     """
@@ -91,17 +88,17 @@ class ServerInfo:
 
 
 def is_supported(version: Version) -> bool:
-    """Return whether this module can decode frames of this version: 3.0, 3.1 and all 4.x."""
+    """Return whether this module can decode frames of a NatNet version: 3.0, 3.1 or any 4.x."""
     return version in ((3, 0), (3, 1)) or (4, 0) <= version < _TOO_NEW
 
 
 def packet(message: int, payload: bytes = b"") -> bytes:
-    """Return a NatNet packet: message number and payload size, followed by the payload."""
+    """Return a NatNet packet with this message number and payload."""
     return _HEAD.pack(message, len(payload)) + payload
 
 
 def message_of(data: bytes) -> int:
-    """Return the message number of a packet.
+    """Return the message number of a NatNet packet.
 
     Raises WireError if the packet is shorter than the size in its header.
     """
@@ -110,7 +107,7 @@ def message_of(data: bytes) -> int:
     message, size = _HEAD.unpack_from(data)
     if len(data) - _HEAD.size < size:
         raise WireError(
-            f"NatNet packet with {len(data) - _HEAD.size} bytes of payload, but its header announces {size}"
+            f"NatNet packet with {len(data) - _HEAD.size} bytes of payload, but its header announces {size} bytes"
         )
     return int(message)
 
@@ -119,7 +116,7 @@ def message_of(data: bytes) -> int:
 
 
 def encode_server_info(info: ServerInfo) -> bytes:
-    """Encode a SERVERINFO packet, in which a server describes itself."""
+    """Encode a NatNet SERVERINFO packet."""
     name = info.name.encode()[: _NAME_BYTES - 1].ljust(_NAME_BYTES, b"\0")
     group = bytes(int(x) for x in info.group.split(".")) if info.group else bytes(4)
     tail = struct.pack("<QHB", info.clock_hz, info.data_port, 1 if info.group else 0) + group
@@ -127,7 +124,7 @@ def encode_server_info(info: ServerInfo) -> bytes:
 
 
 def decode_server_info(data: bytes) -> ServerInfo:
-    """Decode a SERVERINFO packet, in which a server describes itself. Raises WireError."""
+    """Decode a NatNet SERVERINFO packet. Raises WireError for an invalid packet."""
     payload = payload_of(data, SERVERINFO)
     if len(payload) < _NAME_BYTES + 8:
         raise WireError(
@@ -153,10 +150,10 @@ def decode_server_info(data: bytes) -> ServerInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyModel:
-    """Rigid body in a MODELDEF packet. definition: all bytes after the body's name; they change if a user defines it again."""
+    """Description of a rigid body in a NatNet MODELDEF packet."""
 
     name: str
-    definition: bytes
+    definition: bytes  # all bytes after the name; they change if a user defines the body again
     markers: int
 
 
@@ -165,7 +162,7 @@ def encode_models(
     version: Version,
     markers: Sequence[tuple[float, float, float]] = (),
 ) -> bytes:
-    """Return a MODELDEF packet. bodies: (streaming id, name). markers: positions of each body's markers [m] [body axes]."""
+    """Encode a NatNet MODELDEF packet. bodies: (streaming id, name). markers: of each body [m] [body axes]."""
     out = [_COUNT.pack(len(bodies))]
     for streaming_id, name in bodies:
         description = name.encode() + b"\0" + struct.pack("<ii3f", streaming_id, -1, 0.0, 0.0, 0.0)
@@ -181,10 +178,10 @@ def encode_models(
 
 
 def decode_models(data: bytes, version: Version) -> dict[int, BodyModel]:
-    """Decode a MODELDEF packet: streaming id -> description of each rigid body. Raises WireError.
+    """Decode a NatNet MODELDEF packet. Return {streaming id: description of the rigid body}.
 
-    From 4.1 on, descriptions other than rigid bodies are skipped. Older versions can be decoded only if
-    nothing but marker sets precedes the rigid bodies.
+    Raises WireError for an invalid packet. From 4.1 on, descriptions other than rigid bodies are skipped.
+    Older versions can be decoded only if nothing but marker sets precedes the rigid bodies.
     """
     reader = _Reader(payload_of(data, MODELDEF))
     found: dict[int, BodyModel] = {}
@@ -215,7 +212,7 @@ def decode_models(data: bytes, version: Version) -> dict[int, BodyModel]:
 
 
 def _skip_marker_descriptions(reader: _Reader, version: Version) -> int:
-    """Skip the markers of a rigid body and return their number."""
+    """Skip the marker descriptions of a rigid body, and return the number of markers."""
     markers = reader.count("markers")
     reader.skip(16 * markers)
     if version >= (4, 0):
@@ -228,7 +225,7 @@ def _skip_marker_descriptions(reader: _Reader, version: Version) -> int:
 
 
 def encode_frame(frame: Frame, version: Version) -> bytes:
-    """Encode a FRAME packet, which has the poses of one exposure."""
+    """Encode a NatNet FRAME packet."""
     empty = _SIZED.pack(0, 0) if version >= (4, 1) else _COUNT.pack(0)
     bodies = b"".join(
         _BODY.pack(
@@ -249,7 +246,7 @@ def encode_frame(frame: Frame, version: Version) -> bytes:
 
 
 def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = None) -> Frame:
-    """Decode a FRAME packet. wanted: streaming ids of the bodies to decode, None for all. Raises WireError."""
+    """Decode a NatNet FRAME packet. Raises WireError. wanted: streaming ids to decode, None for all."""
     reader = _Reader(payload_of(data, FRAME))
     number = reader.i32()
     sized = version >= (4, 1)
@@ -324,7 +321,7 @@ def _ids(count: int) -> struct.Struct:
 
 
 def _skip_to_stamps(reader: _Reader) -> None:
-    """Skip the sections between rigid bodies and time stamps. Versions below 4.1 do not send their sizes."""
+    """Skip the sections between rigid bodies and time stamps in a frame of NatNet 3.0 to 4.0."""
     for _ in range(reader.count("skeletons")):
         reader.i32()
         reader.skip(_BODY.size * reader.count("bones"))
@@ -337,7 +334,7 @@ def _skip_to_stamps(reader: _Reader) -> None:
 
 
 class _Reader:
-    """Reader of a payload with a position that only moves forward and never passes the end."""
+    """Reader of a NatNet payload. The position only moves forward and never passes the end."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
@@ -356,7 +353,7 @@ class _Reader:
         return self.data[self.at - 2] | self.data[self.at - 1] << 8
 
     def section(self) -> bytes:
-        """Read one section: its size, then its content. Return the content."""
+        """Read one section (its size, then its content), and return the content."""
         size = self.i32()
         self.skip(size)
         return self.data[self.at - size : self.at]
@@ -374,10 +371,10 @@ class _Reader:
                 )
         self.at = at
 
-    def count(self, what: str) -> int:
+    def count(self, items: str) -> int:
         value = self.i32()
         if not 0 <= value <= _MAX_COUNT:
-            raise WireError(f"NatNet payload: got {value} {what}, expected 0 to {_MAX_COUNT}")
+            raise WireError(f"NatNet payload: got the count {value} of {items}, expected 0 to {_MAX_COUNT}")
         return value
 
     def skip(self, size: int) -> None:
@@ -396,7 +393,7 @@ class _Reader:
 
 
 def payload_of(data: bytes, expected: int) -> bytes:
-    """Return the payload of a packet with the expected message number. Raises WireError."""
+    """Return the payload of a NatNet packet. Raises WireError for a different message number than expected."""
     message = message_of(data)
     if message != expected:
         raise WireError(f"got a NatNet message of type {message}, expected type {expected}")

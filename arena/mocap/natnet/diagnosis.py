@@ -1,4 +1,4 @@
-"""Explanation, in one sentence, of why a NatNet server sends no frames and what to check. Pure."""
+"""Sentence for the user about why no poses arrive from a NatNet server, and what to check. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from arena.mocap.natnet.codec import ServerInfo
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """Observations of one NatNet client in the last seconds, from which `diagnose` finds the reason why no poses arrive.
+    """Observations of a NatNet client in the last seconds, from which `diagnose` finds why no poses arrive.
 
     no_network: reason why no socket is open, "" if the sockets are open.
     answered: the server's description of itself, None if the server has not answered.
@@ -38,7 +38,7 @@ class Condition:
 
 
 def diagnose(c: Condition) -> str:
-    """Return the first reason why no poses arrive, with advice for the user; "" if poses arrive."""
+    """Return a sentence about why no poses arrive and what to check; "" if poses arrive."""
     if c.no_network:
         return no_network(c.server, c.no_network)
     if c.version_unsupported and c.answered is not None:
@@ -85,8 +85,9 @@ def _no_frames(c: Condition) -> str:
 
 
 def _advice(c: Condition) -> str:
-    """Return advice on what to check or to change in the settings, based on the streaming mode, address and
-    port that the server reports.
+    """Return advice for the user when the server answers but no frames arrive.
+
+    The advice follows from the streaming mode, address and port that the server reports.
     """
     info = c.answered
     if info is not None and info.data_port:

@@ -1,4 +1,4 @@
-"""NatNet's echo messages, by which a client compares the server's clock with its own.
+"""NatNet's echo messages, with which a client compares the server's clock with its own clock.
 
 The server returns the client's number and its own time at the arrival of the request, both 64 bits. (The layout follows public
 NatNet clients.)
@@ -15,7 +15,7 @@ _ECHO, _ECHOED = struct.Struct("<Q"), struct.Struct("<QQ")
 
 
 def encode_echo_request(stamp: int) -> bytes:
-    """Return an ECHO_REQUEST packet. stamp: 64-bit number that the server returns."""
+    """Return an ECHO_REQUEST packet. stamp: 64-bit number that the server sends back."""
     return codec.packet(codec.ECHO_REQUEST, _ECHO.pack(stamp))
 
 
@@ -25,12 +25,15 @@ def decode_echo_request(data: bytes) -> int:
 
 
 def encode_echo_response(stamp: int, received_ticks: int) -> bytes:
-    """Return the answer to an ECHO_REQUEST. received_ticks: arrival of the request, in ticks of the server's clock."""
+    """Return the reply to an ECHO_REQUEST. received_ticks: arrival, in ticks of the server's clock."""
     return codec.packet(codec.ECHO_RESPONSE, _ECHOED.pack(stamp, received_ticks))
 
 
 def decode_echo_response(data: bytes) -> tuple[int, int]:
-    """Return (stamp of the request, its arrival in ticks of the server's clock). Raises WireError."""
+    """Return (stamp of the request, arrival of the request in ticks of the server's clock).
+
+    Raises WireError for an invalid packet.
+    """
     stamp, ticks = _echo_numbers(data, codec.ECHO_RESPONSE, _ECHOED)
     return stamp, ticks
 

@@ -1,4 +1,4 @@
-"""NatNet client without sockets: handshake, names of bodies, and decoding of the requested bodies. Pure.
+"""NatNet client without sockets: handshake, names of bodies, and decoding of frames. Pure.
 
 Invalid bytes are counted and dropped; they never raise.
 """
@@ -21,7 +21,7 @@ _REQUEST_MODELS = codec.packet(codec.REQUEST_MODELDEF)
 
 
 class NatNetReceiver:
-    """Protocol of one NatNet client, without sockets: returns the requests to send, and decodes the packets that arrive.
+    """NatNet client without sockets: makes requests and decodes the server's packets.
 
     bodies: names of the requested bodies, None for all.
     info: the server's last description of itself, None before the first. answers: number of such descriptions
@@ -49,38 +49,44 @@ class NatNetReceiver:
 
     @property
     def is_connected(self) -> bool:
-        """Return whether the handshake is complete: the version and a streaming id for every requested body are known."""
+        """Return whether the handshake is complete.
+
+        This means: the NatNet version and a streaming id for every requested body are known.
+        """
         complete = (
             bool(self._names) if self._wanted_names is None else self._wanted_names <= {*self._names.values()}
         )
         return self._version is not None and complete
 
     def next_request(self) -> bytes:
-        """Return the request that the handshake must send next."""
+        """Return the packet that the handshake must send next."""
         return _CONNECT if self._version is None else _REQUEST_MODELS
 
     @property
     def version_unsupported(self) -> bool:
-        """Return whether the server uses a NatNet version that the codec cannot decode."""
+        """Return whether the server uses a NatNet version that cannot be decoded."""
         return self.info is not None and not codec.is_supported(self.info.version)
 
     @property
     def name_counts(self) -> Counter[str]:
-        """Return name -> number of bodies with this name, from the server's last list of bodies."""
+        """Return {name: number of bodies with this name}, from the server's last list of bodies."""
         return self._name_counts
 
     @property
     def has_models(self) -> bool:
-        """Return whether a list of bodies has arrived since the last reset."""
+        """Return whether the server has sent its list of bodies since the last reset."""
         return self._has_models
 
     @property
     def wanted(self) -> set[str]:
-        """Return the requested names; empty if all bodies are requested."""
+        """Return the names of the requested bodies; empty if all bodies are requested."""
         return self._wanted_names or set()
 
     def reset(self) -> None:
-        """Start the handshake again, because after a restart of the server a streaming id may belong to another body."""
+        """Start the handshake again.
+
+        After a restart of the server, a streaming id may belong to another body.
+        """
         self._version = None
         self._names, self._models = {}, {}
         self._has_models = False
@@ -88,7 +94,7 @@ class NatNetReceiver:
         self._echoes_sent.clear()
 
     def echo_request(self, now: float) -> bytes:
-        """Return a request that compares the server's clock with the caller's clock.
+        """Return an ECHO_REQUEST packet, whose answer contains the time of the server's clock.
 
         now: time at which the caller sends the request [s].
         """
@@ -99,7 +105,7 @@ class NatNetReceiver:
         return echo.encode_echo_request(self._echo_number)
 
     def receive(self, data: bytes, now: float = nan, arrived_s: float | None = None) -> CapturedFrame | None:
-        """Decode one packet of the server. Return its frame; None for other packets and dropped frames.
+        """Decode one packet of the server. Return its poses, or None if it contains no new frame.
 
         now: time of arrival [s], by the clock of `echo_request`; only answers to echo requests need it
         arrived_s: monotonic time of arrival for the frame [s]; None if unknown
@@ -140,13 +146,15 @@ class NatNetReceiver:
             self._version, self._clock_hz = info.version, info.clock_hz
 
     def definition(self, body: str) -> str:
-        """Return the definition of a body: a hash of its markers, or its name and streaming id if the server describes no
-        markers; "" before the server has described the body.
+        """Return a text that changes when a body is defined again; "" if the body is unknown.
+
+        The text is a hash of the markers. If the server describes no markers, it is the name and the
+        streaming id.
         """
         return self._models.get(body, "")
 
     def _on_models(self, found: Mapping[int, codec.BodyModel]) -> None:
-        """Store the streaming ids of the requested bodies. If two bodies have the same name, neither is used."""
+        """Store the streaming ids of the requested bodies. Bodies that have the same name are ignored."""
         counts = self._name_counts = Counter(model.name for model in found.values())
         self._has_models = True
         if twice := sum(n > 1 for n in counts.values()):

@@ -1,4 +1,4 @@
-"""NatNet server of the emulator: encodes measured frames as NatNet packets and answers clients' requests."""
+"""NatNet server of the emulator: encodes measured frames and answers clients' requests."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ _VERSIONS: dict[str, codec.Version] = {"3.1": (3, 1), "4.1": (4, 1)}
 
 
 def open_server(settings: Settings) -> UdpServer:
-    """Open the server from the configuration of the `mocap` process.
+    """Open the NatNet server of the emulator.
+
+    settings: configuration of the `mocap` process.
 
     Raises RunError if the command port is taken.
     """
@@ -26,7 +28,7 @@ def open_server(settings: Settings) -> UdpServer:
 
 
 class NatNetServer:
-    """NatNet protocol without sockets; implements `ServerProtocol`.
+    """NatNet server without sockets, which implements the interface `ServerProtocol`.
 
     settings: configuration of the `mocap` process.
     """
@@ -79,10 +81,10 @@ class NatNetServer:
         return codec.packet(codec.UNRECOGNIZED) if message == codec.REQUEST else None
 
     def _echo(self, data: bytes) -> bytes | None:
-        """Return the answer to an echo request. Its server time is the time at which the last frame was sent.
+        """Return the answer to an echo request, with the simulation time at which the last frame was sent.
 
-        This is the present simulation time, because requests are answered directly after a frame is sent. During an
-        injected delay it can be one frame older.
+        This is the present simulation time, because requests are answered directly after a frame is sent.
+        During an injected delay it can be one frame older.
         """
         try:
             return echo.encode_echo_response(echo.decode_echo_request(data), round(self._now_s * CLOCK_HZ))

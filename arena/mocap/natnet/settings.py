@@ -1,4 +1,4 @@
-"""NatNet's part of the YAML: settings of the client and of the emulated server, and the sockets that both open.
+"""NatNet's settings from the YAML for client and emulated server, and the sockets that both open.
 
 Pure.
 """
@@ -21,7 +21,7 @@ PORTS = {
 
 
 def group_for(address: str) -> str:
-    """Return the multicast group that a server at this address uses if the YAML does not name a group.
+    """Return the default multicast group of a server at this address.
 
     Servers on different loopback addresses get different groups, so that two arenas on one computer do not
     receive each other's frames.
@@ -134,7 +134,7 @@ def _common(keys: Settings) -> dict[str, Any]:
 
 
 def _emulator_group(keys: Settings, address: str) -> str:
-    """Return the emulator's multicast group.
+    """Return the multicast group to which the emulator sends frames.
 
     With a real NatNet server, the group in the YAML belongs to that server, so the emulator uses another group.
     """

@@ -1,8 +1,8 @@
-"""List of the clients that receive frames by unicast. Pure; times are wall time [s].
+"""List of the clients to which the NatNet emulator sends frames by unicast. Pure.
 
-Clients differ in the port that they listen on. Some listen on the port from which they send requests, others
-on the data port, without announcing it. Only some clients send keepalives. Therefore a client that stops
-sending is removed only if it has sent keepalives before.
+Times are wall time [s]. Clients differ in the port that they listen on. Some listen on the port from which
+they send requests, others on the data port, without announcing it. Only some clients send keepalives.
+Therefore a client that stops sending is removed only if it has sent keepalives before.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ _MAX_CLIENTS = 64
 
 @dataclass(slots=True)
 class _Client:
-    """State of one client that receives frames by unicast. All times are wall time [s].
+    """State of one client that receives frames by unicast.
+
+    All times are wall time [s].
 
     last_request: time of the client's last request.
     quiet_until: until this time, no frames are sent to the port from which the client sends its requests.
@@ -32,7 +34,7 @@ class _Client:
 
 
 class UnicastClients:
-    """List of the clients that receive frames by unicast.
+    """List of the clients that receive frames by unicast, with the addresses to send frames to.
 
     data_port: UDP port to which frames are sent, in addition to the port from which a client sends its requests.
     """
@@ -42,7 +44,7 @@ class UnicastClients:
         self._clients: dict[Address, _Client] = {}
 
     def on_request(self, message: int, sender: Address, now: float) -> None:
-        """Update the list of clients after a request: connect, keepalive, disconnect and others.
+        """Update the list of clients after a client's request, such as connect or disconnect.
 
         Call this before the request is answered.
         """
@@ -58,8 +60,9 @@ class UnicastClients:
             self._clients[sender].last_request = self._clients[sender].quiet_until = now
 
     def destinations(self, now: float) -> list[Address]:
-        """Remove silent clients, and return all addresses to which frames are sent: the data port of each
-        client's host, and the port from which each client sends its requests.
+        """Remove silent clients, and return the addresses to which frames are sent.
+
+        For each client, these are the data port of its host and the port from which it sends its requests.
         """
         gone = [a for a, c in self._clients.items() if c.keepalives and now - c.last_request >= _SILENT_S]
         for address in gone:
@@ -69,7 +72,7 @@ class UnicastClients:
         return list(found)
 
     def _make_room(self) -> bool:
-        """Make room for a new client if the list is full, and return whether the new client fits.
+        """Make room in the list for a new client. Return False if the list stays full.
 
         Only clients that never sent a keepalive are removed, the longest silent one first.
         """
