@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def make_channels(
     settings: Mapping[str, Any], vehicles: Sequence[Recorded], context: Context
 ) -> list[RecordChannels]:
-    """Return all sets of channels of the record.
+    """Return all sets of channels that the recorder writes.
 
     settings: JSON configuration (slice) of the recorder.  context: the channels must be created in this context, so that they
     are written to flight.mcap.

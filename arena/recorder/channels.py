@@ -1,4 +1,7 @@
-"""Channels of the record: where received data are logged. The raw channels are the record from which a flight is computed."""
+"""Interface of the recorder's output channels, and the raw channels, which store all received data unchanged.
+
+The raw channels are the record from which the logs of a flight are computed.
+"""
 
 from __future__ import annotations
 
@@ -31,32 +34,36 @@ if TYPE_CHECKING:
 
 
 class RecordChannels(Protocol):
-    """Interface of a set of channels. The recorder calls the methods for all data that it receives, in the order of reception.
+    """Interface of a set of output channels of the recorder.
+
+    The recorder calls the methods for all data that it receives, in the order of reception.
 
     The methods run in the recorder's loop, in the fused arena in the step of the world: they must not block.
     time_s, in every method: time of reception by the run's clock [s]; the log time of the message.
     """
 
     def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
-        """Log a MAVLink datagram from a vehicle, or to it (`up`). It contains one or more complete MAVLink frames.
+        """Log a MAVLink datagram that a vehicle has sent or received.
+
+        up: True if the datagram was sent to the vehicle. It contains one or more complete MAVLink frames.
 
         References that the vehicle's program publishes are `up`, too.
         """
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
-        """Log a frame of motion capture.
+        """Log one motion capture frame: the poses of all bodies at one instant.
 
         simulated: the motion-capture emulator sent it.
         """
 
     def on_truth(self, truth: TrueStates, time_s: float) -> None:
-        """Log the true state of all simulated vehicles, `log.rate_hz` times a second of simulation time.
+        """Log the true state of all simulated vehicles. The recorder calls this `log.rate_hz` times per simulated second.
 
         truth: row i is the vehicle with `index` i in the recorder's configuration (slice).
         """
 
     def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
-        """Log a line of events.jsonl.
+        """Log one line of the event file events.jsonl.
 
         line: the JSON object as bytes, without the line end.
         fields: its content.
@@ -65,7 +72,7 @@ class RecordChannels(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """Vehicle whose data are recorded.
+    """Vehicle whose data the recorder writes.
 
     index: its row in the truth page, None for a real vehicle.
     """
@@ -81,7 +88,7 @@ class _Channel(Protocol):
 
 
 class RawChannels:
-    """Channels with all received data as they were: `arena.flight_log.recording` reads them.
+    """Channels that store all received data unchanged. `arena.flight_log.recording` reads them.
 
     vehicles: vehicles of the arena.  context: foxglove's context, to which files and WebSocket servers are connected.
     """
@@ -123,7 +130,7 @@ class RawChannels:
 
 
 def nanoseconds(time_s: float) -> int:
-    """Return a time [s] as a log time [ns], which MCAP stores as an unsigned number."""
+    """Convert a time [s] to a log time [ns], the unsigned integer of the MCAP format."""
     return max(0, round(1e9 * time_s))
 
 

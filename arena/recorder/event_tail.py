@@ -1,4 +1,7 @@
-"""Reader of the lines that are appended to events.jsonl. A thread reads the file, because the disk may not respond."""
+"""Reads the lines that other processes append to events.jsonl.
+
+A thread reads the file, because the disk may not respond.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ MAX_BYTES = 1 << 20
 
 
 class EventTail:
-    """Reads the complete lines of a file that another process writes.
+    """Reader of the complete lines that another process appends to a file.
 
     path: the file; it may be created later.
     """
@@ -29,7 +32,7 @@ class EventTail:
         return self._thread.busy
 
     def poll(self) -> None:
-        """Start to read the new lines in the background, unless a read is in progress."""
+        """Start to read the new lines in a background thread. Do nothing while a read is in progress."""
         if not self._thread.busy:
             self._thread.submit(self._read)
 
@@ -41,7 +44,10 @@ class EventTail:
         return found
 
     def close(self, timeout_s: float = 1.0) -> list[bytes]:
-        """Read the file for the last time, at most `timeout_s` [s]. Return the lines."""
+        """Read the file for the last time and return the new lines.
+
+        timeout_s: wait at most this long for the disk [s].
+        """
         self._thread.flush(timeout_s)
         self.poll()
         self._thread.flush(timeout_s)

@@ -1,4 +1,4 @@
-"""Core of the recorder: passes received data to the channels, and reports what it records. Opens no sockets.
+"""Core of the recorder: passes received data to the output channels and reports statistics. Opens no sockets.
 
 The process `recorder` and the fused arena use it. No call blocks.
 """
@@ -48,7 +48,9 @@ MakeChannels = Callable[[Mapping[str, Any], Sequence[Recorded], "Context"], Sequ
 
 
 class FlightRecorder:
-    """Records one arena in `<folder>/flight.mcap`. All settings come from the process's JSON configuration (slice).
+    """Recorder of one arena. It writes `<folder>/flight.mcap`.
+
+    All settings come from the process's JSON configuration (slice).
 
     now_s: present time of the run's clock [s].
     own_events: record the events of the run, from its events.jsonl. A replay records those of the recorded flight instead.
@@ -90,12 +92,12 @@ class FlightRecorder:
 
     @property
     def path(self) -> Path:
-        """Path of the file."""
+        """Path of the file flight.mcap."""
         return self._file.path
 
     @property
     def armed(self) -> list[str]:
-        """Return the names of the armed vehicles; none after SILENT_S without a datagram.
+        """Return the names of the armed vehicles. Return an empty list after SILENT_S seconds without a datagram.
 
         Without the router, which may have died, the recorder does not receive the disarming, and would wait for it for ever.
         """
@@ -104,7 +106,9 @@ class FlightRecorder:
         return [name for name, watch in self._watches.items() if watch.armed]
 
     def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
-        """Record a MAVLink datagram from a vehicle, or to it (`up`).
+        """Record a MAVLink datagram that a vehicle has sent or received.
+
+        up: True if the datagram was sent to the vehicle.
 
         time_s: time of reception by the run's clock [s].
         """
@@ -119,7 +123,7 @@ class FlightRecorder:
                 self._remove(channels, error)
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
-        """Record a frame of motion capture.
+        """Record one motion capture frame: the poses of all bodies at one instant.
 
         simulated: the motion-capture emulator sent it.
         time_s: as in `on_datagram`.
@@ -151,7 +155,7 @@ class FlightRecorder:
                 self._remove(channels, error)
 
     def tick(self, now_s: float, monotonic_s: float) -> None:
-        """Record new events, write to the disk, and report to the supervisor, each when it is due. Call it 10 times a second.
+        """Record new events, write data to the disk, and send statistics to the supervisor. Call it 10 times per second.
 
         now_s, monotonic_s: present time by the run's clock and monotonic [s].
         """
@@ -176,7 +180,7 @@ class FlightRecorder:
             self._process.stats(self.stats(now_s))
 
     def stats(self, now_s: float) -> dict[str, Any]:
-        """Return the statistics of the process: rates per vehicle, and what was lost.
+        """Return the statistics of the recorder: rates per vehicle, and numbers of lost data.
 
         now_s: run's clock [s].
         """
@@ -203,7 +207,10 @@ class FlightRecorder:
         self._process.stats(self.stats(now_s))
 
     def _open_viewers(self, folder: Path) -> FoxgloveServer | None:
-        """Write the layouts for viewers, and start the server for Foxglove if the configuration has one. Neither can end a flight."""
+        """Write the layout files for viewers, and start the Foxglove server if it is configured.
+
+        An error in a viewer never ends the record or the flight.
+        """
         from arena.recorder.viewer_setup import open_server, write_layouts
 
         with suppress(OSError):
@@ -222,7 +229,7 @@ class FlightRecorder:
                 self._record_event(line, fields)
 
     def _record_event(self, line: bytes, fields: Mapping[str, Any]) -> None:
-        """Record a line at its time, but not before the previous line.
+        """Record an event line at its own time, but never earlier than the previous line.
 
         The monotonic times of the lines are not in order, and the order of the lines must be that of their times in the record.
         """
@@ -232,7 +239,7 @@ class FlightRecorder:
         self.on_event(line, fields, self._last_event_s)
 
     def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
-        """Record a line of events.jsonl.
+        """Record one line of events.jsonl.
 
         line: the JSON object as bytes.
         fields: its content.
@@ -245,12 +252,12 @@ class FlightRecorder:
                 self._remove(channels, error)
 
     def _remove(self, channels: RecordChannels, error: Exception) -> None:
-        """Stop to use channels that have failed, because an error in them must not end the flight, nor the other channels."""
+        """Stop using a set of channels that has raised an error. The flight and the other channels continue."""
         self._channels = [other for other in self._channels if other is not channels]
         if isinstance(channels, RawChannels):
             self._failure = self._failure or f"error: {error!r}"
         self._process.event(
-            f"{self._process.name}: {type(channels).__name__} has failed and records nothing more: {error!r}"
+            f"{self._process.name}: the output {type(channels).__name__} has failed and writes no more data: {error!r}"
         )
 
     def _report_airborne(self, vehicle: str) -> None:
@@ -258,7 +265,7 @@ class FlightRecorder:
         self._process.event(f"{vehicle}: airborne")
 
     def _report_failure(self) -> None:
-        """Report once why the record has ended."""
+        """Report once why the recorder has stopped writing the record."""
         if self._file.failure and not self._failure:
             self._failure = self._file.failure
             self._process.event(

@@ -1,4 +1,4 @@
-"""Channels for viewers: the recorder's data as messages that Foxglove and PlotJuggler show.
+"""Output channels for viewers: the recorder's data as messages for Foxglove and PlotJuggler.
 
 They are in `flight.mcap` and, with `--foxglove`, on a WebSocket. The raw channels stay complete; these channels are limited
 to the rates in `viewer_topics`.
@@ -30,7 +30,7 @@ _MAX_MISSING_FRAMES = 1000  # a larger jump of the frame numbers is a restart of
 
 @dataclass(frozen=True, kw_only=True)
 class ViewedVehicle:
-    """Vehicle in the channels for viewers.
+    """Vehicle whose data are published to viewers.
 
     name, id: name and MAV_SYS_ID.  body: name of its rigid body in the motion capture, None without one.
     index: its row in the truth page, None for a real vehicle.  shape: its dimensions, None if unknown.
@@ -44,7 +44,9 @@ class ViewedVehicle:
 
 
 class FoxgloveChannels:
-    """Channels for viewers. The methods are those of `RecordChannels`, and never block.
+    """Output channels for viewers. No method blocks.
+
+    The methods are those of `RecordChannels`.
 
     vehicles: vehicles of the arena.  context: foxglove's context, to which files and WebSocket servers are connected.
     size_m: size of the room, north, east, height [m].
@@ -114,7 +116,7 @@ class FoxgloveChannels:
         self._out[Content.LOG].send(log, time_s)
 
     def _pass_time(self, time_s: float) -> None:
-        """Publish what is published regularly, if its time has come.
+        """Publish the periodic messages, such as rates and the 3D scene, if they are due.
 
         time_s: log time [s].
         """

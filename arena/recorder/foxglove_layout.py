@@ -24,7 +24,7 @@ _BACKGROUND = "#eef0f4"
 
 
 class _Panels:
-    """Panels of a layout under construction.
+    """Panels of a Foxglove layout while it is being built.
 
     config: panel id -> settings.
     """
@@ -44,7 +44,7 @@ class _Panels:
 
 
 def foxglove_layout(vehicles: Sequence[DrawnVehicle], size_m: Sequence[float]) -> str:
-    """Return the layout as JSON, for the menu item `Import from file`.
+    """Return the layout file for Foxglove as JSON. Users load it with the menu item `Import from file`.
 
     vehicles: vehicles of the arena; the first `MAX_PLOTTED` get plots.  size_m: size of the room, north, east, height [m].
     """
@@ -64,7 +64,7 @@ def foxglove_layout(vehicles: Sequence[DrawnVehicle], size_m: Sequence[float]) -
 
 
 def _tabs(panels: _Panels, vehicles: Sequence[DrawnVehicle]) -> str:
-    """Add the tabs: two for each vehicle, with plots, then the health of the motion capture and the links."""
+    """Add the tabs: two tabs with plots for each vehicle, and one tab for the health of motion capture and links."""
     tabs = []
     for vehicle in vehicles[:MAX_PLOTTED]:
         for title, plots in (
@@ -159,7 +159,7 @@ def _view(vehicles: Sequence[DrawnVehicle], size_m: Sequence[float]) -> Json:
 
 
 def _split(direction: str, first: Any, second: Any, percentage: float) -> Json:
-    """Return two panels side by side (`row`) or one above the other (`column`).
+    """Return a layout of two panels, side by side (`row`) or one above the other (`column`).
 
     percentage: share of the first [%].
     """
@@ -167,7 +167,7 @@ def _split(direction: str, first: Any, second: Any, percentage: float) -> Json:
 
 
 def _column(panels: Sequence[str]) -> Any:
-    """Return panels of equal height, one above the other."""
+    """Return a layout of several panels of equal height, one above the other."""
     if len(panels) == 1:
         return panels[0]
     return _split("column", panels[0], _column(panels[1:]), round(100 / len(panels), 2))

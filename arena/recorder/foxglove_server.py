@@ -1,4 +1,4 @@
-"""WebSocket server for Foxglove. During a flight it sends each message that the recorder writes, at the time of writing.
+"""WebSocket server that sends the recorder's messages to Foxglove during the flight.
 
 The server runs in threads of foxglove-sdk, without Python. A client that reads slowly or not at all loses its oldest messages:
 `BACKLOG_MESSAGES` wait for each client at most, and logging a message never waits for a client.
@@ -18,7 +18,9 @@ _TIME_PERIOD_S = 1.0 / 30.0
 
 
 class FoxgloveServer:
-    """Server for Foxglove.
+    """WebSocket server for Foxglove.
+
+    failure: the reason why the server could not start, else an empty text.
 
     `failure`: why it could not start, else "".
     context: the context whose channels are sent.  address, port: where clients connect.  name: name of the arena, shown by clients.
@@ -51,16 +53,16 @@ class FoxgloveServer:
 
     @property
     def port(self) -> int | None:
-        """Port of the server; None if it did not start."""
+        """TCP port of the server, or None if the server did not start."""
         return None if self._server is None else self._server.port
 
     @property
     def url(self) -> str:
-        """Address for clients."""
+        """WebSocket URL to which a viewer connects."""
         return f"ws://{self.address}:{self.port}"
 
     def pass_time(self, time_s: float) -> None:
-        """Send the simulation time to the clients, at most 30 times per second.
+        """Send the simulation time to the viewers, at most 30 times per second.
 
         time_s: present time of the run's clock [s].
         """

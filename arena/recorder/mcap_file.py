@@ -1,4 +1,4 @@
-"""The file `flight.mcap`, written by a thread: a full disk or a disk that does not respond ends the record, not the flight.
+"""Writer of the file `flight.mcap`. A thread writes, so a full or slow disk ends the record but not the flight.
 
 The index of an MCAP file has an entry per chunk and channel, and the writer keeps the index in memory until the end. So the chunks are
 long (`FLUSHES_PER_CHUNK`). The messages of the unfinished chunk are also in a second file, `flight.mcap.tail`, which gets a small chunk
@@ -32,7 +32,7 @@ _NO_LIMIT = 1 << 30
 
 
 class McapFile:
-    """MCAP file to which the channels of a foxglove context are written.
+    """MCAP file that stores all messages of a Foxglove context.
 
     Messages are collected in memory. `flush` writes them, in a thread that also waits until they are on the disk. If power is
     lost, the record loses only the messages since the last `flush` (and the time that the disk needs). The file is locked while
@@ -70,11 +70,11 @@ class McapFile:
 
     @property
     def busy(self) -> bool:
-        """True while bytes wait to be written, or are not on the disk yet."""
+        """True while some data are not on the disk yet."""
         return self._thread.busy
 
     def flush(self) -> None:
-        """Write the messages since the last call in the background. Never blocks."""
+        """Write all messages since the last call to the file, in a background thread. Never blocks."""
         if self.failure:
             self._stop()
             return
@@ -88,7 +88,9 @@ class McapFile:
         self._tail = self._finish_chunk()
 
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> bool:
-        """Write the remaining messages and the index. Wait until they are on the disk, at most `timeout_s` [s].
+        """Write the remaining messages and the index, and wait until they are on the disk.
+
+        timeout_s: longest time to wait [s].
 
         Return whether everything was written.
         """
@@ -104,7 +106,7 @@ class McapFile:
         return not self.failure
 
     def _finish_chunk(self) -> _Writer:
-        """Finish the chunk of `flight.mcap`, and write it in the background.
+        """Finish the current chunk of `flight.mcap` and write it in the background.
 
         Return a writer for `flight.mcap.tail`, which begins again: the file gets only the messages after this chunk.
         """
@@ -117,7 +119,10 @@ class McapFile:
         return tail
 
     def _stop(self) -> None:
-        """Close the writers of `flight.mcap` and `flight.mcap.tail`, because a record that has failed must not fill the memory."""
+        """Close both writers after a failure, so that their data do not fill the memory.
+
+        The files are `flight.mcap` and `flight.mcap.tail`.
+        """
         self._stop_tail()
         self._bytes_of(self._record.close)
 
@@ -125,7 +130,7 @@ class McapFile:
         self._bytes_of(self._tail.close)
 
     def _bytes_of(self, write: Callable[[], bytes]) -> bytes:
-        """Return the bytes of a writer. An error in it ends the record, not the flight."""
+        """Return the bytes that a writer has produced. If the writer raises an error, stop the record and return no bytes."""
         try:
             return write()
         except Exception as error:
@@ -143,7 +148,7 @@ class McapFile:
         self._thread.submit(partial(self._in_background, data, write))
 
     def _in_background(self, data: bytes, write: Callable[[bytes], None]) -> None:
-        """Write bytes to the disk. After an error nothing more is written."""
+        """Write bytes to the disk in the background thread. Write nothing after the first error."""
         try:
             if not self.failure:
                 write(data)
@@ -166,7 +171,7 @@ class McapFile:
 
 
 class _Writer:
-    """Writer of MCAP to memory.
+    """MCAP writer that writes into memory.
 
     context: foxglove's context.
     indexed: compress the chunks, and keep their index in memory.
@@ -198,7 +203,7 @@ class _Writer:
         return self._buffer.take()
 
     def close(self) -> bytes:
-        """Write the last chunk and the end of the file. Return the bytes since the last call; none if it is closed."""
+        """Write the last chunk and the end of the file. Return the new bytes; no bytes if the file is already closed."""
         if self._is_open:
             self._is_open = False
             self._writer.close()
@@ -206,7 +211,10 @@ class _Writer:
 
 
 class _Buffer:
-    """File-like object for foxglove's writer, which only appends (`disable_seeking`). Collects the bytes until `take`."""
+    """File-like object in memory that the MCAP writer of foxglove-sdk appends to.
+
+    Collects the bytes until `take` is called. It supports no seeking (`disable_seeking`).
+    """
 
     def __init__(self) -> None:
         self._pieces: list[bytes] = []
@@ -221,23 +229,26 @@ class _Buffer:
         return self._size
 
     def flush(self) -> None:
-        """Do nothing: the bytes are written when `McapFile.flush` takes them."""
+        """Do nothing. `McapFile.flush` writes the bytes to the disk."""
 
     def take(self) -> bytes:
-        """Return and remove the bytes that were written since the last call."""
+        """Return the bytes that were written since the last call, and remove them from memory."""
         found = b"".join(self._pieces)
         self._pieces.clear()
         return found
 
 
 def _write(fd: int, data: bytes) -> None:
-    """Write bytes, and wait until they are on the disk. Raises OSError."""
+    """Write bytes to the disk, and wait until they are stored there. Raises OSError."""
     write_all(fd, data)
     os.fdatasync(fd)
 
 
 def _create(path: Path) -> tuple[Path, int]:
-    """Create the file, or the next part of the record if the file exists. Return its path and descriptor."""
+    """Create the file and return its path and file descriptor.
+
+    If the file exists already, create the next part of the record.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     part, number = path, 2
     while True:

@@ -1,4 +1,4 @@
-"""Newest planned path of each vehicle as a file in the runtime folder, from which viewers on this computer read it.
+"""Writes the newest planned path of each vehicle to a file in the runtime folder. Viewers read these files.
 
 The files belong to a run that is in progress. The record contains the messages themselves.
 """
@@ -19,7 +19,9 @@ from arena.wire.truth_rows import TrueStates
 
 
 class PathFiles:
-    """Writer of the files. The methods are those of `RecordChannels`. A thread writes, so no call blocks.
+    """Writer of one file with the newest planned path per vehicle.
+
+    The methods are those of `RecordChannels`. A thread writes, so that no call blocks.
 
     vehicles: vehicles of the arena.  folder: `<vehicle>.json` is written here.
     """

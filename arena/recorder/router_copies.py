@@ -1,5 +1,6 @@
-"""Socket on which the recorder receives copies of all MAVLink datagrams from the router, and references and planned paths
-from user programs.
+"""Socket on which the recorder receives copies of all MAVLink datagrams.
+
+The router sends the copies. User programs send references and planned paths to the same socket.
 
 The vehicle and the direction follow from the sender's address (`arena.mavlink_router.routing_table`). The kernel stamps each datagram at
 its arrival, so that the recorder can read many datagrams at a time.
@@ -30,7 +31,7 @@ _PROGRAM = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 
 
 class CopySenders:
-    """Decides which vehicle and direction a received datagram belongs to. Pure.
+    """Table that assigns a received datagram to its vehicle and direction. Pure.
 
     vehicles: each with `name`, `id`, and the router's addresses `serve` and `tools`.
     unknown: number of datagrams from other senders that are not references or planned paths of a user program.
@@ -45,11 +46,11 @@ class CopySenders:
         self._names = {int(v["id"]): str(v["name"]) for v in vehicles}
 
     def owner(self, sender: Address) -> tuple[str, bool] | None:
-        """Return (vehicle, whether datagrams are sent to it) for an address of the router; None for another address."""
+        """Return the vehicle and the direction (True: to the vehicle) of a router address, or None if it is unknown."""
         return self._senders.get(sender)
 
     def find(self, sender: Address, data: bytes) -> tuple[str, bool] | None:
-        """Return (vehicle, whether the datagram was sent to the vehicle); None for a datagram that must not be recorded."""
+        """Return the vehicle and the direction (True: to the vehicle) of a datagram, or None if it must not be recorded."""
         found = self._senders.get(sender) or self._reference(data)
         self.unknown += found is None
         return found
@@ -66,7 +67,7 @@ class CopySenders:
 
 
 class RouterCopies:
-    """The socket.
+    """Socket that receives copies of all MAVLink datagrams.
 
     listen: address to bind.
     vehicles: as for `CopySenders`.
@@ -80,7 +81,11 @@ class RouterCopies:
         enable_stamps(self._socket)
 
     def receive(self) -> Iterator[tuple[str, bool, bytes, float]]:
-        """Yield (vehicle, up, data, monotonic time of arrival [s]) of each datagram that has arrived. Never waits."""
+        """Yield all datagrams that have arrived, without waiting.
+
+        Each item is (vehicle, up, data, monotonic time of arrival [s]). up: True if the datagram was sent to the
+        vehicle.
+        """
         receive, find, source = receive_stamped, self.senders.find, self._socket
         offset_s = time.monotonic() - time.time()
         for _ in range(MAX_DATAGRAMS):
@@ -97,11 +102,11 @@ class RouterCopies:
         return self._socket.fileno()
 
     def is_empty(self) -> bool:
-        """Return whether no datagram waits in the socket."""
+        """Return whether the socket's receive buffer is empty."""
         return not select.select([self._socket], [], [], 0.0)[0]
 
     def lost(self) -> int:
-        """Return the number of datagrams that the kernel has discarded since the start, because its buffer was full."""
+        """Return how many datagrams the kernel has dropped since the start because the receive buffer was full."""
         try:
             raw = self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
         except OSError:  # an old kernel

@@ -1,4 +1,4 @@
-"""Conversion of monotonic times to the run's clock. Pure."""
+"""Conversion of monotonic times to the time of a run (simulation time or Unix time). Pure."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import deque
 
 
 class RunClock:
-    """Converts a monotonic time of the recent past, such as that of a received datagram, to the run's clock.
+    """Converter from the monotonic time of a recent event, such as a received datagram, to the run's time.
 
     It interpolates between the last times at which both clocks were read, and never returns a time outside of them. In a
     simulation that runs at another speed than real time, or stops, the result is late or early by less than the time between
@@ -20,11 +20,14 @@ class RunClock:
         self._readings = deque([(run_s, monotonic_s)], maxlen=readings)
 
     def update(self, run_s: float, monotonic_s: float) -> None:
-        """Record the present times of both clocks. Call it before the data that have arrived are read."""
+        """Store a pair of readings of both clocks, taken at the same instant.
+
+        Call it before the data that have arrived are read.
+        """
         self._readings.append((run_s, monotonic_s))
 
     def at(self, monotonic_s: float) -> float:
-        """Return the time of the run's clock [s] at a monotonic time [s]."""
+        """Convert a monotonic time [s] to the run's time [s]."""
         newer = reversed(self._readings)
         run_1, at_1 = next(newer)
         if monotonic_s >= at_1:

@@ -1,4 +1,4 @@
-"""Clocks by which the recorder wakes and stamps: simulation time, or Unix time if a vehicle is real."""
+"""Clocks of the recorder: simulation time, or Unix time if at least one vehicle is real."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MAX_WAIT_S = 0.25  # wall time: events, disk and supervisor are served also whi
 
 
 def wake_period_s(vehicles: int, *, live: bool) -> float:
-    """Return the time between two wake-ups of the recorder [s].
+    """Return the period [s] at which the recorder wakes up and reads its sockets.
 
     live: a viewer may receive the messages during the flight.
     """
@@ -28,20 +28,20 @@ def wake_period_s(vehicles: int, *, live: bool) -> float:
 
 
 class RunTime(Protocol):
-    """The run's clock."""
+    """Interface of the clock of a run."""
 
     def now(self) -> float:
         """Return the time [s]."""
 
     def wait(self) -> None:
-        """Wait for the next period to end, or for 0.25 s of wall time while the simulation stands still.
+        """Wait until the current period ends. While the simulation stands still, wait at most 0.25 s of wall time.
 
         Raises RunError if the simulated world has ended.
         """
 
 
 class SimulationTime:
-    """Simulation time as the run's clock.
+    """Clock of a run in simulation time.
 
     In lockstep, the world does not advance beyond the end of the period before `wait` is called again.
 
@@ -64,7 +64,7 @@ class SimulationTime:
 
 
 class UnixTime:
-    """Unix time as the run's clock. A later change of the system's clock does not change it.
+    """Clock of a run in Unix time. A later change of the system's clock does not affect it.
 
     period_s: time between two wake-ups [s].
     """

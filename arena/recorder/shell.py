@@ -26,7 +26,10 @@ _MAX_LAG_S = 0.3  # more than two wake-ups; the channels for viewers get no data
 
 
 class RecorderShell:
-    """Receives all data of an arena, and passes them to a `FlightRecorder`. All settings come from the process's slice."""
+    """Process that receives all data of an arena and passes them to a `FlightRecorder`.
+
+    All settings come from the process's slice.
+    """
 
     def __init__(self, process: ProcessContext) -> None:
         settings = process.settings
@@ -62,13 +65,15 @@ class RecorderShell:
             try:
                 self._time.wait()
             except RunError:
-                self._process.event(f"{self._process.name}: the world has ended, so the record ends")
+                self._process.event(
+                    f"{self._process.name}: the simulated world has ended; the recorder ends, too"
+                )
                 return
             if self.step(self._time.now(), time.monotonic()):
                 return
 
     def step(self, now_s: float, monotonic_s: float) -> bool:
-        """Record all datagrams, captured frames and true states since the last call.
+        """Record all datagrams, captured frames and true states that have arrived since the last call.
 
         now_s, monotonic_s: run's clock and monotonic time [s].
         Return whether the recorder must end, because the supervisor is dead and the vehicles are disarmed.
@@ -92,7 +97,10 @@ class RecorderShell:
         return self._once_a_second(monotonic_s)
 
     def _received_frames(self, now_s: float, monotonic_s: float) -> deque[tuple[float, CapturedFrame, bool]]:
-        """Return (monotonic time of arrival [s], frame, whether it is from the emulator) of each frame that has arrived."""
+        """Return the motion capture frames that have arrived since the last call.
+
+        Each item is (monotonic time of arrival [s], frame, True if the emulator sent it).
+        """
         found = [
             (monotonic_s if frame.arrived_s is None else frame.arrived_s, frame, capture.simulated)
             for capture in self._captures
@@ -106,7 +114,7 @@ class RecorderShell:
         self._recorder.on_frame(frame, simulated, self._run_clock.at(at))
 
     def close(self) -> None:
-        """Record what has arrived, complete the file, and close the sockets."""
+        """Record the data that have already arrived, complete the file, and close the sockets."""
         self._next_check = time.monotonic() + _CLOSE_LIMIT_S
         self.step(self._time.now(), time.monotonic())
         while not self._copies.is_empty() and time.monotonic() < self._next_check:
@@ -134,7 +142,7 @@ class RecorderShell:
 
 
 class _Capture:
-    """Client of one motion-capture server.
+    """Client of one motion capture server.
 
     raw: its settings, with `simulated`: it is the emulator.
     """
@@ -146,7 +154,7 @@ class _Capture:
         self._report, self._fault = ChangeReport(), ""
 
     def poll(self, now_s: float) -> list[CapturedFrame]:
-        """Return the frames that have arrived.
+        """Return the motion capture frames that have arrived.
 
         now_s: run's clock [s].
         """

@@ -1,4 +1,4 @@
-"""True states of the simulated vehicles at a fixed rate, from the page that the world writes."""
+"""Reader of the true states of the simulated vehicles at a fixed rate, from shared memory (truth page)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class _Reader(Protocol):
 
 
 class TruthSampler:
-    """Reads the true states at the multiples of a period.
+    """Reader that samples the true states at multiples of a period.
 
     reader: reader of the truth page.  rate_hz: samples per second [Hz].
     simulation_clock: the run's clock is simulation time. Else it is Unix time, to which simulation time is converted.
@@ -49,7 +49,10 @@ class TruthSampler:
                 yield time_s, truth
 
     def _offset(self, now_s: float) -> float | None:
-        """Return Unix time minus simulation time [s]: the smallest one, because a sample is read some time after it was written."""
+        """Return the difference Unix time minus simulation time [s].
+
+        The smallest observed difference is used, because a sample is read some time after it was written.
+        """
         newest = self._reader.newest()
         if newest is None:
             return None

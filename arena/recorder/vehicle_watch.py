@@ -1,4 +1,4 @@
-"""Numbers that the recorder reports about one vehicle: rates, whether it is armed, and when it took off. Pure."""
+"""Statistics of one vehicle: message rates, armed state, and time of takeoff. Pure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _decode_heartbeat, _decode_landed = decoder(_HEARTBEAT), decoder(_LANDED)
 
 
 class VehicleWatch:
-    """Rates and state of one vehicle.
+    """Statistics and state of one vehicle, from the datagrams that the recorder receives.
 
     system_id: MAVLink system id of the vehicle.
     armed: armed flag of the last heartbeat; false before the first one.
@@ -35,7 +35,9 @@ class VehicleWatch:
         self._floor_m: float | None = None
 
     def on_datagram(self, up: bool, data: bytes, time_s: float) -> bool:
-        """Count a datagram. Return whether it shows the first take-off, by the autopilot's land detector.
+        """Count a datagram. Return True if it reports the vehicle's first takeoff.
+
+        The autopilot's land detector (EXTENDED_SYS_STATE) reports the takeoff.
 
         up: it was sent to the vehicle.  time_s: time of reception [s].
         """
@@ -50,7 +52,7 @@ class VehicleWatch:
         return self.airborne_unix_s is None and self.armed and self._on_ground is False
 
     def _take_status(self, data: bytes) -> bool:
-        """Take over the status messages of the autopilot in a datagram. Return whether there are any."""
+        """Read HEARTBEAT and EXTENDED_SYS_STATE in a datagram. Return whether it contains one of them."""
         found = False
         for frame in parse_frames(data).frames:
             if frame.msgid not in _STATUS or (frame.sysid, frame.compid) != self._sender:
@@ -66,12 +68,15 @@ class VehicleWatch:
         return found
 
     def is_above_floor(self, height_m: float) -> bool:
-        """Return whether the vehicle is above the height of the first call [m], by its true height `height_m` [m]."""
+        """Return whether the true height [m] of a vehicle is above its starting height.
+
+        The first call stores the starting height.
+        """
         self._floor_m = height_m if self._floor_m is None else self._floor_m
         return height_m > self._floor_m + AIRBORNE_HEIGHT_M
 
     def stats(self, now_s: float) -> dict[str, Any]:
-        """Return mean rates since the first datagram [Hz], and the time of take-off.
+        """Return the mean rates since the first datagram [Hz], and the time of takeoff.
 
         now_s: run's clock [s].
         """
@@ -86,7 +91,10 @@ class VehicleWatch:
 
 
 def has_status(data: bytes) -> bool:
-    """Return whether a datagram may contain a HEARTBEAT or EXTENDED_SYS_STATE. Reads only the heads of its frames."""
+    """Return whether a datagram may contain HEARTBEAT or EXTENDED_SYS_STATE.
+
+    Reads the frame headers only.
+    """
     at, end = 0, len(data)
     while at + _HEAD_AND_CRC <= end:
         if data[at] != _MAGIC:  # MAVLink 1

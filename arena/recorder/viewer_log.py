@@ -24,13 +24,15 @@ _LEVELS = {
 
 
 class TextAssembler:
-    """Joins the parts of long STATUSTEXT messages."""
+    """Assembler of STATUSTEXT messages that consist of several parts."""
 
     def __init__(self) -> None:
         self._id, self._severity, self._text = 0, 0, b""
 
     def add(self, m: Any) -> Iterator[tuple[int, str]]:
-        """Yield the severity (0 emergency .. 7 debug) and text of each text that is complete.
+        """Add one decoded STATUSTEXT. Yield (severity, text) when a text is complete.
+
+        severity: MAV_SEVERITY, 0 (emergency) to 7 (debug).
 
         m: decoded STATUSTEXT.
         """
@@ -50,7 +52,7 @@ class TextAssembler:
 
 
 def log_of_text(vehicle: str, severity: int, text: str, time_s: float) -> Log:
-    """Return the log line of a STATUSTEXT.
+    """Return the Foxglove log message of a STATUSTEXT.
 
     severity: MAV_SEVERITY.
     time_s: time of reception [s].
@@ -60,7 +62,9 @@ def log_of_text(vehicle: str, severity: int, text: str, time_s: float) -> Log:
 
 
 def log_of_event(fields: Mapping[str, Any], time_s: float) -> Log | None:
-    """Return the log line of a line of events.jsonl; None for lines that are not events or changes of processes.
+    """Return the Foxglove log message of a line of events.jsonl, or None if the line is of no interest to viewers.
+
+    Only events and state changes of processes are shown.
 
     fields: content of the line.  time_s: log time [s].
     """
@@ -77,7 +81,7 @@ def log_of_event(fields: Mapping[str, Any], time_s: float) -> Log | None:
 
 
 def fault_of_event(fields: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return the injected fault in a line of events.jsonl, and the process that simulates it; None if there is none."""
+    """Return (fault, process that simulates it) of a line of events.jsonl, or None without an injected fault."""
     text = str(fields.get("event", ""))
     if not text.startswith(FAULT_PREFIX):
         return None

@@ -1,4 +1,4 @@
-"""Rates, gaps and paths for Foxglove and PlotJuggler, collected between two transmissions. Pure."""
+"""Rates, gaps and paths that are sent periodically to Foxglove and PlotJuggler. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ _PATH_PERIOD_S, _MIN_STEP_M = 0.1, 0.01
 
 
 class TrafficMeter:
-    """Counts the datagrams of one vehicle, and the messages that are missing in the autopilot's sequence numbers."""
+    """Counter of one vehicle's datagrams and lost messages.
+
+    Gaps in the autopilot's MAVLink sequence numbers show lost messages.
+    """
 
     def __init__(self) -> None:
         self._counts = [0, 0, 0, 0, 0]
@@ -28,7 +31,7 @@ class TrafficMeter:
         self._counts[2 + up] += len(data)
 
     def sequence(self, first: int, last: int) -> None:
-        """Count the messages that are missing before a datagram of the autopilot.
+        """Count the messages that were lost before a datagram of the autopilot, from its sequence number.
 
         first, last: sequence numbers of its first and last message. No message is lost between them.
         """
@@ -38,7 +41,9 @@ class TrafficMeter:
         self._sequence = last
 
     def take(self, period_s: float) -> list[float]:
-        """Return datagrams down and up, bytes down and up, and missing messages, per second, and begin again.
+        """Return the traffic per second since the last call, and reset the counters.
+
+        The values are datagrams from and to the vehicle, bytes from and to the vehicle, and lost messages.
 
         period_s: time since the last call [s].
         """
@@ -48,12 +53,12 @@ class TrafficMeter:
 
 
 def sequence_of(data: bytes, frame: Frame) -> int:
-    """Return the sequence number of a frame."""
+    """Return the MAVLink sequence number of a frame."""
     return data[frame.start + (_SEQUENCE_V2 if data[frame.start] == _V2 else _SEQUENCE_V1)]
 
 
 class GapMeter:
-    """Counts arrivals, and measures the longest time between two of them.
+    """Counter of arrivals that also measures the longest time between two arrivals.
 
     newest_s: time of the last one [s], None before it.
     """
@@ -63,14 +68,14 @@ class GapMeter:
         self._count, self._gap_s = 0, 0.0
 
     def add(self, time_s: float) -> None:
-        """Count an arrival at a time [s]."""
+        """Count one arrival at a time [s]."""
         if self.newest_s is not None and time_s - self.newest_s > self._gap_s:
             self._gap_s = time_s - self.newest_s
         self.newest_s = time_s
         self._count += 1
 
     def take(self, period_s: float) -> tuple[float, float]:
-        """Return the arrivals per second and the longest gap [s], and begin again.
+        """Return the arrivals per second and the longest gap [s] since the last call, and reset both.
 
         period_s: time since the last call [s].
         """
@@ -80,7 +85,9 @@ class GapMeter:
 
 
 class PathPieces:
-    """Collects the positions of a path, at most 10 per second and only where the vehicle moves.
+    """Collector of the positions of a flown path, which viewers receive in pieces.
+
+    It stores at most 10 positions per second, and only while the vehicle moves.
 
     pieces: pieces taken so far.
     """
@@ -103,7 +110,10 @@ class PathPieces:
             self._newest_s = time_s
 
     def take(self) -> list[Triple]:
-        """Return the positions since the last call. The next piece begins at the last of them."""
+        """Return the positions since the last call [m] [NED].
+
+        The next piece begins at the last position of this piece.
+        """
         found = self._points
         if len(found) > 1:
             self.pieces += 1

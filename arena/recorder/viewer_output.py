@@ -1,4 +1,4 @@
-"""Channels of foxglove-sdk: creation by the table of topics, limits of rates, and transmission of messages."""
+"""Output channels of foxglove-sdk: they are created from the table of topics and limit the rate of messages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in bin
 
 
 class Throttle:
-    """Limit of a rate.
+    """Rate limit of a channel.
 
     period_s: shortest mean time between two accepted messages [s]; 0: all are accepted.
     """
@@ -38,7 +38,10 @@ class Throttle:
         self._period_s, self._next_s = period_s, 0.0
 
     def due(self, time_s: float) -> bool:
-        """Return whether a message at this time [s] is accepted. A clock that steps back does not stop the messages."""
+        """Return whether a message at this time [s] may be sent under the rate limit.
+
+        A clock that steps back does not stop the messages.
+        """
         if _EARLY_S < self._next_s - time_s <= self._period_s:
             return False
         began_again = abs(self._next_s - time_s) > self._period_s
@@ -51,7 +54,7 @@ class _Channel(Protocol):
 
 
 class Output:
-    """Channel with the limit of its rate. Sending never blocks.
+    """Output channel with a rate limit. Sending never blocks.
 
     context: context of foxglove-sdk, whose recorder and server receive the messages.  vehicle: name; None for a topic of the arena.
     due: function that returns whether a message at this time [s] is to be sent.  log: function that sends a message.
@@ -72,17 +75,19 @@ class Output:
         self.log(message, log_time=nanoseconds(time_s))
 
     def send_numbers(self, time_s: float, *values: float) -> None:
-        """Send the values of all fields of a message of numbers.
+        """Send a message that consists of numbers only: the values of all its fields, in their order.
 
         time_s: log time [s].
         """
         if self._pack is None:
-            raise TypeError("send_numbers: the messages of this topic do not consist of numbers; use send")
+            raise TypeError(
+                "send_numbers: the messages of this topic contain more than numbers: call send() instead"
+            )
         self.log(self._pack(*values), log_time=nanoseconds(time_s))
 
 
 def _channel(context: Context, name: str, topic: Topic) -> _Channel:
-    """Create a channel.
+    """Create a channel of foxglove-sdk.
 
     name: topic of the channel.
     topic: its row of the table.

@@ -13,7 +13,7 @@ _EAST, _NORTH, _UP = "xyz"  # axes of the frame `arena`
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnVehicle:
-    """Vehicle in a layout.
+    """Vehicle that a viewer layout shows.
 
     simulated: it has true poses; else its captured poses are drawn.
     rotors: number of rotors.
@@ -26,7 +26,7 @@ class DrawnVehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """Curve of a plot.
+    """Curve of a plot: the plotted topic and fields, label and colour.
 
     topic: name of the topic.
     fields: names of the nested fields.
@@ -40,18 +40,18 @@ class Curve:
 
     @property
     def foxglove(self) -> str:
-        """Return the path of the values for Foxglove: `/uav1/attitude.yaw`."""
+        """Path of the plotted values in Foxglove's notation, such as `/uav1/attitude.yaw`."""
         return ".".join((self.topic, *self.fields))
 
     @property
     def plotjuggler(self) -> str:
-        """Return the name of the curve in PlotJuggler: `/uav1/attitude/yaw`."""
+        """Name of the curve in PlotJuggler's notation, such as `/uav1/attitude/yaw`."""
         return "/".join((self.topic, *self.fields))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plot:
-    """Plot with its curves."""
+    """Plot with a title and its curves."""
 
     title: str
     curves: tuple[Curve, ...]
@@ -64,7 +64,7 @@ def _curve(vehicle: DrawnVehicle, content: Content, field: str, label: str, colo
 
 
 def _position(vehicle: DrawnVehicle, title: str, axis: str) -> Plot:
-    """Return a plot of one coordinate: estimate, setpoint, and true or captured position."""
+    """Return the plot of one coordinate: estimate, setpoint, and the true or captured position."""
     actual = (Content.TRUE_POSE, "truth") if vehicle.simulated else (Content.CAPTURED_POSE, "captured")
     shown = (
         (Content.ESTIMATED_POSE, "estimate", "estimate"),
@@ -79,7 +79,7 @@ def _position(vehicle: DrawnVehicle, title: str, axis: str) -> Plot:
 
 
 def position_plots(vehicle: DrawnVehicle) -> tuple[Plot, ...]:
-    """Return the plots of actual against desired: north, east, height and yaw."""
+    """Return the plots of actual and desired values of north, east, height and yaw."""
     yaw = (
         _curve(vehicle, Content.ATTITUDE, "yaw", "estimate", _COLOURS["estimate"]),
         _curve(vehicle, Content.POSITION_SETPOINT, "yaw", "setpoint", _COLOURS["setpoint"]),
@@ -93,7 +93,7 @@ def position_plots(vehicle: DrawnVehicle) -> tuple[Plot, ...]:
 
 
 def control_plots(vehicle: DrawnVehicle) -> tuple[Plot, ...]:
-    """Return the plots of attitude against its setpoint, motor outputs, battery and age of the poses."""
+    """Return the plots of attitude with its setpoint, motor outputs, battery, and pose age."""
     found = []
     for angle in ("roll", "pitch"):
         curves = (

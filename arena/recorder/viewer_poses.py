@@ -1,4 +1,4 @@
-"""Poses and frames for Foxglove: conversion from NED and FRD to the frames of the 3D view, and the messages with poses. Pure.
+"""Poses for Foxglove, converted from NED and FRD to the frames of its 3D view. Pure.
 
 The root frame is `arena`: z up, x east, y north, origin at the centre of the floor. Each vehicle has a body frame with x forward,
 y left, z up: `<vehicle>` (estimate), `<vehicle>/truth` and `<vehicle>/mocap`.
@@ -28,17 +28,17 @@ Quad = tuple[float, float, float, float]
 
 
 def nanoseconds(time_s: float) -> int:
-    """Return a time [s] in nanoseconds, as `log_time` of a message."""
+    """Convert a time [s] to nanoseconds, as `log_time` of a message."""
     return max(0, round(time_s * 1e9))
 
 
 def timestamp(time_s: float) -> Timestamp:
-    """Return a time [s] as the timestamp in a message."""
+    """Convert a time [s] to the Timestamp type of foxglove-sdk."""
     return Timestamp(*divmod(nanoseconds(time_s), 1_000_000_000))
 
 
 def duration(time_s: float) -> Duration:
-    """Return a duration [s]."""
+    """Convert a duration [s] to the Duration type of foxglove-sdk."""
     return Duration(*divmod(round(time_s * 1e9), 1_000_000_000))
 
 
@@ -52,7 +52,7 @@ def arena_position(p_n: Sequence[float]) -> Triple:
 
 
 def arena_attitude(q_nb: Sequence[float]) -> Quad:
-    """Convert an attitude from FRD in NED to FLU in the frame `arena`; wxyz (4,).
+    """Convert an attitude quaternion from FRD in NED to FLU in the frame `arena`.  wxyz (4,).
 
     It is `arena.geometry.q_wf_from_q_nb` written out for one vehicle in plain floats; a test compares both.
     """
@@ -61,7 +61,7 @@ def arena_attitude(q_nb: Sequence[float]) -> Quad:
 
 
 def point(p_n: Sequence[float]) -> Point3:
-    """Return a position in the frame `arena`.
+    """Convert a position from NED to a Foxglove point in the frame `arena`.
 
     p_n: [m] [NED] (3,).
     """
@@ -70,7 +70,7 @@ def point(p_n: Sequence[float]) -> Point3:
 
 
 def vector(p_n: Sequence[float]) -> Vector3:
-    """Return a position in the frame `arena` as a vector.
+    """Convert a position from NED to a Foxglove vector in the frame `arena`.
 
     p_n: [m] [NED] (3,).
     """
@@ -79,7 +79,7 @@ def vector(p_n: Sequence[float]) -> Vector3:
 
 
 def quaternion(q_nb: Sequence[float]) -> Quaternion:
-    """Return the attitude of a body in the frame `arena`.
+    """Convert an attitude quaternion to a Foxglove quaternion in the frame `arena`.
 
     q_nb: [-] wxyz (4,).
     """
@@ -88,7 +88,7 @@ def quaternion(q_nb: Sequence[float]) -> Quaternion:
 
 
 def pose_in_arena(p_n: Sequence[float], q_nb: Sequence[float], time_s: float) -> PoseInFrame:
-    """Return a pose in the frame `arena`.
+    """Return the Foxglove message of a pose in the frame `arena`.
 
     p_n: position of the body origin [m] [NED] (3,).  q_nb: attitude [-] wxyz (4,).  time_s: log time [s].
     """
@@ -99,7 +99,7 @@ def pose_in_arena(p_n: Sequence[float], q_nb: Sequence[float], time_s: float) ->
 def pose_and_transform(
     frame: str, p_n: Sequence[float], q_nb: Sequence[float], log_time: int
 ) -> tuple[PoseInFrame, FrameTransform] | None:
-    """Return a pose in the frame `arena`, and the transform from this frame to the body frame; None if a number is not finite.
+    """Return a pose and the transform from the frame `arena` to the body frame, or None for non-finite numbers.
 
     frame: name of the body frame.  p_n, q_nb: as in `pose_in_arena`.  log_time: log time [ns].
     This is `pose_in_arena` written out, because it runs 75 times a second for each vehicle.

@@ -1,4 +1,6 @@
-"""3D scene for Foxglove: the room with floor, walls and geofence, a model of each vehicle, and pieces of flown and desired paths. Pure.
+"""3D scene for Foxglove: the room, a model of each vehicle, and flown and planned paths. Pure.
+
+The room has a floor, walls and a geofence.
 
 The room stands in the frame `arena`, and each model in the body frame of its vehicle. `viewer_poses` describes these frames.
 """
@@ -52,7 +54,7 @@ Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleShape:
-    """Dimensions of a vehicle, from its profile.
+    """Dimensions of a vehicle, read from its profile.
 
     rotors: position of each rotor [m] [FRD].  rotor_radius_m: radius of the propellers [m].  height_m: height of the vehicle [m].
     """
@@ -84,7 +86,7 @@ def shape_of(raw: Mapping[str, Any]) -> VehicleShape:
 def room_scene(
     size_m: Sequence[float], fence: Box | None, time_s: float, obstacles: Sequence[Obstacle] = ()
 ) -> SceneUpdate:
-    """Return the room: floor with tiles of 1 m, edges of walls and ceiling, direction of north, geofence and obstacles.
+    """Return the 3D scene of the room: floor with tiles of 1 m, edges, north arrow, geofence and obstacles.
 
     size_m: north, east, height [m].  time_s: log time [s].
     fence: smallest and largest north, east and height of the geofence [m]; None without a geofence.
@@ -110,7 +112,7 @@ def room_scene(
 
 
 def vehicle_model(name: str, shape: VehicleShape, time_s: float) -> SceneUpdate:
-    """Return the model of a vehicle in its body frame: body, arms, propellers (red: front) and name.
+    """Return the 3D model of a vehicle in its body frame: body, arms, propellers (front ones red) and name.
 
     name: name of the vehicle and of its body frame.  time_s: log time [s].
     """
@@ -144,7 +146,7 @@ def vehicle_model(name: str, shape: VehicleShape, time_s: float) -> SceneUpdate:
 def path_piece(
     name: str, number: int, points: Iterable[Sequence[float]], time_s: float, *, desired: bool
 ) -> SceneUpdate:
-    """Return a piece of the path of a vehicle, which disappears after `TRAIL_S`.
+    """Return one piece of a vehicle's path as a 3D line. Viewers remove it after `TRAIL_S` seconds.
 
     name: name of the vehicle.  number: number of the piece.  points: positions [m] [NED] (3,) each.
     desired: piece of the setpoints' path instead of the flown path.  time_s: log time [s].
@@ -163,7 +165,7 @@ def path_piece(
 
 
 def planned_path(name: str, points: Iterable[Sequence[float]], time_s: float) -> SceneUpdate:
-    """Return the planned path of a vehicle, which replaces the one before.
+    """Return the planned path of a vehicle as a 3D line. It replaces the previous planned path.
 
     name: name of the vehicle.  points: positions [m] [NED] (3,) each; none removes the path.  time_s: log time [s].
     """
@@ -187,7 +189,7 @@ def _entity(
     lifetime_s: float = 0.0,
     **primitives: Any,
 ) -> SceneEntity:
-    """Return an entity of the scene.
+    """Return an entity (a named object) of the 3D scene.
 
     locked: it moves with its frame.
     lifetime_s: 0 means until it is replaced [s].
@@ -211,7 +213,7 @@ def _pose(x: float, y: float, z: float, turned: Quaternion = _ALONG) -> Pose:
 
 
 def _lines(points: list[Point3], colour: Colour, thickness_px: float) -> LinePrimitive:
-    """Return separate lines.
+    """Return a set of separate straight lines.
 
     points: begin and end of each line.
     """
@@ -246,7 +248,7 @@ def _floor(north: float, east: float) -> CubePrimitive:
 
 
 def _tiles(north: float, east: float) -> list[Point3]:
-    """Return begin and end of the lines between the tiles of the floor."""
+    """Return the start and end points of the lines between the floor tiles."""
     found = []
     for k in range(-min(int(east / 2), _MAX_TILES), min(int(east / 2), _MAX_TILES) + 1):
         found += [Point3(x=k * _TILES_M, y=side * north / 2, z=0.0) for side in (-1, 1)]
@@ -256,7 +258,7 @@ def _tiles(north: float, east: float) -> list[Point3]:
 
 
 def _edges(box: Box) -> list[Point3]:
-    """Return begin and end of the twelve edges of a box.
+    """Return the start and end points of the twelve edges of a box.
 
     box: smallest and largest north, east and height [m].
     """
@@ -300,7 +302,7 @@ def _name_text(name: str, shape: VehicleShape) -> TextPrimitive:
 
 
 def _propeller(rotor: Triple, radius_m: float) -> CylinderPrimitive:
-    """Return the disc of a propeller.
+    """Return the disc that represents a propeller.
 
     rotor: its position [m] [FRD].
     """

@@ -22,7 +22,7 @@ _USUAL_ROTORS = 4
 
 
 def viewer_channels(settings: Mapping[str, Any], context: Context) -> FoxgloveChannels:
-    """Return the channels for viewers.
+    """Return the output channels for viewers.
 
     settings: slice of the recorder.
     context: the channels are created in this context.
@@ -62,7 +62,7 @@ def write_layouts(settings: Mapping[str, Any], folder: Path) -> None:
 
 
 def open_server(settings: Mapping[str, Any], context: Context) -> FoxgloveServer | None:
-    """Return the WebSocket server for Foxglove; None if the slice has none.
+    """Return the WebSocket server for Foxglove, or None if it is not configured.
 
     settings: slice of the recorder.
     """
@@ -79,7 +79,7 @@ def open_server(settings: Mapping[str, Any], context: Context) -> FoxgloveServer
 
 
 def _rotors(vehicle: Mapping[str, Any]) -> int:
-    """Return the number of rotors of a vehicle; 4 if its shape is unknown."""
+    """Return the number of rotors of a vehicle, or 4 if its shape is unknown."""
     shape = vehicle.get("shape")
     return len(shape["rotors_m"]) if shape else _USUAL_ROTORS
 

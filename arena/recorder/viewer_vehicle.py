@@ -1,4 +1,6 @@
-"""Channels of one vehicle for Foxglove and PlotJuggler. Converts MAVLink datagrams, captured poses and true states to messages.
+"""Output channels of one vehicle for Foxglove and PlotJuggler.
+
+They convert MAVLink datagrams, captured poses and true states to messages.
 
 Messages of a topic with a limited rate are decoded only when they are published. No sockets, no clocks.
 """
@@ -52,7 +54,7 @@ _Handler = Callable[[Any, float], None]
 
 
 class VehicleChannels:
-    """Channels of one vehicle.
+    """Output channels of one vehicle for viewers.
 
     context: context of foxglove-sdk.  name, system_id: name and MAV_SYS_ID of the vehicle.
     shape: its dimensions; None without a model.
@@ -87,7 +89,7 @@ class VehicleChannels:
     # -- received data
 
     def on_datagram(self, up: bool, data: bytes, time_s: float) -> None:
-        """Publish the content of a MAVLink datagram.
+        """Publish the content of a MAVLink datagram to viewers.
 
         up: it was sent to the vehicle.
         time_s: time of reception [s].
@@ -114,7 +116,7 @@ class VehicleChannels:
                 publish(decode(data, frame), time_s)
 
     def _take_references(self, data: bytes, time_s: float) -> None:
-        """Publish the references and planned paths of the user program in a datagram to the vehicle."""
+        """Publish the references and planned paths in a datagram that a user program sent to the vehicle."""
         if may_contain_path(data):
             self._plan_changed |= self._plan.on_datagram(data)
             return
@@ -127,7 +129,9 @@ class VehicleChannels:
                 self._reference(decoder(_REFERENCE)(data, frame), time_s, Content.PROGRAM_REFERENCE)
 
     def on_pose(self, p_n: Sequence[float], q_nb: Sequence[float], time_s: float) -> None:
-        """Publish a pose from the motion capture. `poses` counts the poses that are not published, too.
+        """Publish a captured pose of the vehicle, at a limited rate.
+
+        `poses` also counts the poses that are not published.
 
         p_n: position [m] [NED] (3,).  q_nb: attitude [-] wxyz (4,).  time_s: time of reception [s].
         """
@@ -142,11 +146,13 @@ class VehicleChannels:
         self._send_pose(Content.TRUE_POSE, f"{self._name}/truth", p_n, q_nb, time_s)
 
     def output(self, content: Content) -> Output:
-        """Return the channel of a topic."""
+        """Return the channel of one kind of content."""
         return self._out[content]
 
     def send_model(self, time_s: float) -> None:
-        """Publish the model of the vehicle, unless its shape is unknown, and its planned path.
+        """Publish the 3D model of the vehicle and its planned path.
+
+        Without a known shape, no model is published.
 
         time_s: log time [s].
         """
@@ -155,7 +161,7 @@ class VehicleChannels:
             self._out[Content.MODEL].send(vehicle_model(self._name, self._shape, time_s), time_s)
 
     def send_rates(self, time_s: float, period_s: float) -> None:
-        """Publish traffic, health of the poses, and the new pieces of the paths.
+        """Publish the traffic, the health of the poses, and the new pieces of the flown paths.
 
         period_s: time since the last call [s].
         """
@@ -278,14 +284,14 @@ class VehicleChannels:
 
 
 def only_message(data: bytes) -> int | None:
-    """Return the message id of a datagram with one frame of MAVLink 2, which is not signed; None for other datagrams."""
+    """Return the message id of a datagram that contains a single unsigned MAVLink 2 frame, else None."""
     if len(data) < _SHORTEST or data[0] != _MAGIC or len(data) != _SHORTEST + data[1] or data[2]:
         return None
     return data[7] | data[8] << 8 | data[9] << 16
 
 
 def _output(pwm: float) -> float:
-    """Return an output 0..1 from a pulse width [us]; NaN for an unused output, whose pulse width is 0."""
+    """Convert a pulse width [us] to a motor output 0..1, or to NaN for an unused output (pulse width 0)."""
     return min(max((pwm - _PWM_MIN) / _PWM_SPAN, 0.0), 1.0) if pwm else _NAN
 
 
@@ -294,7 +300,7 @@ def _always(time_s: float) -> bool:
 
 
 def _handlers(v: VehicleChannels) -> dict[int, tuple[_Due, _Decode, _Handler]]:
-    """Return for each message id: whether a message is published now, its decoder, and the function that publishes it."""
+    """Return a dictionary: message id -> (rate limit, decoder, function that publishes the message)."""
 
     def limited(content: Content, handler: _Handler) -> tuple[_Due, _Handler]:
         return v.output(content).due, handler

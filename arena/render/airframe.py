@@ -1,4 +1,4 @@
-"""Faces of a multirotor in body axes, made from the places of its rotors. Pure."""
+"""3D model of a multirotor: flat faces in body axes, computed from the positions of its rotors. Pure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SHARE_OF_GAP = 0.46  # radius of a propeller disc as a share of the distance to
 
 @dataclass(frozen=True, kw_only=True)
 class Airframe:
-    """Places of the rotors, and sizes of a multirotor.
+    """Rotor positions and dimensions of a multirotor.
 
     rotors_b: places of the rotors [m] [FRD] (r, 3).  disc_m: radius of a propeller [m].
     below_m: height of the body origin above the lowest point [m].
@@ -31,13 +31,13 @@ class Airframe:
 
     @property
     def radius_m(self) -> float:
-        """Distance from the body origin to the outer edge of the propellers, seen from above [m]."""
+        """Largest horizontal distance from the body origin to the edge of a propeller [m]."""
         return float(np.hypot(self.rotors_b[:, 0], self.rotors_b[:, 1]).max()) + self.disc_m
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mesh:
-    """Faces of an airframe.
+    """Triangles and polygons that form the 3D model of an airframe.
 
     points_b: corners of all faces [m] [FRD] (k, 3).  corners: rows of `points_b` of each face.
     normals_b: outward unit vector of each face [FRD] (f, 3).  two_sided: faces that are visible from both sides (f,).
@@ -60,7 +60,7 @@ class Mesh:
 def airframe(
     rotors_b: Sequence[Sequence[float]], *, disc_m: float | None = None, below_m: float = 0.06
 ) -> Airframe:
-    """Return an airframe.
+    """Return the dimensions of a multirotor whose rotor positions are given.
 
     rotors_b: places of the rotors [m] [FRD].
     disc_m: radius of a propeller [m]; None: made from the gaps.
@@ -75,7 +75,7 @@ def airframe(
 
 
 def default_airframe() -> Airframe:
-    """Return a quadrotor in X configuration, for logs that do not contain the places of the rotors."""
+    """Return a quadrotor in X configuration, for logs without rotor positions."""
     return airframe([(x, y, -0.02) for x, y in ((0.16, 0.16), (-0.16, -0.16), (0.16, -0.16), (-0.16, 0.16))])
 
 
@@ -87,7 +87,7 @@ class _Builder:
         self.rest: list[tuple[bool, int, int, Paint]] = []
 
     def face(self, points: Array, outward: Array, unit: int, level: int, paint: Paint) -> None:
-        """Add one flat face.
+        """Add one flat face to the 3D model.
 
         outward: a vector to the outside (3,); zeros: visible from both sides.
         """
@@ -102,7 +102,7 @@ class _Builder:
     def prism(
         self, low: Array, high: Array, unit: int, level: int, paint: Paint, *, bottom: bool = True
     ) -> None:
-        """Add a prism between two rings of corners [m] [FRD] (n, 3).
+        """Add a prism between two rings of corners to the 3D model. Each ring is [m] [FRD] (n, 3).
 
         bottom: with the ring `low` as a face.
         """
@@ -116,7 +116,7 @@ class _Builder:
             self.face(low, low.mean(axis=0) - middle, unit, level, paint)
 
     def bar(self, start: Array, end: Array, half_m: float, unit: int, level: int, paint: Paint) -> None:
-        """Add a bar with a square section between two points [m] [FRD] (3,).
+        """Add a bar with a square cross-section between two points [m] [FRD] (3,).
 
         half_m: half its thickness [m].
         """
@@ -135,7 +135,7 @@ def _ring(place: Array, radius: float, corners: int, turn: float = 0.0) -> Array
 
 
 def mesh(frame: Airframe) -> Mesh:
-    """Return the faces of an airframe: body, canopy, legs, and for each rotor an arm, a motor and a propeller disc."""
+    """Return the 3D model of an airframe: body, canopy, legs, and an arm, a motor and a disc per rotor."""
     made, none = _Builder(), np.zeros(3)
     reach = float(np.hypot(frame.rotors_b[:, 0], frame.rotors_b[:, 1]).max())
     top = float(frame.rotors_b[:, 2].min())  # rotors above the body have a negative z

@@ -1,4 +1,7 @@
-"""The room behind the vehicles: sky, floor with a grid, far walls and edges. Drawn once per camera position."""
+"""The empty room behind the vehicles: sky, floor with a grid, far walls and edges.
+
+It is drawn once per camera position.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ MAX_GRID_LINES = 80
 
 @dataclass(frozen=True, kw_only=True)
 class Room:
-    """A box with its floor at D = 0.
+    """Box-shaped room with its floor at D = 0 [NED].
 
     low, high: north and east of its corners [m] [NED] (2,).
     height_m: [m]; None: unknown.
@@ -40,7 +43,10 @@ class Room:
 
 
 def grid_step_m(room: Room) -> float:
-    """Return the distance of the grid lines [m]: 1, 5, 10, 50, ... so that there are at most MAX_GRID_LINES."""
+    """Return the distance between grid lines [m]: 1, 5, 10, 50 ...
+
+    Larger rooms get larger distances, so that there are at most MAX_GRID_LINES lines.
+    """
     longest, step, factors = max(np.subtract(room.high, room.low)), 1.0, (5.0, 2.0)
     k = 0
     while longest / step > MAX_GRID_LINES:
@@ -49,7 +55,7 @@ def grid_step_m(room: Room) -> float:
 
 
 def backdrop(room: Room, camera: Camera, line_px: float) -> tuple[Image.Image, Image.Image]:
-    """Return the picture of the empty room, and a mask of its floor.
+    """Return the picture of the empty room, and a mask of the pixels that show its floor.
 
     camera: camera with the size of the picture.  line_px: width of thin lines [px].
     """
@@ -97,7 +103,7 @@ def _sky(camera: Camera) -> Image.Image:
 
 
 def _floor_shade(picture: Image.Image, camera: Camera, room: Room) -> Image.Image:
-    """Return the floor's colour for every pixel: brighter around its centre, as under a lamp."""
+    """Return the floor's colour for every pixel, brightest at the centre of the floor."""
     centre = np.array([*(np.add(room.low, room.high) / 2), 0.0])
     half = 0.5 * float(np.hypot(*np.subtract(room.high, room.low)))
     small = (picture.width // 8, picture.height // 8)
@@ -123,7 +129,7 @@ def _grid(draw: ImageDraw.ImageDraw, room: Room, camera: Camera, line_px: float)
 
 
 def _walls(draw: ImageDraw.ImageDraw, room: Room, camera: Camera, line_px: float) -> None:
-    """Draw the walls whose inner side faces the camera, and the edges of walls and ceiling."""
+    """Draw the walls whose inner side faces the camera, and the edges of all walls and of the ceiling."""
     if room.height_m is None:
         return
     floor, up = room.floor, np.array([0.0, 0.0, -room.height_m])

@@ -1,4 +1,4 @@
-"""A pinhole camera in the room: points [m] [NED] to pixels. Pure."""
+"""Pinhole camera that projects points in the room [m] [NED] to pixels. Pure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FIELD_OF_VIEW_DEG = 34.0
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A camera at `eye` that looks along `forward`.
+    """Pinhole camera at the position `eye` that looks in the direction `forward`.
 
     eye: position [m] [NED] (3,).  axes: right, down, forward of the picture as unit vectors [NED] (3, 3).
     width, height: size of the picture [px].
@@ -30,7 +30,7 @@ class Camera:
 
     @property
     def focal_px(self) -> float:
-        """Focal length [px]."""
+        """Focal length of the camera [px]."""
         return float(0.5 * self.height / np.tan(np.radians(0.5 * FIELD_OF_VIEW_DEG)))
 
     def depth(self, points_n: ArrayLike) -> Array:
@@ -41,7 +41,7 @@ class Camera:
         return np.asarray((np.asarray(points_n, float) - self.eye) @ self.axes[2])
 
     def project(self, points_n: ArrayLike) -> Array:
-        """Return the pixels of points: x to the right, y down, origin at the top left corner of the picture (..., 2).
+        """Project points [NED] to pixels: x to the right, y down, origin at the top left corner of the picture (..., 2).
 
         points_n: points [m] [NED] (..., 3). The result of points with a depth of NEAR_M or less has no meaning.
         """
@@ -50,7 +50,7 @@ class Camera:
         return np.asarray(self.focal_px * seen[..., :2] / depth + (0.5 * self.width, 0.5 * self.height))
 
     def pixels_per_metre(self, point_n: ArrayLike) -> float:
-        """Return the length of one metre at a point, across the direction of view [px].
+        """Return how many pixels one metre at a given point takes, perpendicular to the direction of view [px].
 
         point_n: [m] [NED] (3,).
         """
@@ -58,7 +58,7 @@ class Camera:
 
 
 def axes_of(azimuth_deg: float, elevation_deg: float) -> Array:
-    """Return right, down and forward of a camera as unit vectors [NED] (3, 3).
+    """Return the axes of a camera (right, down, forward) as unit vectors [NED] (3, 3).
 
     azimuth_deg: direction from the room to the camera, clockwise from north: 180 is a camera in the south.
     elevation_deg: height of the camera above the horizon, seen from the room: 90 looks straight down.
@@ -72,7 +72,7 @@ def axes_of(azimuth_deg: float, elevation_deg: float) -> Array:
 def fit(
     points_n: Array, azimuth_deg: float, elevation_deg: float, size: tuple[int, int], *, margin: float = 0.06
 ) -> Camera:
-    """Return the nearest camera with this direction of view that has all points in its picture.
+    """Return the nearest camera with a given direction of view that shows all given points.
 
     points_n: points that must be visible [m] [NED] (n, 3).  size: width and height of the picture [px].
     margin: free border, as a share of the width and of the height.
@@ -93,7 +93,7 @@ def fit(
 def distance_to_see(
     points_n: Array, centre_n: Array, axes: Array, size: tuple[int, int], *, margin: float = 0.06
 ) -> float:
-    """Return the smallest distance [m] from which a camera that looks at `centre_n` sees all points.
+    """Return the smallest distance [m] from `centre_n` at which a camera shows all given points.
 
     points_n: [m] [NED] (n, 3).  centre_n: [m] [NED] (3,).  axes: right, down, forward of the camera (3, 3).
     size: width and height of the picture [px].  margin: free border, as a share of the width and of the height.
@@ -103,13 +103,13 @@ def distance_to_see(
 
 
 def _slopes(size: tuple[int, int], margin: float) -> Array:
-    """Return the tangents of the angles from the axis to the right and lower border, without the margin (2,)."""
+    """Return the tangents of the horizontal and vertical half angles of view, reduced by the margin (2,)."""
     slope = np.tan(np.radians(0.5 * FIELD_OF_VIEW_DEG)) * (1.0 - 2.0 * margin)
     return np.array([slope * size[0] / size[1], slope])
 
 
 def look_at(eye: ArrayLike, target: ArrayLike, size: tuple[int, int]) -> Camera:
-    """Return a camera at a point that looks at another point.
+    """Return a camera at one point that looks at a second point.
 
     eye, target: [m] [NED] (3,).
     size: width, height [px].
@@ -123,7 +123,7 @@ def look_at(eye: ArrayLike, target: ArrayLike, size: tuple[int, int]) -> Camera:
 
 
 def clip(camera: Camera, points_n: Array, *, closed: bool) -> Array:
-    """Return the part of a polygon or polyline in front of the camera, as points [m] [NED] (k, 3).
+    """Return the part of a polygon or polyline that is in front of the camera [m] [NED] (k, 3).
 
     points_n: corners [m] [NED] (n, 3).  closed: whether the last corner is connected with the first.
     A polyline that leaves and enters the front again gets a straight connection.

@@ -1,4 +1,4 @@
-"""Draws the pictures of a film in several processes, and writes them to a file: mp4, gif or png."""
+"""Draws the pictures of a film in several processes and writes them to a file (mp4, gif or png)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,9 @@ Progress = Callable[[int, int], None]
 
 
 def write_film(script: Script, file: Path, *, fps: float, jobs: int, progress: Progress) -> None:
-    """Draw all pictures of a film and write them to `file`, an .mp4 or a .gif. A file with this name is replaced at the end.
+    """Draw all pictures of a film and write them to an .mp4 or .gif file.
+
+    An existing file of this name is replaced when the new file is complete.
 
     fps: pictures per second of film.  jobs: number of processes that draw.
     Raises NotInstalledError if the package that writes mp4 is missing, and RunError if the file cannot be written.
@@ -59,7 +61,11 @@ def write_picture(picture: Image.Image, file: Path) -> None:
 
 
 def check_output(file: Path) -> None:
-    """Raise InputError if `file` has no supported ending or its folder does not exist, NotInstalledError if its writer is missing."""
+    """Check the output file of `arena render` before drawing begins.
+
+    Raises InputError if the file ending is not supported or the folder does not exist.
+    Raises NotInstalledError if the package that writes the format is missing.
+    """
     if file.suffix not in KINDS:
         raise InputError(f"-o {file}: expected a file name that ends with {', '.join(KINDS)}")
     if not file.parent.is_dir():
@@ -73,8 +79,8 @@ def _ffmpeg() -> Any:
         import imageio_ffmpeg
     except ImportError as error:
         raise NotInstalledError(
-            "mp4 files need the package imageio-ffmpeg, which contains ffmpeg: pip install 'flying-arena[render]'."
-            " Files with the ending .gif and .png do not need it"
+            "writing mp4 files needs the package imageio-ffmpeg, which contains ffmpeg: pip install 'flying-arena[render]'."
+            " It is not needed for .gif and .png files"
         ) from error
     return imageio_ffmpeg
 
@@ -82,7 +88,11 @@ def _ffmpeg() -> Any:
 def pictures(
     script: Script, numbers: Sequence[int], jobs: int, palette: Image.Image | None = None
 ) -> Iterator[bytes]:
-    """Draw pictures in `jobs` processes and yield them in order: RGB, or indexes of `palette`, row by row."""
+    """Draw pictures in several processes and yield them in order.
+
+    jobs: number of processes.
+    Each picture has RGB values, or indices of `palette`, row by row.
+    """
     if jobs <= 1 or len(numbers) < 2 * jobs:
         _start(script, palette)
         yield from map(_draw, numbers)
@@ -172,7 +182,9 @@ def _write_gif(script: Script, file: Path, fps: float, jobs: int, progress: Prog
 
 
 def _palette(script: Script) -> Image.Image:
-    """Return an image with the common palette of a film, made from some of its pictures. One palette keeps the file small.
+    """Return an image with one common colour palette for a whole film.
+
+    It is made from some of the pictures. One palette keeps the file small.
 
     Vivid colours are few pixels, so they get their own part of the palette. Else the grey room would use all of it.
     """
@@ -190,7 +202,10 @@ def _palette(script: Script) -> Image.Image:
 
 
 def _main_colours(pixels: NDArray[np.uint8], count: int) -> list[int]:
-    """Return at most `count` colours that represent pixels (n, 3), as a list r, g, b, r, g, b, ..."""
+    """Return at most `count` colours that best represent some pixels (n, 3).
+
+    The result is a list r, g, b, r, g, b, ...
+    """
     if not len(pixels):
         return []
     line = Image.fromarray(np.ascontiguousarray(pixels)[None])

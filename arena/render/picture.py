@@ -1,4 +1,4 @@
-"""A picture of a film: the room, and in it shadows, trails, setpoints, vehicles and their names.
+"""Picture of a film: the room with the vehicles, their shadows, trails, setpoints and names.
 
 Pictures are drawn at SUPERSAMPLING times their size and then reduced, which smooths all edges. Texts are drawn afterwards.
 """
@@ -30,7 +30,7 @@ _BLADE_STEP_RAD = 2.1  # turn of the propellers between two pictures
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """A vehicle in one picture.
+    """State of one vehicle in one picture of a film.
 
     p_n: position [m] [NED] (3,).  q_nb: attitude wxyz (4,).  ref_n: position reference [m] [NED] (3,); None if there is none.
     trail_n: earlier positions, oldest first [m] [NED] (k, 3).  label: lines of text.  spinning: propellers turn.
@@ -51,7 +51,7 @@ class Body:
 def draw_picture(
     room: Room, camera: Camera, bodies: Sequence[Body], *, index: int, heading: Sequence[str]
 ) -> Image.Image:
-    """Return one picture of the size of the camera.
+    """Draw one picture of a film, in the size of the camera's picture.
 
     index: number of the picture, from which the angles of the propellers are made.  heading: lines at the top left.
     """
@@ -96,7 +96,10 @@ _rooms: dict[bytes, tuple[Image.Image, Image.Image]] = {}
 
 
 def _room(room: Room, camera: Camera, line_px: float) -> tuple[Image.Image, Image.Image]:
-    """Return picture and floor mask of the empty room. The last one is kept for cameras that do not move."""
+    """Return the picture of the empty room and the mask of its floor.
+
+    The last result is cached for cameras that do not move.
+    """
     key = repr((room, camera.width, camera.height)).encode() + camera.eye.tobytes() + camera.axes.tobytes()
     if key not in _rooms:
         _rooms.clear()
@@ -110,7 +113,7 @@ def _mesh(rotors: bytes, disc_m: float, below_m: float) -> Mesh:
 
 
 def mesh_of(frame: Airframe) -> Mesh:
-    """Return the faces of an airframe. Equal airframes share them."""
+    """Return the 3D model of an airframe. Equal airframes share one model."""
     return _mesh(np.ascontiguousarray(frame.rotors_b).tobytes(), frame.disc_m, frame.below_m)
 
 
@@ -120,7 +123,7 @@ def corners_n(body: Body) -> Array:
 
 
 def _shadows(picture: Image.Image, floor: Image.Image, camera: Camera, bodies: Sequence[Body]) -> None:
-    """Draw dark shapes on the floor straight below the vehicles. The shadow shows where the vehicle is."""
+    """Draw dark shapes on the floor straight below the vehicles. They show the horizontal positions."""
     reduced = 4
     mask = Image.new("L", (picture.width // reduced, picture.height // reduced))
     draw = ImageDraw.Draw(mask)
@@ -153,7 +156,10 @@ def _shadows(picture: Image.Image, floor: Image.Image, camera: Camera, bodies: S
 
 
 def _trail(draw: ImageDraw.ImageDraw, camera: Camera, body: Body, line_px: float) -> None:
-    """Draw the trail, older parts thinner and darker. Points that are nearly at the same pixel are left out."""
+    """Draw the flown path behind a vehicle. Older parts are thinner and darker.
+
+    Points that fall on nearly the same pixel are left out.
+    """
     points = body.trail_n[camera.depth(body.trail_n) > NEAR_M]
     if len(points) < 2:
         return
@@ -168,7 +174,7 @@ def _trail(draw: ImageDraw.ImageDraw, camera: Camera, body: Body, line_px: float
 
 
 def _setpoint(draw: ImageDraw.ImageDraw, camera: Camera, body: Body, line_px: float, *, drop: bool) -> None:
-    """Draw a ring with a cross at the setpoint, and a line to it.
+    """Draw a ring with a cross at the position setpoint, and a line from the vehicle to it.
 
     drop: also draw a line from the vehicle to the floor.
     """
@@ -187,7 +193,7 @@ def _setpoint(draw: ImageDraw.ImageDraw, camera: Camera, body: Body, line_px: fl
 
 
 def _vehicle(picture: Image.Image, draw: ImageDraw.ImageDraw, camera: Camera, body: Body, index: int) -> None:
-    """Draw the faces of a vehicle from the farthest to the nearest."""
+    """Draw the faces of a vehicle, the farthest face first."""
     if camera.depth(body.p_n) <= body.airframe.radius_m + NEAR_M:
         return
     colour = (150, 154, 162) if body.outdated else body.colour
@@ -210,7 +216,7 @@ def _vehicle(picture: Image.Image, draw: ImageDraw.ImageDraw, camera: Camera, bo
 
 
 def _face_colours(shape: Mesh, rotation: Array, colour: style.Colour) -> list[style.Colour]:
-    """Return the colour of each face under the lamp.
+    """Return the colour of each face of a vehicle as the lamp lights it.
 
     rotation: body to NED (3, 3).
     colour: colour of the vehicle.
@@ -222,7 +228,7 @@ def _face_colours(shape: Mesh, rotation: Array, colour: style.Colour) -> list[st
 
 
 def drawing_order(shape: Mesh, camera: Camera, p_n: Array, rotation: Array) -> list[int]:
-    """Return the visible faces of a vehicle, farthest first.
+    """Return the indices of a vehicle's visible faces, the farthest face first.
 
     p_n: position [m] [NED] (3,).  rotation: body to NED (3, 3).
 
@@ -239,7 +245,7 @@ def drawing_order(shape: Mesh, camera: Camera, p_n: Array, rotation: Array) -> l
 
 
 def _turned(shape: Mesh, index: int) -> Array:
-    """Return the corners of all faces with turned propeller blades [m] [FRD] (k, 3).
+    """Return the corners of all faces, with the propellers rotated for this picture [m] [FRD] (k, 3).
 
     index: number of the picture.
     """
@@ -286,7 +292,9 @@ def _texts(picture: Image.Image, camera: Camera, bodies: Sequence[Body], heading
 def label_places(
     camera: Camera, bodies: Sequence[Body], boxes: Sequence[tuple[float, float]]
 ) -> list[tuple[float, float]]:
-    """Return the middle of the lower edge of each vehicle's label [px]: above the vehicle, moved up if labels overlap.
+    """Return the position of each vehicle's label [px]: middle of its lower edge.
+
+    A label is above its vehicle. It is moved up if it overlaps another label.
 
     boxes: width and height of each label [px].
     """

@@ -1,4 +1,4 @@
-"""All pictures of a film as data: for each picture its camera, its texts and the state of each vehicle. Pure."""
+"""Content of all pictures of a film as data: cameras, texts, and the state of each vehicle. Pure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _STROBES = 14  # vehicles in a picture of a whole flight, at most about this man
 
 @dataclass(frozen=True, kw_only=True)
 class Actor:
-    """A vehicle in a film, with its colour and its state in each picture.
+    """Vehicle in a film, with its colour and its state in each picture.
 
     trail_n: its positions [m] [NED] (k, 3), one every 1 / TRAIL_HZ seconds. They begin `trail_s` before the first picture.
     """
@@ -36,7 +36,7 @@ class Actor:
 
 @dataclass(frozen=True, kw_only=True)
 class Script:
-    """Content of all f pictures of a film. The pictures are drawn from it, one by one.
+    """Content of all pictures of a film, from which they are drawn one by one. f: number of pictures.
 
     recorded: the recorded flights.  times: time of each picture [s] (f,).  cameras: one per picture.  actors: the vehicles.
     speed: flight seconds per second of film.  trail_s: each picture shows the path of a vehicle for this time before it [s].
@@ -50,12 +50,12 @@ class Script:
     trail_s: float
 
     def picture(self, k: int) -> Image.Image:
-        """Draw picture number k."""
+        """Draw picture number k of the film."""
         bodies = [self._body(actor, k) for actor in self.actors]
         return draw_picture(self.recorded.room, self.cameras[k], bodies, index=k, heading=self.heading(k))
 
     def heading(self, k: int) -> list[str]:
-        """Return the lines at the top left of picture k: title, time, and the modes if there are many vehicles."""
+        """Return the text lines at the top left of picture k: title, time, and number of vehicles per flight mode."""
         clock = f"{self.times[k]:.1f} s"
         if self.speed != 1.0:
             clock += f"   {self.speed:g}x"
@@ -80,7 +80,10 @@ class Script:
 
 
 def picture_times(start_s: float, end_s: float, fps: float, speed: float) -> Array:
-    """Return the time of each picture [s] (f,), at least one: `speed / fps` apart, from start_s up to end_s."""
+    """Return the flight time of each picture [s] (f,). There is at least one picture.
+
+    The times go from start_s up to end_s in steps of `speed / fps`.
+    """
     count = int(np.floor((end_s - start_s) * fps / speed + 1e-9)) + 1
     return np.asarray(start_s + np.arange(max(count, 1)) * speed / fps)
 
@@ -88,7 +91,7 @@ def picture_times(start_s: float, end_s: float, fps: float, speed: float) -> Arr
 def make_script(
     recorded: Recorded, times: Array, view: View, size: tuple[int, int], *, speed: float, trail_s: float
 ) -> Script:
-    """Return the content of all f pictures of a film. Draws no picture.
+    """Return the content of all pictures of a film. Draws no picture.
 
     recorded: the recorded flights.  times: time of each picture [s] (f,).  view: where the camera is.  size: width, height [px].
     speed: flight seconds per second of film.  trail_s: each picture shows the path of a vehicle for this time before it [s].
@@ -112,7 +115,7 @@ def make_script(
 def whole_flight(
     recorded: Recorded, start_s: float, end_s: float, view: View, size: tuple[int, int]
 ) -> Image.Image:
-    """Draw one picture of a whole flight: complete trails, and each vehicle at several moments between start_s and end_s [s]."""
+    """Draw one picture of a whole flight: full paths, and each vehicle at several times between start_s and end_s [s]."""
     count = max(1, _STROBES // len(recorded.tracks))
     times = np.linspace(start_s, end_s, count + 2)[1:-1]
     camera = cameras(view, recorded.tracks, np.array([start_s, end_s]), 1.0, size)[-1]

@@ -1,4 +1,4 @@
-"""Draws the obstacles of a room, and finds which of them hide a vehicle."""
+"""Draws the obstacles of a room, and finds the obstacles that hide a vehicle from the camera."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STEPS = 40
 def draw_obstacles(
     draw: ImageDraw.ImageDraw, camera: Camera, obstacles: Sequence[Obstacle], line_px: float
 ) -> None:
-    """Draw obstacles, the farthest first.
+    """Draw the obstacles of a room, the farthest first.
 
     line_px: width of thin lines [px].
     """
@@ -50,7 +50,9 @@ def hiding(obstacles: Sequence[Obstacle], eye_n: Array, p_n: Array) -> list[Obst
 
 
 def _span(a: Array, b: Array, near: Array, far: Array) -> tuple[float, float]:
-    """Return which part of the line from a to b is inside a box, as shares 0..1.
+    """Return the part of the line from a to b that is inside a box, as two shares 0..1 of the line.
+
+    near, far: corners of the box (3,).
 
     near, far: corners of the box (3,).
     """

@@ -1,4 +1,4 @@
-"""Reads what a film needs from a run folder or from log files: motions, names, room, places of the rotors."""
+"""Reads the data for a film from run folders or log files: motions, names, room, rotor positions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ROUND_M = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """Recorded flights on one clock.
+    """Recorded flights with one common time axis.
 
     title: name of the arena or of the log.
     tracks: vehicles in the order of the plan.
@@ -32,7 +32,7 @@ class Recorded:
 
 
 def load(paths: Sequence[Path], vehicles: Sequence[str] = ()) -> Recorded:
-    """Read run folders and log files of any format.
+    """Read run folders and log files for a film. All log formats are supported.
 
     Logs of one folder are on one clock. Several paths are shown together: each starts at zero, unless their clocks overlap.
     vehicles: names of the vehicles to show; () for all.
@@ -51,7 +51,7 @@ def load(paths: Sequence[Path], vehicles: Sequence[str] = ()) -> Recorded:
     start_s = min(f.t0 for f in shown)
     tracks = tuple(found for f in shown if (found := track(f, start_s, frames.get(f.name))) is not None)
     if not tracks:
-        raise InputError(f"{paths[0]}: the log contains no position, so there is nothing to draw")
+        raise InputError(f"{paths[0]}: the log contains no position of a vehicle, so no picture can be drawn")
     room = next((found.room for found in around if found.room is not None), None)
     return Recorded(title=_title(paths, around), tracks=tracks, room=room or _floor_around(tracks))
 
@@ -62,7 +62,7 @@ def _in_order(flights: Sequence[Flight], names: Sequence[str]) -> list[Flight]:
 
 
 def _on_one_clock(groups: list[list[Flight]]) -> list[list[Flight]]:
-    """Shift each group to time zero if the times of the groups do not overlap, such as those of two runs."""
+    """Shift each run or log to time zero if their time ranges do not overlap."""
     spans = [(min(f.t0 for f in g), max(f.t0 + float(f.t[-1]) for f in g)) for g in groups]
     if max(start for start, _ in spans) <= min(end for _, end in spans):
         return groups
@@ -80,7 +80,7 @@ def _title(paths: Sequence[Path], around: Sequence[Surroundings]) -> str:
 
 
 def _floor_around(tracks: Sequence[Track]) -> Room:
-    """Return a floor that is a little larger than the flown area, for logs without a room."""
+    """Return a floor slightly larger than the flown area, for logs without a room."""
     points = np.concatenate([t.p_n[:, :2] for t in tracks])
     low, high = np.floor(points.min(axis=0) - _ROUND_M), np.ceil(points.max(axis=0) + _ROUND_M)
     return Room(low=(float(low[0]), float(low[1])), high=(float(high[0]), float(high[1])), height_m=None)

@@ -49,7 +49,7 @@ _PAINTS: dict[Paint, Colour] = {
 
 
 def vehicle_colours(count: int) -> tuple[Colour, ...]:
-    """Return one colour per vehicle. More than ten vehicles get a rainbow in the order of the vehicles."""
+    """Return one colour per vehicle. For more than ten vehicles the colours form a rainbow."""
     if count <= len(_FEW):
         return _FEW[:count]
     rgb = [colorsys.hls_to_rgb(0.92 * k / count, 0.64, 0.88) for k in range(count)]
@@ -57,7 +57,7 @@ def vehicle_colours(count: int) -> tuple[Colour, ...]:
 
 
 def paint_colour(paint: Paint, vehicle: Colour) -> Colour:
-    """Return the colour of a face under full light.
+    """Return the colour of a face of a vehicle under full light.
 
     vehicle: colour of the vehicle, which its canopy, front arms and rotor discs have.
     """
@@ -65,7 +65,7 @@ def paint_colour(paint: Paint, vehicle: Colour) -> Colour:
 
 
 def mixed(first: Colour, second: Colour, share: float) -> Colour:
-    """Return a colour between two colours.
+    """Return a mixture of two colours.
 
     share: 0 for the first colour, 1 for the second.
     """
@@ -79,7 +79,7 @@ def mixed(first: Colour, second: Colour, share: float) -> Colour:
 
 @functools.cache
 def font(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Return the font of all texts, which Pillow contains.
+    """Return the font of all texts. Pillow contains this font.
 
     size_px: height of the font [px].
     """

@@ -1,4 +1,4 @@
-"""Names, room, geofence and rotors of a recorded flight, from the plan of its run folder or from its record."""
+"""Names, room, geofence and rotor positions of a recorded flight, from its run folder or its record."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BELOW_M = 0.06
 
 @dataclass(frozen=True, kw_only=True)
 class Surroundings:
-    """Everything about a flight that is not in the vehicles' logs.
+    """Room, vehicle names and airframes of a flight: the data that the vehicles' logs do not contain.
 
     title: name of the arena; "" if unknown.  order: names of the vehicles in the order of the YAML.
     room: None if unknown.  airframes: vehicle -> places of its rotors.
@@ -32,7 +32,10 @@ class Surroundings:
 
 
 def surroundings(path: Path) -> Surroundings:
-    """Return the surroundings of a run folder or a log file. A log file in a run folder belongs to this run."""
+    """Return the room, names and airframes for a run folder or a log file.
+
+    A log file in a run folder belongs to this run.
+    """
     for folder in (path, *path.resolve().parents[:2]):
         try:
             plan = json.loads((folder / "plan.json").read_text())
@@ -66,7 +69,7 @@ def _of_record(file: Path) -> Surroundings:
 
 
 def _room(size_m: Any, drawn: Mapping[str, Any]) -> Room:
-    """Return the room.
+    """Return the room of a flight.
 
     size_m: north, east, height [m].
     drawn: mapping with the keys `fence` and `obstacles` of slices.
@@ -87,7 +90,7 @@ def _room(size_m: Any, drawn: Mapping[str, Any]) -> Room:
 
 
 def _airframes(given: Mapping[str, Any]) -> Iterator[tuple[str, Airframe]]:
-    """Yield (vehicle, airframe) for each vehicle of a slice whose rotors are known.
+    """Yield (vehicle, airframe) for each vehicle whose rotor positions are known.
 
     given: slice `world`, in which a vehicle has a profile, or `view`, in which a vehicle has some keys of its profile.
     """

@@ -1,4 +1,4 @@
-"""Motion of one vehicle for a film: log rows to poses at given times. Pure."""
+"""Motion of one vehicle for a film: poses at given times, computed from the rows of its log. Pure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _TINY = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Track:
-    """The motion of one vehicle. Rows without a known position are left out; n rows remain.
+    """Motion of one vehicle, from the n rows of its log that contain a position.
 
     t: time since the start of the film's clock [s] (n,).  p_n: position [m] [NED] (n, 3).
     q_nb: attitude wxyz (n, 4).  ref_n: position reference [m] [NED] (n, 3), NaN if there is none.
@@ -39,7 +39,7 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True)
 class Moments:
-    """The state of one vehicle at the times of f pictures.
+    """State of one vehicle at the times of the f pictures of a film.
 
     p_n: position [m] [NED] (f, 3).  q_nb: attitude wxyz (f, 4).  ref_n: position reference [m] [NED] (f, 3), NaN if none.
     mode: flight modes (f,).  armed: flags (f,).  known: false where the log has a gap of more than MAX_GAP_S (f,).
@@ -54,7 +54,7 @@ class Moments:
 
 
 def track(flight: Flight, start_s: float, airframe: Airframe | None = None) -> Track | None:
-    """Return the motion in a log; None if the log contains no position.
+    """Return the motion in a log, or None if the log contains no position.
 
     start_s: time of the film's clock zero, on the clock of the log [s].  airframe: None for a default quadrotor.
     """
@@ -76,7 +76,10 @@ def track(flight: Flight, start_s: float, airframe: Airframe | None = None) -> T
 
 
 def _attitude(flight: Flight) -> Array:
-    """Return the attitude wxyz (n, 4), from the source of the position if it has one. Unknown rows repeat the last known row."""
+    """Return the attitude quaternions wxyz (n, 4) of a log.
+
+    The attitude comes from the source of the position if it has one. Unknown rows repeat the last known row.
+    """
     for source in (COLUMNS_OF[flight.position_source], "ekf"):
         q = flight.group(f"{source}.att_q", WXYZ)
         rpy = flight.group(f"{source}.att_euler", RPY)
@@ -92,7 +95,9 @@ def _attitude(flight: Flight) -> Array:
 
 
 def at(track: Track, times: Array) -> Moments:
-    """Return the state of a vehicle at the times of the pictures: poses interpolated linearly, other values held.
+    """Return the state of a vehicle at the times of the pictures.
+
+    Poses are interpolated linearly. Other values keep their last value.
 
     times: time on the film's clock [s] (f,). Before the first row of the log and after the last row, the vehicle stands still.
     """
@@ -118,7 +123,7 @@ def at(track: Track, times: Array) -> Moments:
 def flown_span(
     tracks: Sequence[Track], *, before_s: float = 1.0, after_s: float = 1.5
 ) -> tuple[float, float]:
-    """Return start and end of the film [s]: from before the first arming to after the last disarming.
+    """Return start and end of the film [s]: shortly before the first arming to shortly after the last disarming.
 
     If no vehicle was armed, this is the whole log.
     """

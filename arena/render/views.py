@@ -1,4 +1,4 @@
-"""Camera positions of a film, from the text of `--camera`. Pure."""
+"""Camera positions of a film, from the text of the option `--camera`. Pure."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _SMOOTH_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """Motion of the camera.
+    """Position and motion of the camera, as described by `--camera`.
 
     azimuth_deg, elevation_deg: direction from the room to the camera.
     orbit: the camera turns around the room.  follow: name of the vehicle that it follows; "" for none.
@@ -46,7 +46,10 @@ class View:
 
 
 def parse_view(text: str) -> View:
-    """Return the view that a text describes, such as `south`, `follow:uav1` or `200,15`. Raises InputError."""
+    """Parse the text of `--camera`, such as `south`, `follow:uav1` or `200,15`. Raises InputError.
+
+    `200,15` is azimuth and elevation in degrees.
+    """
     if text in DIRECTIONS:
         return View(azimuth_deg=DIRECTIONS[text][0], elevation_deg=DIRECTIONS[text][1])
     if text == "orbit":
@@ -62,7 +65,10 @@ def parse_view(text: str) -> View:
 
 
 def flown_volume(tracks: Sequence[Track], start_s: float, end_s: float) -> Array:
-    """Return the corners of the box with all vehicles between two times, and the floor below them [m] [NED] (8, 3)."""
+    """Return the box that contains all vehicles between two times and the floor below them [m] [NED] (8, 3).
+
+    The result is the corners of the box.
+    """
     points = np.concatenate([_between(t, start_s, end_s) for t in tracks])
     low, high = points.min(axis=0) - _AROUND_M, points.max(axis=0) + _AROUND_M
     ranges = ((low[0], high[0]), (low[1], high[1]), (low[2], max(0.0, high[2] - _AROUND_M)))
@@ -77,7 +83,7 @@ def _between(track: Track, start_s: float, end_s: float) -> Array:
 def cameras(
     view: View, tracks: Sequence[Track], times: Array, speed: float, size: tuple[int, int]
 ) -> list[Camera]:
-    """Return the camera of every picture. A camera that does not move is one object.
+    """Return the camera of every picture. A camera that does not move is a single shared object.
 
     times: time of the pictures on the film's clock [s] (f,).  speed: flight seconds per second of film.
     size: width and height [px].  Raises InputError if the vehicle to follow does not exist.

@@ -1,4 +1,4 @@
-"""Process of a replay: `python -m arena.replay FILE.json`.
+"""Process that replays a flight: `python -m arena.replay FILE.json`.
 
 FILE.json names the members (router, motion-capture server, recorder). Their configuration files (slices) are in the same folder.
 """

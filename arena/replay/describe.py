@@ -1,4 +1,7 @@
-"""Description of a recorded flight that a replay needs before it starts: vehicles and room. Reads no messages of a record."""
+"""Description of a recorded flight before its replay starts: vehicles and room.
+
+It reads no recorded messages.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ _UNIX_FROM_S = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class Described:
-    """Recorded flight.
+    """Vehicles, room and files of a recorded flight.
 
     name: name of the arena or of the log.  sources: absolute paths of the files.  vehicles: its vehicles.
     size_m: size of the room, north, east, height [m].  folder: the run folder of a record, None for logs.
@@ -44,7 +47,10 @@ class Described:
 
 
 def describe(paths: Sequence[Path]) -> Described:
-    """Return vehicles and room of what `open_script` opens. Raises InputError if a file cannot be read."""
+    """Return the vehicles and the room of a recorded flight. Raises InputError if a file cannot be read.
+
+    paths: files or run folder, as for `open_script`.
+    """
     record = record_of(paths[0])
     if record is not None and len(paths) == 1:
         recording = Recording(record)
@@ -58,7 +64,9 @@ def describe(paths: Sequence[Path]) -> Described:
             drawn=recording.drawn,
         )
     if any(record_of(path) is not None for path in paths):
-        raise InputError("a record already contains all vehicles. Replay one record, or several logs")
+        raise InputError(
+            "a record (flight.mcap) contains all vehicles of a run: replay one record, or several log files, not both"
+        )
     flights = [flight for path in paths for flight in read_flights(path)]
     return Described(
         name=paths[0].stem,
@@ -71,7 +79,10 @@ def describe(paths: Sequence[Path]) -> Described:
 
 
 def _room(flights: Sequence[Flight]) -> tuple[float, float, float]:
-    """Return the size of a room that contains all positions of the logs, at least the default room: north, east, height [m]."""
+    """Return a room size that contains all logged positions: north, east, height [m].
+
+    It is at least the size of the default room.
+    """
     farthest = np.zeros(3)
     for flight in flights:
         known = np.concatenate([flight.group(name) for name in ("truth.pos", "mocap.pos", "ekf.pos")])

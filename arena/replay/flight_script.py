@@ -1,4 +1,7 @@
-"""Script of flights of which only logs exist: CSV files, PX4's ULogs. Telemetry and motion capture are made from the columns. Pure."""
+"""Replay script made from log files (CSV or ULog), for flights without a record flight.mcap. Pure.
+
+Telemetry and motion capture messages are computed from the columns of the logs.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ _UNTRACKED = (math.nan,) * 3, (math.nan,) * 4
 
 
 class FlightScript:
-    """Script made from logs. Implements `arena.replay.script.Script`.
+    """Replay script that is made from log files. It implements `arena.replay.script.Script`.
 
     Logs whose times do not overlap are moved to a common start: their clocks count from the start of each autopilot.
     The frames of motion capture have the times of the rows of the first log with captured poses. The poses of the other vehicles
@@ -38,7 +41,7 @@ class FlightScript:
 
     def __init__(self, flights: Sequence[Flight], parameters: Sequence[Mapping[str, Stored]] = ()) -> None:
         if not flights:
-            raise InputError("there is no log of a vehicle to replay")
+            raise InputError("nothing to replay: no log of a vehicle was given")
         self._flights = _aligned(flights)
         ids = vehicle_ids([flight.name for flight in flights])
         self.vehicles = tuple(
@@ -85,7 +88,7 @@ class FlightScript:
 
 
 class _Poses:
-    """Captured poses of one vehicle in its log.
+    """Captured poses of one vehicle, from its log.
 
     t: times of the rows that have a pose, by the clock of the log [s].
     """
@@ -99,7 +102,10 @@ class _Poses:
         self._q_nb = q * np.concatenate(([1.0], flips))[:, None] if len(q) else q
 
     def body(self, name: str, t: float) -> RecordedBody:
-        """Return the pose at a time [s], interpolated between two rows; untracked if rows are missing there."""
+        """Return the captured pose at a time [s], interpolated between two log rows.
+
+        The body is untracked if rows are missing at this time.
+        """
         after = int(np.searchsorted(self.t, t))
         if after == self.t.size or (after == 0 and self.t[0] != t):
             return RecordedBody(name, False, *_UNTRACKED)
@@ -115,7 +121,9 @@ class _Poses:
 
 
 def vehicle_ids(names: Sequence[str]) -> dict[str, int]:
-    """Return vehicle name -> MAVLink system id: the number at the end of the name, else the lowest free id.
+    """Return the MAVLink system id of each vehicle name.
+
+    It is the number at the end of the name, or else the lowest free id.
 
     A name that several logs have gets a suffix.
     """
@@ -136,7 +144,10 @@ def vehicle_ids(names: Sequence[str]) -> dict[str, int]:
 
 
 def _aligned(flights: Sequence[Flight]) -> list[Flight]:
-    """Return the flights with times that overlap: all start at the time of the first flight if they do not overlap now."""
+    """Return the flights on one time axis.
+
+    If their times do not overlap, all flights start at the time of the first flight.
+    """
     latest_start = max(f.t0 for f in flights)
     earliest_end = min(f.t0 + float(f.t[-1]) for f in flights)
     if latest_start <= earliest_end:

@@ -1,4 +1,7 @@
-"""Recorded frames of motion capture, converted to the frames that the vendor's server sends and that the recorder receives. Pure."""
+"""Converts recorded motion capture frames for a replay. Pure.
+
+One form is what the vendor's server sends, the other is what the recorder receives.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ _LOST = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 
 
 class FrameConverter:
-    """Converts recorded frames.
+    """Converter from recorded frames to frames that the motion capture server sends.
 
     numbers: name of a rigid body -> its number in the stream of the server.
     """
@@ -26,7 +29,7 @@ class FrameConverter:
         self._offset = 0
 
     def measured(self, frame: RecordedFrame, shift_s: float, *, jumped: bool = False) -> MeasuredFrame:
-        """Return the frame for the server, with its recorded number and exposure.
+        """Return the frame for the motion capture server, with its recorded frame number and exposure time.
 
         After a jump in the record the numbers continue to increase, because receivers drop older frames.
         shift_s: clock minus time of the record [s].  jumped: the replay has jumped since the last frame.
@@ -41,7 +44,10 @@ class FrameConverter:
         return MeasuredFrame(number=number, exposed_s=frame.exposed_s + shift_s, bodies=bodies)
 
     def _measured(self, body: RecordedBody) -> MeasuredBody:
-        """Return the pose in capture axes: the inverse of `arena.mocap.client.pose.pose_ned`, with plain floats for speed."""
+        """Return one recorded pose in the axes of the motion capture system.
+
+        This is the inverse of `arena.mocap.client.pose.pose_ned`, written with plain floats for speed.
+        """
         position_w, quat = _LOST
         if body.tracked:
             (north, east, down), (w, x, y, z) = body.p_n, body.q_nb
@@ -51,12 +57,15 @@ class FrameConverter:
 
 
 def sent_s(frame: RecordedFrame, shift_s: float) -> float:
-    """Return the time at which the server sent a frame, by the clock of the server [s]; the exposure if it was not recorded."""
+    """Return the time at which the server sent a frame [s], or the exposure time if it is unknown.
+
+    The time is by the clock of the server.
+    """
     return (frame.exposed_s if math.isnan(frame.sent_s) else frame.sent_s) + shift_s
 
 
 def captured(frame: RecordedFrame, shift_s: float) -> CapturedFrame:
-    """Return the frame as the recorder of the flight had received it.
+    """Return the frame in the form in which the recorder of the flight received it.
 
     shift_s: clock minus time of the record [s].
     """

@@ -1,4 +1,4 @@
-"""Check that a replay can reach this computer only: no address of another computer, no connection to a flight controller. Pure."""
+"""Check that a replay can send to this computer only, and not to a flight controller. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ _CONNECTIONS = frozenset({"wire", "serial", "url", "device", "key_file"})
 
 
 def check_loopback(slices: Mapping[str, Any], allowed: Collection[str] = ()) -> None:
-    """Check the configurations of a replay's processes. Multicast groups are allowed: they are sent on the loopback interface.
+    """Check that the processes of a replay use loopback addresses only.
+
+    Multicast groups are allowed, because they are sent on the loopback interface.
 
     slices: name -> configuration.  allowed: addresses of ground stations that the user has named.
     Raises InputError for an address of another computer, for 0.0.0.0, and for a connection to a flight controller.

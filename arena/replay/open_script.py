@@ -1,4 +1,4 @@
-"""Opens what is to be replayed: the record of a run, or logs of single vehicles."""
+"""Opens a flight for a replay: the record of a run, or logs of single vehicles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ from arena.wire.flight_record import FILE_NAME
 
 
 def record_of(path: Path) -> Path | None:
-    """Return the path of the record: `path` itself or the one in a run folder; None if only logs of vehicles can be replayed."""
+    """Return the path of the record flight.mcap, or None if only log files can be replayed.
+
+    path: the record itself, a run folder, or a log file.
+    """
     if path.is_dir():
         found = path / FILE_NAME
         return found if found.is_file() else None
@@ -24,14 +27,15 @@ def record_of(path: Path) -> Path | None:
 
 
 def open_script(paths: Sequence[Path]) -> RecordScript | FlightScript:
-    """Return the script of a run folder, a flight.mcap, or one or more logs: CSV files or PX4's ULogs.
+    """Open a run folder, a flight.mcap, or one or more log files (CSV or ULog) for a replay.
 
     Raises InputError if a file cannot be read, or if a record is given together with other files.
     """
     records = [record for path in paths if (record := record_of(path)) is not None]
     if records and len(paths) > 1:
         raise InputError(
-            f"a record already contains all vehicles: got {records[0]} and {len(paths) - 1} other files. Replay one record, or several logs"
+            f"got {records[0]} and {len(paths) - 1} other files: replay one record (flight.mcap, which contains all "
+            "vehicles of a run), or several log files, not both"
         )
     if records:
         recording, run = Recording(records[0]), records[0].parent
@@ -43,5 +47,5 @@ def open_script(paths: Sequence[Path]) -> RecordScript | FlightScript:
 
 
 def _parameters(ulogs: Sequence[Path]) -> dict[str, Stored]:
-    """Return the parameters at the start of the first log; none without a ULog."""
+    """Return the autopilot parameters at the start of the first log. Only a ULog contains parameters."""
     return parameters_of_ulog(ulogs[0]) if ulogs else {}

@@ -1,4 +1,6 @@
-"""The receivers of replayed messages: router, motion-capture server, recorder and truth page. All times are times of the clock.
+"""Outputs of a replay: router, motion capture server, recorder and truth page.
+
+All times are times of the replay's clock.
 
 Router and recorder are the same objects as in the fused arena; they run in the process of the replay, so that each message is recorded
 at exactly the time at which it was recorded first.
@@ -30,14 +32,14 @@ _EXTRA_BODIES_FROM = 1001  # numbers of rigid bodies that belong to no vehicle
 
 
 class _QuietContext(MemberContext):
-    """Context of the router. Its events are not reported, because the recorded events contain those of the recorded router."""
+    """Context of the replay's router. It reports no events, because the record already contains the router's events."""
 
     def event(self, text: str) -> None:
-        """Do nothing."""
+        """Discard the event."""
 
 
 class Outputs:
-    """Sends the messages of each step, and answers those that arrive.
+    """Sender of the replayed messages. It also answers requests that programs send to the replay.
 
     process: context of the process.  slices: name of each member -> its configuration.
     sent: kind of message -> number of messages sent.
@@ -78,7 +80,7 @@ class Outputs:
         self._contexts["recorder"].ready()
 
     def send(self, step: Step) -> None:
-        """Send the messages of one step."""
+        """Send the messages of one replay step."""
         self._now_s = step.clock_ns / NS
         shift_s, jumped = step.shift_ns / NS, step.jumped
         for item in step.items:
@@ -93,7 +95,7 @@ class Outputs:
         self._record_copies()
 
     def serve(self, playback: Playback, wall: float) -> None:
-        """Answer the requests and commands that have arrived.
+        """Answer the requests and commands that have arrived. Time does not advance.
 
         wall: monotonic [s]. Time does not advance.
         """
@@ -113,7 +115,7 @@ class Outputs:
         self._recorder.tick(self._now_s, wall)
 
     def close(self) -> None:
-        """Write the rest of the record, and close all sockets and files."""
+        """Write the remaining data of the new record, and close all sockets and files."""
         self._record_copies()
         self._recorder.close(self._now_s)
         self._copies.close()
@@ -146,12 +148,12 @@ class Outputs:
                 pass
 
     def _report(self, line: RecordedLine) -> None:
-        """Report a recorded event, so that it is in the events of the replay."""
+        """Report a recorded event again, so that the event log of the replay contains it."""
         text, by = line.fields.get("event"), str(line.fields.get("process", ""))
         if isinstance(text, str):
             self._process.event(f"recorded: {by}: {text}" if by else f"recorded: {text}")
 
     def _record_copies(self) -> None:
-        """Record the datagrams that the router has passed on, and references of programs that run beside the replay."""
+        """Record the datagrams that the router has passed on, and the references of running user programs."""
         for vehicle, up, data in self._copies.receive():
             self._recorder.on_datagram(vehicle, up, data, self._now_s)

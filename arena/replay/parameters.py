@@ -1,4 +1,4 @@
-"""Parameters of replayed vehicles: their values at each time of the flight, and replies to clients that request them. Pure.
+"""Parameters of replayed vehicles: their values during the flight, and replies to parameter requests. Pure.
 
 The values at the start are those of the ULog of the flight. Each PARAM_VALUE in the record changes one value. A request for a parameter
 that is neither in the ULog nor in the record gets no reply, as for a parameter that the autopilot does not have.
@@ -37,7 +37,7 @@ _DEFINITIONS_BYTES = 1 << 20  # more than the definitions of a ULog, which conta
 
 
 class Stored(NamedTuple):
-    """Value of a parameter: an int for an integer type.
+    """Recorded value of a parameter, with its type.
 
     kind: MAV_PARAM_TYPE.
     """
@@ -47,7 +47,7 @@ class Stored(NamedTuple):
 
 
 class ParameterHistory:
-    """Values of the parameters of one vehicle during a flight.
+    """Values of one vehicle's parameters during a flight.
 
     initial: name -> value at the start.
     """
@@ -58,7 +58,7 @@ class ParameterHistory:
         }
 
     def add(self, time_ns: int, datagram: bytes) -> None:
-        """Store the PARAM_VALUEs of the autopilot in a recorded datagram. Call this method in the order of time.
+        """Store the parameter values of a recorded datagram (PARAM_VALUE). Call it in the order of time.
 
         time_ns: time of the datagram by the clock of the record [ns].
         """
@@ -77,11 +77,11 @@ class ParameterHistory:
 
     @property
     def names(self) -> list[str]:
-        """Names of all parameters, in alphabetical order, as in PX4's list."""
+        """Names of all parameters in alphabetical order, which is the order of PX4."""
         return sorted(self._values)
 
     def at(self, name: str, time_ns: int) -> Stored | None:
-        """Return the value of a parameter at a time of the record [ns]; None if the parameter is unknown."""
+        """Return the value of a parameter at a time of the record [ns], or None if the parameter is unknown."""
         known = self._values.get(name)
         if known is None:
             return None
@@ -89,7 +89,7 @@ class ParameterHistory:
 
 
 class ParameterReplies:
-    """Replies of all replayed vehicles.
+    """Replies to parameter requests, for all replayed vehicles.
 
     histories: parameters of each vehicle.
     ids: MAVLink system id of each vehicle.
@@ -101,7 +101,9 @@ class ParameterReplies:
         self._to_list: list[deque[str]] = [deque() for _ in ids]
 
     def on_datagram(self, vehicle: int, datagram: bytes, record_ns: int) -> list[bytes]:
-        """Return the replies to the requests in a datagram. The reply to PARAM_SET contains the recorded value, which does not change.
+        """Return the replies to the parameter requests in a datagram.
+
+        PARAM_SET does not change a value: the reply contains the recorded value.
 
         vehicle: index of the receiver.  record_ns: present place in the record [ns].
         """
@@ -119,7 +121,7 @@ class ParameterReplies:
         return [reply for reply in replies if reply]
 
     def next_values(self, record_ns: int) -> list[tuple[int, bytes]]:
-        """Return the next (vehicle, datagram) of the lists that were requested. Call it regularly."""
+        """Return the next messages of the requested parameter lists, as (vehicle, datagram). Call it regularly."""
         found = []
         for vehicle, left in enumerate(self._to_list):
             if left:
@@ -140,7 +142,7 @@ class ParameterReplies:
 
 
 def parameters_of_ulog(path: Path) -> dict[str, Stored]:
-    """Return the parameters at the start of a ULog; none if the file cannot be read or is not a ULog."""
+    """Return the parameters at the start of a ULog. The result is empty if the file is not a readable ULog."""
     try:
         with path.open("rb") as file:
             log = parse_ulog(file.read(_DEFINITIONS_BYTES))

@@ -1,4 +1,4 @@
-"""Choice of the recorded messages that are sent at each time: speed, pause, jumps in the record. Pure.
+"""Selects the recorded messages to send at each time of a replay: speed, pause and jumps. Pure.
 
 Two times are distinguished. The time of the record says where in the flight the replay is. The clock is the time that all processes
 of the replay read: it never decreases. Both are equal until the first jump; after it they differ by `shift_ns`.
@@ -26,7 +26,7 @@ LOOK_BACK_NS = 30 * NS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """Messages of one step, and the times after it.
+    """Messages of one replay step, and the replay's times after the step.
 
     clock_ns: new time of the clock [ns].  record_ns: new time of the record [ns].
     items: messages to send, in this order.  jumped: the replay has jumped to this time of the record before the step.
@@ -39,12 +39,12 @@ class Step:
 
     @property
     def shift_ns(self) -> int:
-        """Clock minus time of the record [ns]."""
+        """Difference between the replay's clock and the recorded time [ns]."""
         return self.clock_ns - self.record_ns
 
 
 class Playback:
-    """Plays a script: call `step` whenever `wait_s` is not positive.
+    """Playback of a replay script. Call `step` whenever `wait_s` returns 0 or less.
 
     script: recorded messages.  start_ns: time of the record at which the replay begins [ns].
     speed: recorded seconds per second of wall time; inf for as fast as possible.  loop: begin again at the end.
@@ -74,14 +74,14 @@ class Playback:
         self._anchor(wall)
 
     def start(self, wall: float) -> None:
-        """Begin now, and ignore the time since the object was made.
+        """Start the playback now.
 
         wall: monotonic time [s].
         """
         self._anchor(wall)
 
     def wait_s(self, wall: float) -> float:
-        """Return the wall time until the next step may begin [s]; inf while the replay is paused or at its end.
+        """Return the wall time until the next step [s]. It is infinite while the replay is paused or finished.
 
         The step after a jump begins at once, also in a paused replay, so that viewers show the state after the jump.
         """
@@ -98,7 +98,10 @@ class Playback:
         return due - wall
 
     def step(self, wall: float) -> Step:
-        """Advance to the next time and return what is to send. Call it only if `wait_s` is not positive."""
+        """Advance to the next time and return the messages to send.
+
+        Call it only if `wait_s` has returned 0 or less.
+        """
         target = self._target()
         self.clock_ns += target - self.record_ns
         self.record_ns = target
@@ -115,17 +118,20 @@ class Playback:
         return made
 
     def pause(self, on: bool, wall: float) -> None:
-        """Stop the time of record and clock, or continue."""
+        """Pause or continue the replay. Its clock stops during the pause.
+
+        on: True to pause.
+        """
         self.paused = on
         self._anchor(wall)
 
     def set_speed(self, speed: float, wall: float) -> None:
-        """Set the speed: recorded seconds per second of wall time; inf for as fast as possible."""
+        """Set the speed: recorded seconds per second of wall time. inf means as fast as possible."""
         self.speed = speed
         self._anchor(wall)
 
     def seek(self, record_ns: int, wall: float) -> None:
-        """Continue at another time of the record.
+        """Continue the replay at a different time of the record.
 
         The next step first sends the last state messages before this time. record_ns: log time [ns].  wall: monotonic time [s].
         """
@@ -135,7 +141,7 @@ class Playback:
         self._anchor(wall)
 
     def _seek(self, place: int, *, whole: bool = True) -> None:
-        """Begin to read at a time of the record.
+        """Continue to read the record at a given time.
 
         place: this time [ns].
         whole: also collect the state messages before this time.
@@ -159,7 +165,7 @@ class Playback:
         self.record_ns = place
 
     def _target(self) -> int:
-        """Return the time of the record after the next step [ns]."""
+        """Return the recorded time that the next step will reach [ns]."""
         if self._ready or self._next is None:
             return self.record_ns
         return max(self.record_ns, min(self._next.time_ns, self.record_ns + STEP_NS))

@@ -1,4 +1,4 @@
-"""Script of a record: the messages of `flight.mcap`, read while they are sent.
+"""Replay script that reads the messages of a record `flight.mcap` while they are sent.
 
 A recorder logs true states up to 0.2 s after their time, and events up to seconds after it. They are sorted by time, and the
 messages of one topic keep their order.
@@ -32,7 +32,7 @@ SORTED_NS = 3 * NS
 
 
 def script_vehicles(recording: Recording) -> tuple[ScriptVehicle, ...]:
-    """Return the vehicles of a record as those of a replay."""
+    """Return the vehicles of a record, as a replay describes them."""
     return tuple(
         ScriptVehicle(
             name=v.name, id=v.id, body=v.body, simulated=v.simulated, autopilot=v.autopilot, profile=v.profile
@@ -42,7 +42,7 @@ def script_vehicles(recording: Recording) -> tuple[ScriptVehicle, ...]:
 
 
 class RecordScript:
-    """Script of a record. Implements `arena.replay.script.Script`.
+    """Replay script made from a record `flight.mcap`. It implements `arena.replay.script.Script`.
 
     recording: the record.  initial: vehicle -> its parameters at the start.  Raises InputError if the record has no message.
     """
@@ -73,7 +73,7 @@ class RecordScript:
                 yield item
 
     def _item(self, message: RecordedMessage, time_ns: int) -> Item | None:
-        """Return a message as an item; None if it is damaged."""
+        """Convert a message of the record to an item of the script. Return None for a damaged message."""
         kind, vehicle = self._kinds[message.topic]
         if kind is Kind.FRAME:
             return Item(time_ns, kind, vehicle, unpack_frame(message.time_s, message.data))
@@ -86,7 +86,9 @@ class RecordScript:
         return Item(time_ns, kind, vehicle, message.data)
 
     def _survey(self) -> tuple[int, int, frozenset[str]]:
-        """Return the times of the first and the last message [ns], and the names of all rigid bodies. Collect parameters and events.
+        """Read the record once: return its first and last time [ns] and the names of all rigid bodies.
+
+        The parameters and events of the record are stored.
 
         Frames of the same size have the same bodies, so only one frame of each size is decoded.
         """
@@ -105,13 +107,16 @@ class RecordScript:
                 bodies |= {body.name for body in unpack_frame(message.time_s, message.data).bodies}
         if first is None:
             raise InputError(
-                f"{self._recording.path}: the record has no messages, so there is nothing to replay"
+                f"{self._recording.path}: the record contains no messages, so it cannot be replayed"
             )
         return nanoseconds(first), nanoseconds(last), frozenset(bodies)
 
 
 def in_order(messages: Iterable[RecordedMessage]) -> Iterator[tuple[int, RecordedMessage]]:
-    """Yield (time [ns], message), sorted by time. The messages of one topic keep their order: none is earlier than the one before."""
+    """Yield (time [ns], message) sorted by time. Messages of one topic keep their order.
+
+    The time of a message is never earlier than the time of the previous message of its topic.
+    """
     waiting: list[tuple[int, int, RecordedMessage]] = []
     last: dict[str, int] = {}
     newest = 0

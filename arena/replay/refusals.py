@@ -24,7 +24,7 @@ _TEXT_PERIOD_S = 5.0
 
 
 class Refusals:
-    """Replies of all replayed vehicles.
+    """Refusals of commands, for all replayed vehicles.
 
     names, ids: name and MAVLink system id of each vehicle.
     counts: kind of request -> number of refused or ignored requests.
@@ -38,7 +38,7 @@ class Refusals:
         self._text_at: dict[tuple[int, int], float] = {}
 
     def on_datagram(self, vehicle: int, datagram: bytes, state: StateMessages, now: float) -> list[bytes]:
-        """Return the datagrams that the vehicle replies.
+        """Return the replies of a replayed vehicle to the commands in a datagram.
 
         vehicle: index of the receiver.  state: its recorded state messages.  now: time [s].
         """
@@ -46,7 +46,10 @@ class Refusals:
         return [reply for reply in replies if reply]
 
     def take_events(self) -> list[str]:
-        """Return the new events, for the event log. Each kind of refused request is reported once per vehicle."""
+        """Return and remove the new lines for the event log.
+
+        Each kind of refused command is reported once per vehicle.
+        """
         found, self._events = self._events, []
         return found
 
@@ -72,7 +75,10 @@ class Refusals:
         return self._ack(vehicle, at, command, _DENIED, self._texts(vehicle, at.sysid, now))
 
     def _requested(self, vehicle: int, data: bytes, at: Frame, state: StateMessages) -> bytes:
-        """Reply to MAV_CMD_REQUEST_MESSAGE: the newest recorded message if it is a state message."""
+        """Reply to MAV_CMD_REQUEST_MESSAGE with the newest recorded message.
+
+        Only state messages, such as HEARTBEAT, can be requested.
+        """
         wanted = int(_first_parameter(data, at)) if at.msgid == COMMAND_LONG else -1
         frame = state.newest(vehicle, wanted)
         if frame is None:
@@ -94,6 +100,6 @@ def _words(kind: Kind, mode: str, param: str) -> str:
 
 
 def _first_parameter(data: bytes, at: Frame) -> float:
-    """Return param1 of a COMMAND_LONG; -1 if it is not finite."""
+    """Return param1 of a COMMAND_LONG, or -1 if it is not finite."""
     (value,) = struct.unpack("<f", uint_at(data, at, 0, 4).to_bytes(4, "little"))
     return float(value) if abs(value) < 1e6 else -1.0

@@ -1,4 +1,4 @@
-"""Recorded messages in the order of time, with which a replay works. Pure.
+"""Recorded messages in the order of time, the input of a replay. Pure.
 
 A script is made from the record of an arena (`record_script`) or from logs of flights (`flight_script`).
 """
@@ -18,7 +18,7 @@ NS = 1_000_000_000
 
 
 class Kind(IntEnum):
-    """Kind of a recorded message.
+    """Kind of a recorded message: MAVLink datagram, motion capture frame, true state or event.
 
     DOWN, UP: MAVLink datagram from a vehicle, or to it.  FRAME: frame of motion capture.  TRUTH: true state of a vehicle.
     EVENT: line of events.jsonl.
@@ -32,7 +32,10 @@ class Kind(IntEnum):
 
 
 class TrueState(NamedTuple):
-    """True state of a vehicle: p_n [m] [NED] (3,), v_n [m/s] [NED] (3,), q_nb [-] wxyz (4,), omega_b [rad/s] [FRD] (3,)."""
+    """True state of a vehicle: position, velocity, attitude and body rates.
+
+    p_n [m] [NED] (3,), v_n [m/s] [NED] (3,), q_nb [-] wxyz (4,), omega_b [rad/s] [FRD] (3,).
+    """
 
     p_n: tuple[float, ...]
     v_n: tuple[float, ...]
@@ -41,7 +44,7 @@ class TrueState(NamedTuple):
 
 
 class RecordedLine(NamedTuple):
-    """Line of events.jsonl.
+    """Recorded line of the event file events.jsonl.
 
     line: JSON object as bytes.
     fields: its content.
@@ -55,7 +58,7 @@ Payload = bytes | RecordedFrame | TrueState | RecordedLine
 
 
 class Item(NamedTuple):
-    """Recorded message.
+    """Recorded message with its time, kind and vehicle.
 
     time_ns: time by the clock of the record [ns].  vehicle: index in `Script.vehicles`, -1 if it belongs to none.
     payload: datagram (DOWN, UP), frame, true state or event.
@@ -85,7 +88,7 @@ class ScriptVehicle:
 
 
 class Script(Protocol):
-    """Recorded messages of one flight.
+    """Interface of a replay script: all recorded messages of one flight.
 
     vehicles: vehicles of the flight.  start_ns, end_ns: times of the first and the last message [ns].
     bodies: names of all rigid bodies in the frames of motion capture.
@@ -105,12 +108,12 @@ class Script(Protocol):
 
     @property
     def parameters(self) -> Sequence[ParameterHistory]:
-        """Parameters of each vehicle."""
+        """Autopilot parameters of each vehicle during the flight."""
 
     def items(self, from_ns: int) -> Iterator[Item]:
-        """Yield the messages at or after `from_ns` [ns], in the order of recording. Each call begins again."""
+        """Yield the messages at or after the time `from_ns` [ns], in the order of recording."""
 
 
 def nanoseconds(time_s: float) -> int:
-    """Return a time [s] in nanoseconds."""
+    """Convert a time [s] to nanoseconds."""
     return round(time_s * NS)

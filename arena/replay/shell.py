@@ -1,4 +1,4 @@
-"""Loop of a replay: clock, requests of the supervisor, and the steps of the playback."""
+"""Main loop of a replay: it advances the clock, handles supervisor requests, and sends the messages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ _CHECK_S, _STATS_S = 0.05, 0.25
 
 
 class ReplayLoop:
-    """Plays a script until a stop is requested. The loop serves the simulation clock, which all processes of the replay read.
+    """Loop that plays a script until a stop is requested.
+
+    It serves the simulation clock for all processes of the replay.
 
     At speed 1 the clock follows the wall clock, as the world does. At another speed it waits for the programs that sleep on it.
     """
@@ -72,13 +74,13 @@ class ReplayLoop:
             self._clock.tick(step.clock_ns / NS)
 
     def close(self) -> None:
-        """Complete the record, and close all sockets and shared memory."""
+        """Complete the new record, and close all sockets and shared memory."""
         self._process.stats(self._stats(time.monotonic()))
         self._outputs.close()
         self._clock.close()
 
     def _idle(self, left_s: float) -> None:
-        """Wait before the next step, and serve the clients of the clock.
+        """Wait until the next step, and serve the clients of the clock meanwhile.
 
         left_s: wall time [s].
         """
@@ -88,7 +90,7 @@ class ReplayLoop:
             time.sleep(left_s)
 
     def _clients_sleep(self) -> bool:
-        """Return whether all programs sleep on the clock. Waits for 1 ms at most."""
+        """Return whether all programs are waiting on the simulation clock. Waits for 1 ms at most."""
         now_s = self.playback.clock_ns / NS
         if self._clock.may_advance(now_s, time.monotonic()):
             return True
@@ -98,7 +100,7 @@ class ReplayLoop:
         return False
 
     def _check(self, wall: float) -> bool:
-        """Carry out the requests of the supervisor, and report. Return whether the process must end."""
+        """Carry out the requests of the supervisor, and send statistics. Return whether the replay must end."""
         self._next_check = wall + _CHECK_S
         for request in self._process.requests():
             if request.get("do") == "replay":
@@ -121,7 +123,7 @@ class ReplayLoop:
         return self._process.orphaned
 
     def _change(self, request: Mapping[str, Any], wall: float) -> None:
-        """Pause, continue, jump or change the speed."""
+        """Carry out a request to pause, continue, jump or change the speed."""
         playback = self.playback
         if "speed" in request:
             playback.set_speed(_speed(request["speed"]), wall)

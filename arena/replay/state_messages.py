@@ -1,4 +1,4 @@
-"""The last messages about the state of each vehicle, which a viewer needs when a replay begins in the middle of a flight. Pure."""
+"""The last state messages of each vehicle, which a viewer needs when a replay starts in mid-flight. Pure."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MODE_INDEX_OFFSET = 9  # in AVAILABLE_MODES, after custom_mode, properties and 
 
 
 class StateMessages:
-    """Collects the newest frame of each state message of each vehicle.
+    """Store of the newest frame of each state message, per vehicle.
 
     vehicles: number of vehicles.
     """
@@ -38,7 +38,7 @@ class StateMessages:
         self._frames: list[dict[tuple[int, int, int], bytes]] = [{} for _ in range(vehicles)]
 
     def take(self, vehicle: int, datagram: bytes) -> None:
-        """Store the state messages in a datagram from a vehicle.
+        """Store the state messages of a datagram from a vehicle.
 
         vehicle: its index.
         """
@@ -50,7 +50,7 @@ class StateMessages:
                 self._frames[vehicle][at.msgid, at.compid, index] = bytes(datagram[at.start : at.end])
 
     def newest(self, vehicle: int, msgid: int) -> bytes | None:
-        """Return the newest frame of a message of a vehicle; None if there was none.
+        """Return the newest stored frame of a message of a vehicle, or None if there is none.
 
         msgid: MAVLink message id.
         """
@@ -58,5 +58,5 @@ class StateMessages:
         return found[-1] if found else None
 
     def all(self) -> list[tuple[int, bytes]]:
-        """Return (vehicle, frame) of all stored messages. The heartbeat of each vehicle is its first."""
+        """Return (vehicle, frame) of all stored messages. Each vehicle's first frame is its HEARTBEAT."""
         return [(i, frames[key]) for i, frames in enumerate(self._frames) for key in sorted(frames)]

@@ -1,4 +1,4 @@
-"""MAVLink telemetry made from the rows of a vehicle's log, for flights of which only a log exists. Pure.
+"""MAVLink telemetry computed from a vehicle's log, for flights without a record flight.mcap. Pure.
 
 Each row gives one datagram, at the time of the row. It contains a message for each group of columns that the row has. Mode, armed,
 landed and battery are repeated once a second, and sent when they change.
@@ -39,7 +39,7 @@ MAVSDK_MODES = {
 
 
 def custom_mode(words: str) -> int:
-    """Return the custom_mode of a flight mode's name, such as `AUTO.LAND`; 0 for an unknown name."""
+    """Return the MAVLink custom_mode of a flight mode such as `AUTO.LAND`, or 0 for an unknown name."""
     try:
         main, sub = mode_numbers(MAVSDK_MODES.get(words, words))
     except KeyError:
@@ -48,7 +48,7 @@ def custom_mode(words: str) -> int:
 
 
 class SyntheticTelemetry:
-    """Telemetry of one vehicle, made from its log.
+    """Telemetry of one vehicle, computed from the rows of its log.
 
     flight: the log.
     system: MAVLink system id of the vehicle.
@@ -77,7 +77,7 @@ class SyntheticTelemetry:
         self._boot_s = flight.t + (flight.t0 if 1e3 * (flight.t0 + _last(flight.t)) < _MAX_BOOT_MS else 0.0)
 
     def datagrams(self) -> Iterator[tuple[float, bytes]]:
-        """Yield (time by the clock of the log [s], datagram) of each row."""
+        """Yield (time by the clock of the log [s], datagram) for each row of the log."""
         flight, state_due, state = self._flight, -math.inf, None
         for i, t in enumerate((flight.t0 + flight.t).tolist()):
             now = (flight.mode[i], bool(flight.armed[i]), bool(flight.landed[i]))
@@ -167,7 +167,10 @@ class SyntheticTelemetry:
 
 
 def _attitude_reference(flight: Flight) -> Array:
-    """Return the attitude setpoint [-] wxyz (n, 4): from the quaternion, else from the Euler angles of the log."""
+    """Return the attitude setpoint of each log row [-] wxyz (n, 4).
+
+    It is computed from the logged quaternion, or from the Euler angles if there is no quaternion.
+    """
     q = flight.group("att_q_ref", WXYZ)
     if np.isfinite(q).all(axis=1).any():
         return q

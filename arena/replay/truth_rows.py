@@ -1,4 +1,4 @@
-"""True states of the replayed vehicles as one object, as the truth page and the recorder take it. Pure."""
+"""True states of all replayed vehicles, in the form that the truth page and the recorder need. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from arena.wire.truth_page import Truth
 
 
 class TruthRows:
-    """The newest recorded true state of each vehicle.
+    """Table of the newest recorded true state of each vehicle. Row i belongs to vehicle i.
 
     vehicles: number of vehicles; row i is vehicle i.
 
@@ -24,7 +24,7 @@ class TruthRows:
         self.fresh: set[int] = set()
 
     def set(self, vehicle: int, state: TrueState) -> None:
-        """Store the state of one vehicle.
+        """Store the true state of one vehicle.
 
         vehicle: its index.
         """
@@ -33,7 +33,7 @@ class TruthRows:
         self.fresh.add(vehicle)
 
     def take(self, time_s: float) -> Truth:
-        """Return the states at the time of the clock [s]."""
+        """Return the true states of all vehicles at a time of the replay's clock [s]."""
         self.fresh.clear()
         return Truth(
             time_s=time_s,

@@ -1,1 +1,4 @@
-"""Results of finished flights: figures, texts, plots and pages. Reads the files of a run and starts no processes."""
+"""Results of finished flights: figures, texts, plots and pages.
+
+The package reads the files of a run. It starts no processes.
+"""

@@ -1,4 +1,4 @@
-"""Command line of the report: `python -m arena.report RUN`."""
+"""Command line that writes the report of a run: `python -m arena.report RUN`."""
 
 import sys
 

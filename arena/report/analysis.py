@@ -1,4 +1,7 @@
-"""Computes measures of one flight, such as the tracking error, from its log in memory. Reads no files. A measure without data is None."""
+"""Computes the measures of one flight, such as the tracking error, from its log in memory.
+
+Reads no files. A measure without data is None.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,9 @@ def analyse(flight: Flight, *, disarmed: bool | None = None) -> dict[str, Any]:
 
 
 def tracking(flight: Flight) -> dict[str, float | None]:
-    """Return rms and maximum of the tracking error, the distance between position and position reference in OFFBOARD [m].
+    """Return the rms and the maximum of the tracking error in the air [m].
+
+    The tracking error is the distance between position and position reference in OFFBOARD.
 
     Only the time in the air counts, because the vehicle cannot follow a setpoint before its take-off.
     Climbs and steps of the reference are included, so a large step increases both values.
@@ -47,7 +52,7 @@ def tracking(flight: Flight) -> dict[str, float | None]:
 
 
 def landing(flight: Flight, disarmed: bool) -> dict[str, Any]:
-    """Return whether the vehicle has landed and was disarmed, and two distances [m], each with the time of the touchdown.
+    """Return how the landing ended, and two distances between places of the landing [m].
 
     drift_m: horizontal distance from the place where the landing mode began to the place of the touchdown; None if the
         vehicle did not land in a landing mode.
@@ -72,14 +77,14 @@ def landing(flight: Flight, disarmed: bool) -> dict[str, Any]:
 
 
 def _last_place(flight: Flight) -> Array:
-    """Return north and east [m] (2,) of the last known position at which the vehicle was landed; NaN if unknown."""
+    """Return the last known position with the vehicle landed: north and east [m] (2,), or NaN if unknown."""
     pos = flight.pos[flight.landed, :2]
     seen = pos[np.isfinite(pos).all(axis=1)]
     return seen[-1] if len(seen) else np.full(2, np.nan)
 
 
 def estimator(flight: Flight) -> dict[str, float | None]:
-    """Return rms and maximum of the error of the state estimate in the air: position [m] and yaw [deg].
+    """Return the rms and the maximum of the estimate's error in the air: position [m] and yaw [deg].
 
     The error is the estimate minus the ground truth, or, for a real vehicle, minus motion capture.
     """
@@ -102,7 +107,7 @@ def estimator(flight: Flight) -> dict[str, float | None]:
 
 
 def modes(flight: Flight) -> list[dict[str, Any]]:
-    """List the changes of flight mode and armed flag.
+    """List all changes of the flight mode and of the armed flag in a flight.
 
     Each entry has the time [s], the flight mode and the armed flag.
     """

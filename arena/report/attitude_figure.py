@@ -1,4 +1,4 @@
-"""Figure of the attitude of the vehicles: roll, pitch, tilt and body rates. Pure."""
+"""Figure of the vehicles' attitude: roll, pitch, tilt and body rates. Pure."""
 
 from __future__ import annotations
 
@@ -31,12 +31,15 @@ def attitude(vehicles: Sequence[Drawn]) -> Figure:
 
 
 def _tilt(one: Drawn) -> Array:
-    """Return the angle between the body z axis and the vertical [deg] (n,)."""
+    """Return the tilt: the angle between the body z axis and the vertical [deg] (n,)."""
     roll, pitch = one.flight.euler[:, 0], one.flight.euler[:, 1]
     tilt: Array = np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0)) * _DEG
     return tilt
 
 
 def _rate(part: str) -> Callable[[Drawn], Array]:
-    """Return the function from a vehicle to its body rate [deg/s] (n,). Motion capture measures no rates: the estimate counts."""
+    """Return a function that reads one body rate of a vehicle's log [deg/s] (n,).
+
+    Motion capture measures no body rates, so the autopilot's estimate is used.
+    """
     return lambda one: column("truth.ang_vel" if one.flight.simulated else "ekf.ang_vel", part, _DEG)(one)

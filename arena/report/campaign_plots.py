@@ -1,4 +1,4 @@
-"""Plots of a campaign: one measure of all flights, over each varied setting."""
+"""Plots of a campaign: one measure of all its flights, against each varied setting."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ def draw(
     settings: Mapping[str, Sequence[object]],
     path: Path,
 ) -> Path:
-    """Write the plot of one measure to `path` and return `path`: one panel per setting, and a histogram.
+    """Write the plot of one measure to a file and return its path.
+
+    It has one panel per varied setting, and a histogram.
 
     label: axis label of the measure, with its unit.
     values: value of each flight (n,), NaN if unknown.  passed: whether each flight passed (n,).
@@ -56,7 +58,7 @@ def draw(
 
 
 def _histogram(panel: Axes, values: Array, passed: Array) -> None:
-    """Plot how many flights have which value of the measure. Failed flights are drawn on top of passed flights.
+    """Plot a histogram of the measure. Failed flights are drawn on top of passed flights.
 
     A measure with few values, all integers, such as a number of collisions, gets one bar per integer.
     """
@@ -72,12 +74,15 @@ def _histogram(panel: Axes, values: Array, passed: Array) -> None:
 
 
 def _whole(values: Array) -> bool:
-    """Return whether all values are integers, and few enough for one bar each."""
+    """Return whether all values are integers and few enough to draw one bar per value."""
     return bool(values.size and np.all(values == np.round(values)) and np.ptp(values) < 30)
 
 
 def _over_setting(panel: Axes, values: Array, passed: Array, given: Sequence[object]) -> None:
-    """Plot a point per flight over the values of a setting. If values repeat, plot the medians, too."""
+    """Plot the measure of each flight against one varied setting.
+
+    If a value of the setting occurs in several flights, the median of these flights is plotted, too.
+    """
     numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in given)
     names = [str(v) for v in given]
     known = list(dict.fromkeys(names))
@@ -111,5 +116,5 @@ def _median(values: Array) -> float:
 
 
 def _plain(text: str) -> str:
-    """Return the text with `$` escaped, because matplotlib interprets `$` as the start of a formula."""
+    """Escape `$` in a text, because matplotlib interprets `$` as the start of a formula."""
     return text.replace("$", r"\$")

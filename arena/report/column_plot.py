@@ -1,4 +1,4 @@
-"""Plots columns of logs over time: as a picture (matplotlib) or as a page that can be zoomed (plotly)."""
+"""Plots log columns over time: as a picture (matplotlib) or as an interactive page (plotly)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _COLORS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """Column of one vehicle.
+    """Plotted line: a log column of one vehicle.
 
     label: text in the legend.
     t: time [s] (n,).
@@ -39,7 +39,7 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """Lines over the same axes.
+    """Lines that share the same axes of a plot.
 
     title: label of the vertical axis, with the unit.
     """
@@ -49,7 +49,7 @@ class Panel:
 
 
 def panels(flights: Sequence[Flight], wanted: Sequence[str]) -> list[Panel]:
-    """Return one panel per element of `wanted`.
+    """Return one panel of lines for each requested column or sum of columns.
 
     wanted: column (`ekf.pos.down`), quantity with all its columns (`ekf.pos`), or several of them in one panel, joined with `+`.
     Raises InputError, with similar names, if no flight has a column.
@@ -58,7 +58,7 @@ def panels(flights: Sequence[Flight], wanted: Sequence[str]) -> list[Panel]:
 
 
 def write_plot(path: Path, shown: Sequence[Panel], title: str) -> None:
-    """Write a plot.
+    """Write a plot to a picture or page.
 
     path: .png, .svg, .pdf, or .html for a page that can be zoomed. Raises InputError for other names.
     """
@@ -90,7 +90,7 @@ def _panel(flights: Sequence[Flight], text: str) -> Panel:
 
 
 def _columns(flights: Sequence[Flight], name: str) -> list[str]:
-    """Return the columns that a name means: itself, or all columns of a quantity."""
+    """Return the log columns that a name stands for: the column of this name, or all columns of a quantity."""
     there = {column for flight in flights for column in flight.numbers}
     group: Group | None = _GROUPS.get(name)
     found = [name] if name in there else [c for c in (group.columns if group else ()) if c in there]

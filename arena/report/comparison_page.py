@@ -1,4 +1,4 @@
-"""The page that shows two flights side by side: overlays on one time axis, their differences, and their figures in one table."""
+"""HTML page that compares two flights: curves on one time axis, differences, and a table of measures."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _MOMENT_WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Side of a comparison.
+    """First or second side of a comparison: its flights and settings.
 
     name: text for the page.
     flights: its logs.
@@ -43,7 +43,9 @@ class Source:
 
 
 def read_source(text: str) -> Source:
-    """Return the flights at `PATH` or `PATH:VEHICLE`. PATH: run folder, or log of any format that arena reads.
+    """Read the flights at `PATH` or `PATH:VEHICLE`.
+
+    PATH: run folder, or log of any supported format.
 
     Raises InputError if the path cannot be read, or contains no such vehicle.
     """
@@ -62,7 +64,7 @@ def read_source(text: str) -> Source:
 
 
 def _settings(path: Path) -> dict[str, str]:
-    """Return the values of a resolved arena.yaml as dotted key -> text; {} if the file cannot be read."""
+    """Return the settings in a resolved arena.yaml as dotted key -> text. Return {} if the file cannot be read."""
     try:
         found = yaml.safe_load(path.read_text())
     except (OSError, ValueError, yaml.YAMLError):
@@ -81,7 +83,10 @@ def _flat(node: Any, key: str) -> list[tuple[str, str]]:
 
 
 def comparison_page(a: Source, b: Source, moment: Moment | None = None) -> str:
-    """Return the page that compares two sources of flights. Raises InputError if they have no flights to compare."""
+    """Return the HTML page that compares two sources of flights.
+
+    Raises InputError if a source has no flights to compare.
+    """
     found = pairs(a.flights, b.flights, (a.name, b.name), moment)
     differences = {pair.name: difference(pair) for pair in found}
     vehicles = [one for pair in found for one in _drawn(pair, len(found))]
@@ -131,7 +136,7 @@ def _figures(
 
 
 def difference_figure(found: Sequence[Pair], differences: Mapping[str, Difference]) -> Figure:
-    """Return the figure of B minus A: distance, north, east, up and yaw."""
+    """Return the figure of the difference B minus A: distance, north, east, up and yaw."""
     columns = [
         ("distance [m]", lambda d: np.linalg.norm(d.position, axis=1)),
         ("north [m]", lambda d: d.position[:, 0]),
@@ -197,7 +202,7 @@ def _verdict(pair: Pair, d: Difference) -> str:
 
 
 def _pair_content(pair: Pair, d: Difference) -> dict[str, Any]:
-    """Return the tables of one pair: measures of the difference, and figures of both flights."""
+    """Return the tables of one pair of flights: measures of the difference, and measures of both flights."""
     return {
         "name": pair.name,
         "labels": (pair.a.label, pair.b.label),
@@ -212,7 +217,10 @@ def _pair_content(pair: Pair, d: Difference) -> dict[str, Any]:
 
 
 def _change(a: float | None, b: float | None) -> str:
-    """Return the change from A to B in percent, or as a factor from 10 on, as text; "" if it is unknown."""
+    """Return the change from A to B as text, such as `+12 %`. Return "" if it is unknown.
+
+    Large changes, of a factor of 10 or more, are stated as a factor.
+    """
     if not a or b is None:
         return ""
     if b / a >= 10.0:
@@ -222,7 +230,9 @@ def _change(a: float | None, b: float | None) -> str:
 
 
 def _changes(a: Mapping[str, str], b: Mapping[str, str]) -> list[tuple[str, str, str]]:
-    """Return (key, value of A, value of B) of the settings that differ; none if the settings of a source are unknown.
+    """Return (key, value of A, value of B) for each setting that differs.
+
+    The list is empty if the settings of one source are unknown.
 
     A vehicle of only one run is one row.
     """
@@ -238,5 +248,5 @@ def _changes(a: Mapping[str, str], b: Mapping[str, str]) -> list[tuple[str, str,
 
 
 def _vehicle_names(keys: Iterable[str]) -> set[str]:
-    """Return the names of the vehicles in keys such as `vehicles.uav1.port`."""
+    """Return the vehicle names that occur in setting keys such as `vehicles.uav1.port`."""
     return {key.split(".")[1] for key in keys if key.startswith("vehicles.")}

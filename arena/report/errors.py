@@ -1,4 +1,7 @@
-"""Errors of a flight over time and their measures: tracking error (position against setpoint) and error of the estimate. Pure."""
+"""Tracking errors and estimate errors of a flight over time, and their rms, p95 and maximum. Pure.
+
+Tracking error: position against setpoint. Estimate error: estimate against actual position.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,9 @@ _DEG = 180.0 / np.pi
 
 @dataclass(frozen=True, kw_only=True)
 class Measures:
-    """Measures of an error over a flight. rms, p95 (95th percentile), max: of the absolute value.
+    """Rms, 95th percentile and maximum of the absolute value of an error over a flight.
+
+    p95: 95th percentile.
 
     at_s: time of the maximum [s].
     """
@@ -30,7 +35,10 @@ class Measures:
 
 
 def measures(t: Array, error: Array) -> Measures | None:
-    """Return the measures of an error (n,) at the times t [s] (n,); None without values. NaN values are left out."""
+    """Return the rms, p95 and maximum of an error (n,) at the times t [s] (n,). Return None without values.
+
+    NaN values are left out.
+    """
     known = np.isfinite(error)
     if not known.any():
         return None
@@ -44,12 +52,15 @@ def measures(t: Array, error: Array) -> Measures | None:
 
 
 def tracking_error(flight: Flight) -> Array:
-    """Return the position minus the position setpoint [m] [NED] (n, 3); NaN outside OFFBOARD and on the floor."""
+    """Return the tracking error: position minus setpoint [m] [NED] (n, 3).
+
+    It is NaN outside OFFBOARD and on the floor.
+    """
     return np.where(tracked(flight)[:, None], flight.pos - flight.group("pos_ref"), np.nan)
 
 
 def estimate_error(flight: Flight) -> Array:
-    """Return the estimated position minus the actual position [m] [NED] (n, 3), in the air.
+    """Return the estimate error: estimated minus actual position [m] [NED] (n, 3), in the air only.
 
     NaN if neither the truth nor motion capture is in the log.
     """
@@ -59,7 +70,10 @@ def estimate_error(flight: Flight) -> Array:
 
 
 def yaw_tracking_error(flight: Flight) -> Array:
-    """Return the yaw minus the yaw setpoint [deg] (n,), -180..180; NaN outside OFFBOARD and on the floor."""
+    """Return the yaw tracking error: yaw minus yaw setpoint [deg] (n,), -180..180.
+
+    It is NaN outside OFFBOARD and on the floor.
+    """
     reference = flight.numbers.get("pos_ref.yaw")
     if reference is None or not np.isfinite(reference).any():
         reference = flight.group("att_euler_ref", RPY)[:, 2]
@@ -67,7 +81,10 @@ def yaw_tracking_error(flight: Flight) -> Array:
 
 
 def yaw_estimate_error(flight: Flight) -> Array:
-    """Return the estimated yaw minus the actual yaw [deg] (n,), -180..180, in the air; NaN if the actual yaw is unknown."""
+    """Return the yaw estimate error: estimated minus actual yaw [deg] (n,), -180..180, in the air only.
+
+    It is NaN if the actual yaw is unknown.
+    """
     if flight.position_source == "estimate":
         return np.full(flight.t.size, np.nan)
     return np.where(
@@ -156,12 +173,12 @@ ROWS: tuple[Row, ...] = (
 
 
 def tracking_figure(vehicles: Sequence[Drawn]) -> Figure:
-    """Return the figure of the tracking errors: distance, components and yaw."""
+    """Return the figure of the tracking errors over time: distance, components and yaw."""
     return _figure(vehicles, tracking_error, yaw_tracking_error, 1.0, "m")
 
 
 def estimator_figure(vehicles: Sequence[Drawn]) -> Figure:
-    """Return the figure of the errors of the estimate: distance, components and yaw."""
+    """Return the figure of the estimate errors over time: distance, components and yaw."""
     return _figure(vehicles, estimate_error, yaw_estimate_error, 1e3, "mm")
 
 

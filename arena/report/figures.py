@@ -1,4 +1,4 @@
-"""Interactive figures of flights over time, as plotly figures: dictionaries with `data` and `layout`. Pure.
+"""Interactive figures of flights over time: dictionaries with `data` and `layout`, as plotly needs them. Pure.
 
 Arrays stay numpy arrays; `arena.report.page` encodes them. The key `meta` of a trace names its vehicle, so that the page can
 show and hide vehicles. All figures over time have the same time axis (x).
@@ -53,7 +53,7 @@ _LEFT, _RIGHT = (
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """Vehicle to draw.
+    """Vehicle whose flight a figure shows.
 
     name: name of the vehicle.  flight: its log.  t: time on the report's axis [s] (n,).  rows: indices of the rows that are drawn (m,).
     colour: colour of the vehicle, as #rrggbb.  chip: name by which the page shows and hides the vehicle, "" for `name`.
@@ -68,13 +68,13 @@ class Drawn:
 
     @property
     def x(self) -> Array:
-        """Times of the drawn rows [s] (m,)."""
+        """Times of the plotted log rows [s] (m,)."""
         times: Array = self.t[self.rows]
         return times
 
 
 def drawn(flights: Mapping[str, Flight], origins_s: Mapping[str, float]) -> list[Drawn]:
-    """Return the vehicles to draw, with their colours and the rows to draw.
+    """Return the vehicles that a figure shows, with their colours and the log rows to plot.
 
     origins_s: vehicle -> time of its log that is 0 on the report's time axis [s].
     """
@@ -92,7 +92,9 @@ def drawn(flights: Mapping[str, Flight], origins_s: Mapping[str, float]) -> list
 
 
 def thinned(flight: Flight, most: int) -> Indices:
-    """Return the indices of at most `most` rows of a log.
+    """Return the indices of at most `most` rows of a log, to keep a figure small.
+
+    Rows with the largest tracking errors are kept.
 
     Of each group of neighbouring rows the first one is kept, and the one with the largest tracking error, so that peaks stay
     visible.
@@ -110,7 +112,7 @@ def thinned(flight: Flight, most: int) -> Indices:
 
 
 def colour(k: int, count: int) -> str:
-    """Return the colour of vehicle k of `count` vehicles, as #rrggbb."""
+    """Return the colour of vehicle number k of `count` vehicles, as #rrggbb."""
     if count <= len(_PALETTE):
         return _PALETTE[k]
     hue, light = (k * 0.618034) % 1.0, (0.36, 0.46, 0.56)[k % 3]
@@ -119,13 +121,16 @@ def colour(k: int, count: int) -> str:
 
 
 def plain(text: str) -> str:
-    """Return a text that plotly shows as it is. Plotly interprets HTML tags and entities in texts."""
+    """Escape a text so that plotly shows it unchanged.
+
+    Plotly interprets HTML tags and entities in texts.
+    """
     return html.escape(text, quote=False)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """A curve of every vehicle in one panel.
+    """Kind of curve in a panel, such as `desired`. Every vehicle gets one curve of this kind.
 
     label: name of the curve in the legend, such as `desired`.  values: function from a vehicle to its values (n,).
     dash: line style of plotly.  width: line width [px].  opacity: 0..1.
@@ -140,7 +145,7 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """Panel of a figure: title of its y-axis with the unit, and its curves.
+    """Panel of a figure: its y-axis with title and unit, and its curves.
 
     digits: format of the values, as in d3.  zero: the axis begins at 0.  least: the axis of a vehicle shows at least this range
         around its median value, so that noise does not fill the panel.
@@ -156,7 +161,7 @@ class Panel:
 def over_time(
     vehicles: Sequence[Drawn], panels: Sequence[Panel], *, height: int = 170, legend: bool = True
 ) -> Figure:
-    """Return a figure with one panel above the other over the common time axis.
+    """Return a figure with its panels one above the other. All panels share the time axis.
 
     height: height of one panel [px].  legend: show the line styles of the curves.
     """
@@ -200,7 +205,10 @@ def _line(one: Drawn, curve: Curve, panel: Panel, number: int) -> dict[str, Any]
 
 
 def _least_range(trace: dict[str, Any], least: float) -> dict[str, Any]:
-    """Return an invisible trace at the median of a curve plus and minus half the least range."""
+    """Return an invisible trace that gives the y-axis a minimum range around the median of a curve.
+
+    The range prevents that noise fills the panel.
+    """
     middle, x = float(np.nanmedian(trace["y"])), float(trace["x"][0])
     return {
         "type": "scatter",
@@ -216,7 +224,7 @@ def _least_range(trace: dict[str, Any], least: float) -> dict[str, Any]:
 
 
 def _legend_entry(curve: Curve) -> dict[str, Any]:
-    """Return a trace without points that shows the line style of a curve in the legend."""
+    """Return an empty trace that shows the line style of a curve in the legend."""
     return {
         "type": "scatter",
         "mode": "lines",
@@ -231,7 +239,7 @@ def _legend_entry(curve: Curve) -> dict[str, Any]:
 
 
 def time_layout(titles: Sequence[str], height: int, *, zero: Sequence[bool] = ()) -> dict[str, Any]:
-    """Return the layout of a figure over time with one panel per title.
+    """Return the plotly layout of a figure over time, with one panel per title.
 
     height: height of one panel [px].  zero: panels whose axis begins at 0.
     """
@@ -284,12 +292,17 @@ def time_layout(titles: Sequence[str], height: int, *, zero: Sequence[bool] = ()
 
 
 def column(group: str, part: str, scale: float = 1.0) -> Callable[[Drawn], Array]:
-    """Return the function from a vehicle to one column of its log (n,), multiplied by `scale`. Missing columns are NaN."""
+    """Return a function that reads one log column of a vehicle (n,), multiplied by `scale`.
+
+    Missing columns are NaN.
+    """
     return lambda one: scale * one.flight.numbers.get(f"{group}.{part}", np.full(one.flight.t.size, np.nan))
 
 
 def actual(quantity: str, part: str, scale: float = 1.0) -> Callable[[Drawn], Array]:
-    """Return the function from a vehicle to its actual value (n,): truth, motion capture, or estimate (see `Flight`).
+    """Return a function that reads an actual value of a vehicle (n,): truth, motion capture, or estimate.
+
+    `Flight` explains which source is used.
 
     quantity: `pos` or `att_euler`.
     """
@@ -297,7 +310,10 @@ def actual(quantity: str, part: str, scale: float = 1.0) -> Callable[[Drawn], Ar
 
 
 def estimate(quantity: str, part: str, scale: float = 1.0) -> Callable[[Drawn], Array]:
-    """Return the function from a vehicle to the autopilot's estimate (n,); NaN if the estimate is the actual value."""
+    """Return a function that reads the autopilot's estimate of a vehicle (n,).
+
+    It returns NaN if the estimate already serves as the actual value.
+    """
 
     def values(one: Drawn) -> Array:
         same = one.flight.position_source == "estimate"
@@ -307,7 +323,7 @@ def estimate(quantity: str, part: str, scale: float = 1.0) -> Callable[[Drawn], 
 
 
 def desired(quantity: str, part: str, scale: float = 1.0) -> Callable[[Drawn], Array]:
-    """Return the function from a vehicle to its setpoint while it is in OFFBOARD (n,); NaN in other modes.
+    """Return a function that reads a setpoint of a vehicle in OFFBOARD (n,); NaN in other flight modes.
 
     On the ground only position setpoints are shown. Setpoints that the autopilot computes from the position, such as the velocity,
     do not describe the flight before the take-off.
@@ -322,7 +338,7 @@ def desired(quantity: str, part: str, scale: float = 1.0) -> Callable[[Drawn], A
 
 
 def three(quantity: str, reference: str, part: str, scale: float) -> tuple[Curve, Curve, Curve]:
-    """Return the curves of a quantity: estimate, actual and desired.
+    """Return the three curves of a quantity: estimate, actual and desired values.
 
     reference: group of columns of the desired value.
     """
@@ -344,7 +360,7 @@ def three(quantity: str, reference: str, part: str, scale: float) -> tuple[Curve
 
 
 def _unwrapped(values: Callable[[Drawn], Array], quantity: str) -> Callable[[Drawn], Array]:
-    """Return the function with gaps at jumps of angles from 180 to -180 degrees, so that no vertical line is drawn there."""
+    """Change a function of angles so that a jump from 180 to -180 degrees is a gap, not a vertical line."""
     if quantity != "att_euler":
         return values
 
@@ -371,7 +387,7 @@ def position(vehicles: Sequence[Drawn]) -> Figure:
 
 
 def _yaw_reference(one: Drawn) -> Array:
-    """Return the yaw reference [deg] (n,): that of the program, else that of the attitude setpoint."""
+    """Return the yaw reference [deg] (n,) of the program, or else of the attitude setpoint."""
     own = one.flight.numbers.get("pos_ref.yaw")
     if own is None or not np.isfinite(own).any():
         return desired("att_euler_ref", "yaw", _DEG)(one)

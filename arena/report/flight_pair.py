@@ -1,4 +1,4 @@
-"""Two flights on one time axis: alignment, positions relative to a common moment, and their differences. Pure.
+"""Two flights on one time axis, aligned at a common moment such as takeoff, and their differences. Pure.
 
 The flights are called A and B. Differences are B minus A.
 """
@@ -27,7 +27,7 @@ _DEG = 180.0 / np.pi
 
 @dataclass(frozen=True, kw_only=True)
 class Side:
-    """Flight that is compared with another one, aligned.
+    """First or second of two compared flights, with its time zero and position relative to the common moment.
 
     label: text for the page, such as `A: uav1 of two_quads`.  flight: its log; positions and yaw are relative to those at the
     common moment.  t: time since the common moment [s] (n,).  zero_s: time of the common moment in the log [s].
@@ -44,7 +44,7 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """Pair of flights to compare.
+    """Pair of flights that are compared.
 
     name: name of the pair.
     a, b: the flights.
@@ -59,7 +59,7 @@ class Pair:
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """B minus A over the time that both flights have in common, until the first of them leaves OFFBOARD.
+    """Difference B minus A of two flights, until the first of them leaves OFFBOARD.
 
     t: times since the common moment [s] (m,).  position: [m] [NED] (m, 3).  yaw: [deg] (m,).
     """
@@ -69,7 +69,7 @@ class Difference:
     yaw: Array
 
     def measures(self) -> Mapping[str, Measures | None]:
-        """Return the measures of the difference: distance, north, east, up [m] and yaw [deg]."""
+        """Return rms, p95 and maximum of the difference: distance, north, east, up [m] and yaw [deg]."""
         return {
             "distance": measures(self.t, np.linalg.norm(self.position, axis=1)),
             "north": measures(self.t, self.position[:, 0]),
@@ -82,7 +82,7 @@ class Difference:
 def pairs(
     a: Sequence[Flight], b: Sequence[Flight], names: tuple[str, str], moment: Moment | None = None
 ) -> list[Pair]:
-    """Return the pairs of flights: vehicles with the same name, else in their order.
+    """Return the pairs of flights of two sources: vehicles with the same name, or else in their order.
 
     a, b: flights of both sources.  names: names of the sources.  moment: by which the flights are aligned; None for the first one
         of `MOMENTS` that both flights contain.
@@ -114,7 +114,7 @@ def _side(label: str, flight: Flight, moment: Moment) -> Side:
     if row is None:
         others = ", ".join(m for m in MOMENTS if moment_row(flight, m) is not None) or "none"
         raise InputError(
-            f"{label}: the log contains no {moment}, so the flight cannot be aligned by it; possible: {others}"
+            f"{label}: the log contains no {moment}, so the flights cannot be aligned at it. Choose one of: {others}"
         )
     known = np.flatnonzero(np.isfinite(flight.pos).all(axis=1))
     if not known.size:
@@ -132,7 +132,7 @@ def _side(label: str, flight: Flight, moment: Moment) -> Side:
 
 
 def moment_row(flight: Flight, moment: Moment) -> int | None:
-    """Return the row of the common moment; None if there is none.
+    """Return the log row of the common moment, such as the takeoff, or None if the log has no such moment.
 
     step: first setpoint in OFFBOARD that is more than `_STEP_M` away from the place where OFFBOARD began.
     offboard: entry into OFFBOARD while armed.  takeoff: first row in the air.
@@ -148,7 +148,10 @@ def moment_row(flight: Flight, moment: Moment) -> int | None:
 
 
 def _relative(flight: Flight, p_n: Array, yaw: float) -> Flight:
-    """Return the flight with positions relative to p_n [m] [NED] (3,) and yaw angles relative to `yaw` [rad], -pi..pi."""
+    """Return the flight with its positions and yaw angles relative to a reference pose.
+
+    p_n: reference position [m] [NED] (3,). yaw: reference yaw [rad]; the results are in -pi..pi.
+    """
     numbers = dict(flight.numbers)
     for group in ("truth.pos", "mocap.pos", "ekf.pos", "pos_ref"):
         for k, part in enumerate(NED):
@@ -165,20 +168,23 @@ def _relative(flight: Flight, p_n: Array, yaw: float) -> Flight:
 
 
 def wrapped(angle: Array) -> Array:
-    """Return angles [rad] in the range -pi..pi."""
+    """Wrap angles [rad] into the range -pi..pi."""
     found: Array = (angle + np.pi) % (2.0 * np.pi) - np.pi
     return found
 
 
 def difference(pair: Pair) -> Difference:
-    """Return B minus A at the times of A. Raises InputError if the flights have no common time."""
+    """Return the difference B minus A of two flights at the times of A.
+
+    Raises InputError if the flights have no common time.
+    """
     a, b = pair.a, pair.b
     last = min(_end(a), _end(b))
     rows = (a.t >= max(0.0, b.t[0])) & (a.t <= last)
     t = a.t[rows]
     if t.size < 2 or t[-1] - t[0] < _LEAST_S:
         raise InputError(
-            f"{a.label} and {b.label} have less than {_LEAST_S:g} s in common after their {pair.moment}"
+            f"{a.label} and {b.label} overlap for less than {_LEAST_S:g} s after their {pair.moment}, so they cannot be compared"
         )
     at_b = np.stack([_interpolated(t, b.t, column) for column in b.flight.pos.T], axis=1)
     yaw_b = _interpolated(t, b.t, _continuous(b.flight.euler[:, 2]))
@@ -187,7 +193,10 @@ def difference(pair: Pair) -> Difference:
 
 
 def _end(side: Side) -> float:
-    """Return the time at which the comparison of a flight ends [s]: the last row in OFFBOARD, or the last row if none is in OFFBOARD."""
+    """Return the time at which the comparison of a flight ends [s].
+
+    It is the last row in OFFBOARD, or the last row of the log without OFFBOARD.
+    """
     rows = np.flatnonzero(side.flight.offboard)
     return float(side.t[rows[-1]] if rows.size else side.t[-1])
 
@@ -200,7 +209,7 @@ def _continuous(angle: Array) -> Array:
 
 
 def _interpolated(t: Array, own: Array, values: Array) -> Array:
-    """Interpolate values linearly at other times. Return the interpolated values (m,).
+    """Interpolate values linearly. Return the values at the new times (m,).
 
     t: wanted times [s] (m,).  values: (n,); NaN values are left out.  own: times of the values [s] (n,).
     The result is NaN before the first and after the last value, and if all values are NaN.

@@ -1,4 +1,4 @@
-"""Entry of the list of what happened in a run."""
+"""Entry of a report's list of events, such as a takeoff, a fault or a landing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Level = Literal["bad", "warn", "good", "note"]
 
 @dataclass(frozen=True, kw_only=True)
 class Happening:
-    """Entry of the list of what happened.
+    """Entry of a report's list of events, such as a takeoff, a fault or a landing.
 
     at_s: time on the report's time axis [s], NaN if unknown.  vehicles: names of the vehicles concerned, () for all or none.
     level: "bad" is a crash or a failure, "warn" needs attention, "good" is a normal part of a flight, "note" is a detail.

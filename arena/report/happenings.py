@@ -1,4 +1,4 @@
-"""List of what happened in a run, in order of time: take-offs, landings, failsafes, crashes, faults, pilots, restarts. Pure."""
+"""List of the events of a run in order of time: takeoffs, landings, failsafes, crashes, faults, restarts. Pure."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ KILLED = " was killed by the scenario"
 
 
 def happenings(run: RunData) -> list[Happening]:
-    """Return everything that happened in a run, in order of time. Entries with an unknown time are first."""
+    """Return all events of a run in order of time. Events with unknown time are first."""
     starts: Counter[str] = Counter()
     found = [h for event in run.events for h in _of_event(event, run, starts)]
     for name, flight in run.flights.items():
@@ -47,7 +47,10 @@ def happenings(run: RunData) -> list[Happening]:
 
 
 def disarming_of(name: str, run: RunData) -> Disarming | None:
-    """Return the last disarming of a vehicle; None if the vehicle was never armed or is armed at the end. Times: the report's axis."""
+    """Return the last disarming of a vehicle, or None if the vehicle was never armed or is still armed at the end.
+
+    Times are on the report's time axis.
+    """
     flight, link = run.flights.get(name), run.links.get(name)
     if flight is None:
         return None
@@ -56,7 +59,7 @@ def disarming_of(name: str, run: RunData) -> Disarming | None:
 
 
 def in_air(flight: Flight) -> NDArray[np.bool_]:
-    """Return in which rows of its log a vehicle is in the air (n,): from the take-off to the touchdown."""
+    """Return a mask of the log rows in which a vehicle is in the air (n,): from takeoff to touchdown."""
     found = np.zeros(flight.t.size, bool)
     for first, last in flown_times(flight):
         found[first : touchdown_row(flight, first, last) + 1] = True
@@ -64,7 +67,7 @@ def in_air(flight: Flight) -> NDArray[np.bool_]:
 
 
 def tracked(flight: Flight) -> NDArray[np.bool_]:
-    """Return in which rows of its log the tracking error of a vehicle counts (n,): in OFFBOARD in the air.
+    """Return a mask of the log rows in which the tracking error counts (n,): in the air in OFFBOARD.
 
     All rows in OFFBOARD count if the log has no take-off, such as a log of a part of a flight.
     """
@@ -74,7 +77,7 @@ def tracked(flight: Flight) -> NDArray[np.bool_]:
 
 
 def estimated(flight: Flight) -> NDArray[np.bool_]:
-    """Return in which rows of its log the error of the estimate counts (n,): in the air, in any flight mode.
+    """Return a mask of the log rows in which the estimate error counts (n,): in the air, in any flight mode.
 
     All rows in which the vehicle is armed count if the log has no take-off.
     """
@@ -83,7 +86,7 @@ def estimated(flight: Flight) -> NDArray[np.bool_]:
 
 
 def together(found: Iterable[Happening], within_s: float) -> list[list[Happening]]:
-    """Group entries of the same kind whose texts differ only in the names of their vehicles.
+    """Group events of the same kind whose texts differ only in the vehicle names.
 
     within_s: an entry belongs to a group if it is at most so long after the previous entry of the group [s].
     Groups are in the order of their first entries.
@@ -102,7 +105,10 @@ def together(found: Iterable[Happening], within_s: float) -> list[list[Happening
 
 
 def without_names(h: Happening) -> str:
-    """Return the text of an entry, in which each name of a vehicle is replaced by `*`. Entries with equal results can share a row."""
+    """Return an event's text with `*` in place of each vehicle name.
+
+    Events with equal results can share a row of the list.
+    """
     text = h.text
     for name in sorted(h.vehicles, key=len, reverse=True):
         text = re.sub(rf"(?<![\w-]){re.escape(name)}(?![\w-])", "*", text)
@@ -110,7 +116,7 @@ def without_names(h: Happening) -> str:
 
 
 def _of_flight(name: str, flight: Flight, t: np.ndarray, off: Disarming | None) -> Iterator[Happening]:
-    """Yield take-offs, touchdowns, landings, and changes of mode and armed flag.
+    """Yield the events in a vehicle's log: takeoffs, touchdowns, landings, changes of mode and armed flag.
 
     t: time on the report's axis [s] (n,).  off: last disarming.
     """
@@ -137,7 +143,7 @@ def _of_flight(name: str, flight: Flight, t: np.ndarray, off: Disarming | None) 
 
 
 def _of_event(event: Event, run: RunData, starts: Counter[str]) -> Iterator[Happening]:
-    """Yield the entries of one line of events.jsonl.
+    """Yield the list entries of one line of events.jsonl.
 
     starts: process -> number of its starts so far.
     """
@@ -157,7 +163,7 @@ def _of_event(event: Event, run: RunData, starts: Counter[str]) -> Iterator[Happ
 
 
 def _of_change(event: Event, run: RunData, starts: Counter[str]) -> Iterator[Happening]:
-    """Yield failures and restarts of processes."""
+    """Yield the failures and restarts of processes."""
     if event.after == "STARTING":
         starts[event.process] += 1
         if starts[event.process] > 1:
@@ -177,14 +183,14 @@ def _of_change(event: Event, run: RunData, starts: Counter[str]) -> Iterator[Hap
 
 
 def killed_by_scenario(event: Event, run: RunData) -> bool:
-    """Return whether a step of the scenario has killed the process of an event, such as `kill program uav1`."""
+    """Return whether the scenario itself killed a process, for example by `kill program uav1`."""
     if not event.reason.startswith("killed by SIGKILL"):
         return False
     return any(abs(event.at_s - at) <= _KILLED_S for at in _kills(event.process, run))
 
 
 def _kills(process: str, run: RunData) -> list[float]:
-    """Return the times of the steps of the scenario that kill a process [s].
+    """Return the times [s] at which steps of the scenario kill a given process.
 
     process: its name, such as `program.uav1`.
     """
@@ -229,7 +235,7 @@ def _of_words(event: Event, run: RunData) -> Iterator[Happening]:
 
 
 def _of_arena(event: Event, run: RunData) -> Happening:
-    """Return the entry of an event of the supervisor."""
+    """Return the list entry of an event that the supervisor has written."""
     last_s = max((step.at_s for step in scenario_steps(run)), default=0.0)
     if run.scenario and event.text.endswith(_STOPPING) and event.at_s >= last_s:
         said = "the scenario has ended: the run is stopped"
@@ -243,7 +249,7 @@ def _of_arena(event: Event, run: RunData) -> Happening:
 
 
 def _happening(event: Event, run: RunData, kind: Kind, level: Level, text: str) -> Happening:
-    """Return an entry for an event. If the text begins with the name of a vehicle, it concerns this vehicle only."""
+    """Return the list entry of an event. A text that begins with a vehicle name concerns this vehicle only."""
     first, _, about = text.partition(": ")
     if first in run.names:
         return Happening(at_s=event.at_s, kind=kind, level=level, vehicles=(first,), text=about)
@@ -252,13 +258,13 @@ def _happening(event: Event, run: RunData, kind: Kind, level: Level, text: str) 
 
 
 def _named(text: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the vehicles that a text contains as whole words."""
+    """Return the vehicle names that occur in a text as whole words."""
     words = set(re.findall(r"[\w-]+", text))
     return tuple(name for name in names if name in words)
 
 
 def _of_texts(name: str, texts: Sequence[StatusText], found: Sequence[Happening]) -> Iterator[Happening]:
-    """Yield the STATUSTEXTs of a vehicle, except those that the router has reported as events."""
+    """Yield the STATUSTEXT messages of a vehicle that the router has not already reported as events."""
     known = {h.text for h in found if name in h.vehicles}
     for given in texts:
         if given.text in known:

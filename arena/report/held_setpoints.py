@@ -1,4 +1,4 @@
-"""Held setpoints of a flight: time spans with a constant position setpoint, and the position error at the end of each. Pure."""
+"""Time spans of a flight with a constant position setpoint, and the position error at the end of each. Pure."""
 
 from __future__ import annotations
 
@@ -43,7 +43,9 @@ def constant_spans(flight: Flight) -> list[tuple[int, int]]:
 
 
 def last_row_of_held_setpoint(flight: Flight) -> int | None:
-    """Return the last row of the setpoint that was held until OFFBOARD ended; None if the last setpoint was not held.
+    """Return the last log row of the setpoint that was held at the end of OFFBOARD. Return None if it was not held.
+
+    The setpoint was held if it was constant for at least `HELD_S`.
 
     Rows at the end of OFFBOARD that already have the reference of the next mode do not count: the message with the reference
     can come before the message with the mode.
@@ -63,7 +65,7 @@ def last_row_of_held_setpoint(flight: Flight) -> int | None:
 
 
 def setpoints(flight: Flight) -> dict[str, Any]:
-    """Measure the position error [m] at the end of each held setpoint.
+    """Measure the position error [m] at the end of each time span with a constant setpoint.
 
     Return the number of held setpoints, the largest error
     of those at which the vehicle had settled, and a list of all. `at_s`: time of the measured row [s].
@@ -90,7 +92,10 @@ def setpoints(flight: Flight) -> dict[str, Any]:
 
 
 def _settled(flight: Flight, air: np.ndarray, first: int, row: int) -> bool:
-    """Return whether the vehicle had settled in a row of a setpoint that is held from the row `first` on."""
+    """Return whether the vehicle had settled at a held setpoint in a log row.
+
+    first: first row of the setpoint.
+    """
     if not air.any():  # the log of a part of a flight
         begin = first
     elif not air[row]:

@@ -1,4 +1,6 @@
-"""Writes a page with interactive figures as one HTML file that needs no network: templates, plotly.js and data in one file.
+"""Writes a page with interactive figures as one HTML file that needs no network.
+
+The file contains the templates, plotly.js and the data.
 
 Large parts are compressed with gzip and coded in base64; the browser unpacks them (DecompressionStream, in all browsers since 2023).
 plotly.js comes from the package `plotly`. That package contains only the complete bundle (4.8 MB, packed 2.0 MB). Smaller bundles
@@ -29,7 +31,7 @@ _LEVEL = 5  # of gzip: higher levels take twice as long and save 1 %
 def render(
     template: str, content: Mapping[str, Any], figures: Mapping[str, Figure], options: Mapping[str, Any]
 ) -> str:
-    """Return a page as HTML.
+    """Return a page with figures as HTML text.
 
     template: file in the folder `page`.  content: variables of the template. All texts are escaped.
     figures: id of an element of the page -> figure.  options: settings for page.js, see there.
@@ -61,12 +63,17 @@ def _environment() -> Environment:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Return a number with a fixed number of decimals; a dash if it is unknown. Zero has no sign."""
+    """Format a number with a fixed number of decimals. An unknown number gives a dash.
+
+    Zero gets no sign.
+    """
     return "\u2013" if value is None or not np.isfinite(value) else f"{value:z.{digits}f}"
 
 
 class ArrayTable:
-    """Table of the arrays of all figures. Equal arrays are stored once, as float32.
+    """Table of the number arrays of all figures on a page.
+
+    Equal arrays are stored once, as float32.
 
     `lengths`: number of values of each array.
     """
@@ -78,11 +85,14 @@ class ArrayTable:
 
     @property
     def data(self) -> bytes:
-        """All arrays, one after the other, little endian."""
+        """Bytes of all arrays, one after the other, little endian."""
         return b"".join(self._chunks)
 
     def without_arrays(self, node: Any) -> Any:
-        """Return a copy of a figure in which each numpy array is replaced by {"$": its index in the table}."""
+        """Return a copy of a figure in which `{"$": index}` replaces each numpy array.
+
+        index: the array's index in the table.
+        """
         if isinstance(node, np.ndarray):
             return {"$": self._index(node)}
         if isinstance(node, Mapping):
@@ -105,7 +115,7 @@ def _json(value: Any) -> str:
 
 
 def _finite(node: Any) -> Any:
-    """Return a copy with None for numbers that JSON cannot contain, such as NaN."""
+    """Return a copy of a value with None in place of NaN and infinity, which JSON cannot contain."""
     if isinstance(node, float):
         return node if np.isfinite(node) else None
     if isinstance(node, dict):

@@ -1,4 +1,4 @@
-"""Ends of the flights of one vehicle: touchdown, landing reported by the land detector, disarming. Pure."""
+"""Ends of one vehicle's flights: touchdown, landing by the land detector, and disarming. Pure."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ class Disarming:
 
 
 def flown_times(flight: Flight) -> list[tuple[int, int]]:
-    """Return (first row in the air, row of the landing) of each flight. A flight without a landing ends in the last row.
+    """Return (first row in the air, row of the landing) of each flight in a log.
+
+    A flight without a landing ends in the last row.
 
     A flight begins `TAKEN_OFF_M` above the ground, because autopilots report the take-off when the motors start. It ends when
     the land detector reports the landing.
@@ -57,7 +59,7 @@ def flown_times(flight: Flight) -> list[tuple[int, int]]:
 
 
 def touchdown_row(flight: Flight, first: int, last: int) -> int:
-    """Return the row of the touchdown: from this row on the height is that of the landing, within 3 cm.
+    """Return the log row of the touchdown: from this row on, the height is within 3 cm of the final height.
 
     first, last: rows of a flight, see `flown_times`. Returns `last` if the vehicle did not land.
     """
@@ -69,14 +71,14 @@ def touchdown_row(flight: Flight, first: int, last: int) -> int:
 
 
 def last_touchdown(flight: Flight) -> int | None:
-    """Return the row of the last touchdown; None if the vehicle did not fly or did not land."""
+    """Return the log row of the last touchdown, or None if the vehicle did not fly or did not land."""
     spans = flown_times(flight)
     return touchdown_row(flight, *spans[-1]) if spans and flight.landed[spans[-1][1]] else None
 
 
 @dataclass(frozen=True, kw_only=True)
 class LandingDrift:
-    """Horizontal motion of a vehicle during its last landing.
+    """Horizontal drift of a vehicle during its last landing.
 
     distance_m: horizontal distance between the two places [m].  begun_s: time at which the landing mode began [s].
     touchdown_s: time of the touchdown [s].
@@ -88,7 +90,7 @@ class LandingDrift:
 
 
 def landing_drift(flight: Flight) -> LandingDrift | None:
-    """Return the drift from the place where the landing mode began to the place of the last touchdown.
+    """Return the horizontal drift from the start of the landing mode to the last touchdown.
 
     None if the vehicle did not land in a landing mode, or if a position is unknown. Times are those of the log [s].
     """
@@ -124,7 +126,7 @@ def fall_after_disarming(flight: Flight) -> float:
 def disarming(
     flight: Flight, t: np.ndarray, texts: Sequence[StatusText], events_s: Sequence[float] = ()
 ) -> Disarming | None:
-    """Return the last disarming; None if the vehicle was never armed or is armed at the end.
+    """Return the last disarming in a log, or None if the vehicle was never armed or is still armed at the end.
 
     t: times of the rows [s] (n,).  texts: the autopilot's STATUSTEXTs.  events_s: times at which the router reported the disarming [s].
     """

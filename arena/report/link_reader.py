@@ -1,4 +1,4 @@
-"""Reads messages and poses of all vehicles over time (`LinkRecord`) from the record of a flight."""
+"""Reads the message times and pose delays of all vehicles (`LinkRecord`) from the record of a flight."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _floats() -> array[float]:
 
 @dataclass(kw_only=True)
 class _Collected:
-    """Data of one vehicle that were read so far. Times are on the run's clock [s]."""
+    """Data of one vehicle while the record is being read. Times are on the run's clock [s]."""
 
     system: int
     body: str
@@ -63,7 +63,7 @@ class _Collected:
 
 
 def read_links(recording: Recording, origin_s: float) -> dict[str, LinkRecord]:
-    """Return vehicle -> messages and poses over time. The file is read once.
+    """Return vehicle -> `LinkRecord`: its messages and poses over time. The file is read once.
 
     origin_s: time of the run's clock that is 0 on the report's time axis [s].
     """

@@ -1,4 +1,4 @@
-"""Messages and poses of one vehicle over time: rates, gaps, delays, and the autopilot's texts. From the record of the flight."""
+"""Messages and poses of one vehicle over time, from the record of the flight: rates, gaps, delays, texts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "i
 
 @dataclass(frozen=True, kw_only=True)
 class StatusText:
-    """STATUSTEXT of an autopilot.
+    """STATUSTEXT message of an autopilot.
 
     at_s: time of reception [s].
     severity: MAV_SEVERITY, 0 (emergency) to 7 (debug).
@@ -31,7 +31,7 @@ def _none() -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class LinkRecord:
-    """Messages and poses of one vehicle. Times are on the report's time axis [s].
+    """Messages and poses that were recorded for one vehicle. Times are on the report's time axis [s].
 
     down_s, up_s: times of the datagrams from and to the vehicle (n,).
     pose_s: times at which poses of the vehicle's rigid body were received (n,), tracked poses only.
@@ -51,7 +51,7 @@ class LinkRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class Gap:
-    """Longest time without a message.
+    """Longest time without a message, and when it began.
 
     at_s: its begin [s].
     length_s: its length [s].
@@ -62,7 +62,7 @@ class Gap:
 
 
 def rate_over_time(stamps: Array, end_s: float, width_s: float = 1.0) -> tuple[Array, Array]:
-    """Return the centres of time bins [s] (m,) and the number of messages per second in each bin [Hz] (m,).
+    """Return the message rate over time: the centres of time bins [s] (m,) and the rate in each bin [Hz] (m,).
 
     stamps: times of the messages [s] (n,), in any order.  end_s: end of the record, so that a stream that has ended has the
     rate 0.  width_s: width of a bin [s].
@@ -76,7 +76,7 @@ def rate_over_time(stamps: Array, end_s: float, width_s: float = 1.0) -> tuple[A
 
 
 def mean_rate(stamps: Array) -> float | None:
-    """Return the mean rate of messages [Hz]; None for fewer than two messages.
+    """Return the mean rate of some messages [Hz], or None for fewer than two messages.
 
     stamps: times [s] (n,).
     """
@@ -85,7 +85,7 @@ def mean_rate(stamps: Array) -> float | None:
 
 
 def longest_gap(stamps: Array, start_s: float = -np.inf, end_s: float = np.inf) -> Gap | None:
-    """Return the longest time without a message; None for fewer than two messages.
+    """Return the longest time without a message, or None for fewer than two messages.
 
     stamps: times of the messages [s] (n,), increasing.  start_s, end_s: only gaps that begin in this time count.
     """

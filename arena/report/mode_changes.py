@@ -1,4 +1,4 @@
-"""Causes of the changes of flight mode: who commanded the change, or which failsafe acted. Pure."""
+"""Causes of flight mode changes: the sender of the command, or the failsafe. Pure."""
 
 from __future__ import annotations
 
@@ -16,19 +16,22 @@ COMMANDED = ", commanded by "
 
 
 def mode_text(before: str, after: str) -> str:
-    """Return the text of a change of mode."""
+    """Return the report's text for a change of flight mode."""
     return f"mode {before} -> {after}"
 
 
 def new_mode(h: Happening) -> str:
-    """Return the new mode of a change of mode; "" for other entries."""
+    """Return the new flight mode that an event of kind "mode" reports; "" for other events."""
     if h.kind != "mode" or not h.text.startswith("mode "):
         return ""
     return h.text.partition(" -> ")[2].partition(",")[0]
 
 
 def with_causes(found: Sequence[Happening], run: RunData) -> list[Happening]:
-    """Return the entries, with the cause in each change of mode. Entries that report the same change again are left out."""
+    """Add the cause to each change of flight mode in a list of events.
+
+    Events that report the same change again are left out.
+    """
     made: list[Happening] = []
     repeated: set[int] = set()
     for h in found:
@@ -52,7 +55,7 @@ def _explained(h: Happening, found: Sequence[Happening], run: RunData, repeated:
 
 
 def _commander(h: Happening, events: Sequence[Event]) -> str:
-    """Return the sender of the request for a mode, such as `program.uav1`; "" if none is recorded."""
+    """Return the process that commanded a flight mode, such as `program.uav1`, or "" if none is recorded."""
     mode, name = new_mode(h), h.vehicles[0]
     for event in sorted(events, key=lambda e: abs(e.at_s - h.at_s) if math.isfinite(e.at_s) else math.inf):
         if not abs(event.at_s - h.at_s) <= _COMMAND_S:

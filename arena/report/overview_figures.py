@@ -1,4 +1,4 @@
-"""Overview figures of a run: states of the vehicles over time with the events, and the map in three dimensions. Pure."""
+"""Overview figures of a run: the vehicles' states over time with the events, and the 3D map. Pure."""
 
 from __future__ import annotations
 
@@ -60,7 +60,9 @@ _MOST_LABELS = 60  # bands of the time line; with more bands the modes are only 
 
 
 def timeline(vehicles: Sequence[Drawn], found: Sequence[Happening], steps: Sequence[ScenarioStep]) -> Figure:
-    """Return the figure with one row per vehicle: its flight mode while armed, as coloured bands, and the events as marks.
+    """Return the timeline figure: one row per vehicle, with coloured bands for its flight modes and marks for events.
+
+    The bands show the flight mode while the vehicle is armed.
 
     found: what happened.  steps: steps of a scenario; they get a row of their own.
     """
@@ -91,7 +93,9 @@ def timeline(vehicles: Sequence[Drawn], found: Sequence[Happening], steps: Seque
 
 
 def mode_spans(flight: Flight, t: Array) -> list[tuple[float, float, str]]:
-    """Return (begin [s], end [s], state) of each time span with one state: the flight mode while armed, else `disarmed`.
+    """Return (begin [s], end [s], state) of each time span with a constant state.
+
+    The state is the flight mode while armed, else `disarmed`.
 
     t: times of the rows [s] (n,).
     """
@@ -165,13 +169,15 @@ def _marks(names: Sequence[str], found: Sequence[Happening]) -> list[dict[str, A
 
 
 def _range_s(vehicles: Sequence[Drawn]) -> float:
-    """Return the duration of all logs together [s]."""
+    """Return the time from the start of the first log to the end of the last log [s]."""
     ends = [float(one.t[k]) for one in vehicles for k in (0, -1)]
     return max(ends) - min(ends) if ends else 0.0
 
 
 def _steps(steps: Sequence[ScenarioStep], range_s: float) -> dict[str, Any]:
-    """Return the trace of the numbered circles. Steps whose circles would overlap share one.
+    """Return the trace with numbered circles for the steps of a scenario.
+
+    Steps whose circles would overlap share one circle.
 
     range_s: length of the time axis [s].
     """
@@ -206,7 +212,7 @@ def _steps(steps: Sequence[ScenarioStep], range_s: float) -> dict[str, Any]:
 
 
 def _numbers(group: Sequence[ScenarioStep]) -> str:
-    """Return the numbers of some steps in a row: `4`, `4, 5`, `4-6`."""
+    """Return the numbers of neighbouring scenario steps as text: `4`, `4, 5`, `4-6`."""
     first, last = group[0].number, group[-1].number
     return f"{first}" if first == last else f"{first}, {last}" if last == first + 1 else f"{first}-{last}"
 
@@ -216,7 +222,7 @@ def _short(text: str, most: int = 110) -> str:
 
 
 def height_and_error(vehicles: Sequence[Drawn]) -> Figure:
-    """Return the figure of the heights and of the tracking errors (distance to the setpoint) of all vehicles."""
+    """Return the figure of all vehicles' heights and tracking errors (distance to the setpoint)."""
     error = Curve(label="tracking error", values=lambda one: norm(tracking_error(one.flight)), width=1.2)
     panels = [
         Panel(title="height [m]", curves=height_curves(), digits=".2f"),
@@ -231,7 +237,9 @@ def height_and_error(vehicles: Sequence[Drawn]) -> Figure:
 def map_3d(
     vehicles: Sequence[Drawn], size_m: Sequence[float] | None, drawn: Mapping[str, Any] | None = None
 ) -> Figure:
-    """Return the map: paths and setpoints of all vehicles, and the room. x is east, y is north, z is the height [m].
+    """Return the 3D map: paths and setpoints of all vehicles, and the room.
+
+    x is east, y is north, z is the height [m].
 
     size_m: size of the flight room: north, east, height [m]; None if unknown.
     drawn: mapping with the keys `fence` and `obstacles` of slices; None if unknown.
@@ -293,7 +301,7 @@ def _extent(vehicles: Sequence[Drawn], size_m: Sequence[float] | None) -> tuple[
 
 
 def _up(p_n: Array) -> Array:
-    """Return positions [m] [NED] (n, 3) as east, north, height (n, 3)."""
+    """Convert positions from NED to east, north, height [m] (n, 3)."""
     return np.stack([p_n[:, 1], p_n[:, 0], -p_n[:, 2]], axis=1)
 
 

@@ -1,4 +1,4 @@
-"""Figures of two flights side by side, such as their tracking errors. Pure."""
+"""Measures of two flights side by side, such as their tracking errors. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from arena.report.landings import flown_times
 
 
 def pair_figures(pair: Pair) -> list[tuple[str, str, int, float | None, float | None]]:
-    """Return (label, unit, digits, value of A, value of B) of each figure that at least one flight has."""
+    """Return (label, unit, digits, value of A, value of B) of each measure that at least one flight has."""
     a, b = _values(pair.a), _values(pair.b)
     rows = [(label, unit, digits, a[label], b[label]) for label, unit, digits in _LABELS]
     return [row for row in rows if row[3] is not None or row[4] is not None]

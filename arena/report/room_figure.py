@@ -1,4 +1,4 @@
-"""The room in the map of a report: floor, edges, geofence and obstacles, as traces of plotly. Pure."""
+"""Room in the 3D map of a report, as plotly traces: floor, edges, geofence and obstacles. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ FENCE = "#d98324"
 
 
 def room_3d(size_m: Sequence[float], drawn: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the traces of the room. x is east, y is north, z is the height [m].
+    """Return the plotly traces of the room.
+
+    x is east, y is north, z is the height [m].
 
     size_m: north, east, height [m]; the origin is the centre of the floor.
     drawn: mapping with the keys `fence` and `obstacles` of slices, which may be missing.
@@ -30,7 +32,7 @@ def room_3d(size_m: Sequence[float], drawn: Mapping[str, Any]) -> list[dict[str,
 
 
 def _edges(name: str, low: Sequence[float], high: Sequence[float], colour: str, dash: str) -> dict[str, Any]:
-    """Return the edges of a box.
+    """Return the plotly trace of the twelve edges of a box.
 
     low, high: east, north, height of two corners [m].
     """

@@ -1,4 +1,4 @@
-"""Everything that a report shows, read from one run folder: plan, outcome, events, logs of the vehicles, record of a scenario.
+"""Reads all data that a report shows from one run folder: plan, outcome, events, and logs of the vehicles.
 
 Missing and broken files are named in `RunData.missing`. They do not stop the report, because runs can be killed.
 """
@@ -35,7 +35,7 @@ SCENARIO_FILE = "scenario.json"
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """Line of events.jsonl.
+    """Line of the event file events.jsonl.
 
     at_s: time of the report's time axis [s], NaN if unknown (see `RunData.origin_s`).
     process: name of the process that sent the event, or whose state changed.  text: text of the event, "" if there is none.
@@ -56,7 +56,7 @@ class Event:
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """CPU load and memory of one process over time.
+    """CPU load and memory of one process over time, from processes.csv.
 
     t: time on the report's time axis [s] (n,).  cpu: CPU use as a fraction of one core [-] (n,).  rss_mb: resident memory [MB] (n,).
     """
@@ -68,7 +68,7 @@ class Load:
 
 @dataclass(frozen=True, kw_only=True)
 class RunData:
-    """Content of one run folder.
+    """Content of one run folder: plan, outcome, events and logs.
 
     folder: the run folder.  names: names of all vehicles of the plan.  flights: vehicle -> log, vehicles with a log only.
     plan, outcome: content of plan.json and outcome.json, {} if missing.
@@ -93,11 +93,14 @@ class RunData:
     loads: Mapping[str, Load] = field(default_factory=dict)
 
     def vehicle(self, name: str) -> Mapping[str, Any]:
-        """Return the entry of a vehicle in the plan; {} if it is unknown."""
+        """Return a vehicle's entry in the plan, or {} if the vehicle is unknown."""
         return next((v for v in self.plan.get("vehicles", ()) if v.get("name") == name), {})
 
     def params(self, name: str) -> Mapping[str, Any]:
-        """Return the parameters that the configuration sets in the autopilot of a vehicle; {} if they are not in the plan."""
+        """Return the autopilot parameters that the configuration sets for a vehicle.
+
+        Returns {} if the plan does not contain them.
+        """
         for given in self.plan.get("slices", {}).values():
             listed = given.get("vehicles") or ()
             own = [v for v in listed if isinstance(v, dict) and v.get("name") == name]
@@ -112,28 +115,34 @@ class RunData:
         return not self.vehicle(name).get("simulated", True)
 
     def stats(self, process: str) -> Mapping[str, Any]:
-        """Return the statistics that a process has sent to the supervisor; {} if it has sent none."""
+        """Return the last statistics that a process has sent to the supervisor, or {} if there are none."""
         return (self.outcome.get("processes", {}).get(process) or {}).get("stats") or {}
 
     @property
     def replay_of(self) -> str:
-        """Path of the record that was sent again; "" for a flight."""
+        """Path of the record that was replayed in this run; "" for a flight."""
         return str(self.plan.get("replay") or "")
 
     @property
     def size_m(self) -> Sequence[float] | None:
-        """Size of the flight room: north, east, height [m]; None if the plan does not contain it."""
+        """Size of the room: north, east, height [m]. None if the plan does not contain it."""
         size: Sequence[float] | None = room_size(self.plan)
         return size
 
     @property
     def drawn(self) -> Mapping[str, Any]:
-        """Geofence and obstacles: the keys `fence` and `obstacles` of the slice of viewers; {} if the plan has no such slice."""
+        """Geofence and obstacles of the room, or {} if the plan does not contain them.
+
+        These are the keys `fence` and `obstacles` in the slice of viewers.
+        """
         return self.plan.get("slices", {}).get("view.json") or {}
 
 
 def read_run(folder: Path) -> RunData:
-    """Return the content of a run folder. Missing and broken files are named in `RunData.missing`."""
+    """Read the content of a run folder.
+
+    `RunData.missing` names missing and broken files.
+    """
     missing: list[str] = []
     plan, outcome = read_json(folder / "plan.json", missing), read_json(folder / "outcome.json", missing)
     names = [v["name"] for v in plan.get("vehicles", ())] or sorted(
@@ -164,7 +173,7 @@ def read_run(folder: Path) -> RunData:
 
 
 def read_loads(path: Path) -> dict[str, Load]:
-    """Return process -> CPU load and memory over time, from processes.csv; {} for runs without this file."""
+    """Return process -> CPU load and memory over time. Return {} if the run has no processes.csv."""
     rows: dict[str, list[tuple[float, float, float]]] = {}
     try:
         lines = path.read_text(errors="replace").splitlines()[1:]
@@ -181,7 +190,7 @@ def read_loads(path: Path) -> dict[str, Load]:
 
 
 def _recording(folder: Path, missing: list[str]) -> Recording | None:
-    """Return the record of the flight, `flight.mcap`; None if there is none, or if it cannot be read."""
+    """Return the record flight.mcap of the run, or None if it is missing or unreadable."""
     if not has_record(folder):
         return None
     try:
@@ -192,7 +201,7 @@ def _recording(folder: Path, missing: list[str]) -> Recording | None:
 
 
 def _computed(folder: Path, recording: Recording | None, missing: list[str]) -> dict[str, Flight]:
-    """Return vehicle -> log, computed from the record of the flight; {} if that is not possible."""
+    """Return vehicle -> log, computed from the record flight.mcap. Return {} if this is not possible."""
     try:
         return {} if recording is None else {flight.name: flight for flight in flights_of_run(folder)}
     except (InputError, OSError) as error:
@@ -201,7 +210,7 @@ def _computed(folder: Path, recording: Recording | None, missing: list[str]) -> 
 
 
 def _read(folder: Path, names: Sequence[str], missing: list[str]) -> dict[str, Flight]:
-    """Return vehicle -> log in `csv/<vehicle>.csv`. Vehicles without a log are left out."""
+    """Return vehicle -> log, read from `csv/<vehicle>.csv`. Vehicles without such a file are left out."""
     found = {name: read_flight(folder / CSV_FOLDER / f"{name}.csv") for name in names}
     return {name: flight for name, flight in found.items() if flight is not None}
 
@@ -209,7 +218,7 @@ def _read(folder: Path, names: Sequence[str], missing: list[str]) -> dict[str, F
 def _events_of_replay(
     own: Sequence[Event], recording: Recording | None, clock: Clock, origin_s: float
 ) -> list[Event]:
-    """Return the events of the recorded flight, with those that only the replay has, such as refused commands."""
+    """Return the events of the recorded flight and the events of its replay, such as refused commands."""
     recorded = () if recording is None else recording.events()
     found = [_event(line.fields, clock, origin_s) for line in recorded]
     found += [e for e in own if e.process == "replay" and e.text and not e.text.startswith("recorded: ")]
@@ -230,7 +239,7 @@ def _links(
 
 
 def room_size(plan: Mapping[str, Any]) -> Any:
-    """Return the size of the flight room (north, east, height) [m]; None if the plan does not contain it.
+    """Return the size of the room (north, east, height) [m], or None if the plan does not contain it.
 
     The size is in the configuration of the recorder; in older runs in that of the world, or of the processes `link.<vehicle>`.
     """
@@ -243,7 +252,7 @@ def room_size(plan: Mapping[str, Any]) -> Any:
 def run_clock(
     plan: Mapping[str, Any], outcome: Mapping[str, Any], flights: Sequence[Flight]
 ) -> tuple[Clock, float]:
-    """Return the clock of a run's logs, and the time of this clock at which the report's time axis begins [s]."""
+    """Return the clock of a run's logs, and the time on this clock at which the report's time axis starts [s]."""
     real = any(not v.get("simulated", True) for v in plan.get("vehicles", ()))
     real = real or any(flight.t0 > 1e9 for flight in flights)  # without a plan: Unix times are large
     if not real:
@@ -254,7 +263,7 @@ def run_clock(
 
 
 def read_events(path: Path, clock: Clock, origin_s: float, missing: list[str]) -> list[Event]:
-    """Return the lines of events.jsonl that are valid.
+    """Return all valid lines of events.jsonl. Invalid lines are left out.
 
     clock, origin_s: see `RunData`.
     """
@@ -290,7 +299,7 @@ def _event(entry: Mapping[str, Any], clock: Clock, origin_s: float) -> Event:
 
 
 def read_json(path: Path, missing: list[str]) -> dict[str, Any]:
-    """Return the object in a JSON file. If there is none, return {} and add the reason to `missing`."""
+    """Read the object in a JSON file. On failure, return {} and add the reason to `missing`."""
     try:
         found = json.loads(path.read_text())
     except (OSError, ValueError) as error:
@@ -300,7 +309,7 @@ def read_json(path: Path, missing: list[str]) -> dict[str, Any]:
 
 
 def unix_s(text: Any) -> float:
-    """Return an ISO time as Unix time [s]; NaN if it is not valid."""
+    """Convert an ISO 8601 time to Unix time [s]. An invalid time gives NaN."""
     try:
         return datetime.fromisoformat(text).timestamp()
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Facts about a run in the head of its page, as pairs (label, text): times, vehicles, programs, room. Pure."""
+"""Facts at the top of a run's page, as pairs (label, text): times, vehicles, programs, room. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from arena.report.separation import Separation
 
 
 def facts(run: RunData, nearest: Separation | None = None) -> list[tuple[str, str]]:
-    """Return (label, text) of the line below the verdict."""
+    """Return the facts below the verdict on a run's page, as pairs (label, text)."""
     outcome, found = run.outcome, list[tuple[str, str]]()
     if run.replay_of:
         found.append(("replay of", run.replay_of))
@@ -36,7 +36,7 @@ def facts(run: RunData, nearest: Separation | None = None) -> list[tuple[str, st
 
 
 def _autopilots(run: RunData) -> str:
-    """Return the autopilots of the vehicles as text, such as `PX4 v1.16.0 SITL`; "" if the plan does not contain them."""
+    """Return the autopilots of a run as text, such as `PX4 v1.16.0 SITL`, or "" if the plan names none."""
     found: dict[str, list[str]] = {}
     for vehicle in run.plan.get("vehicles", ()):
         kind, name = str(vehicle.get("autopilot", "")), str(vehicle["name"])
@@ -55,7 +55,7 @@ def _autopilots(run: RunData) -> str:
 
 
 def _programs(run: RunData) -> list[str]:
-    """Return the file names of the user programs, each with its vehicles if there are several programs."""
+    """Return the file names of the user programs as text. Several programs are listed with their vehicles."""
     found: dict[str, list[str]] = {}
     for process in run.plan.get("processes", ()):
         name, argv = str(process.get("name", "")), [str(word) for word in process.get("argv") or ()]
@@ -67,7 +67,7 @@ def _programs(run: RunData) -> list[str]:
 
 
 def _with_names(found: dict[str, list[str]]) -> str:
-    """Return things as text, each with its vehicles if there are several.
+    """Return names as text, each name followed by its vehicles if there are several names.
 
     found: thing -> names of its vehicles.
     """
@@ -81,7 +81,7 @@ def _with_names(found: dict[str, list[str]]) -> str:
 
 
 def _fence_words(run: RunData) -> str:
-    """Return the limits of the geofence as text; "" without a geofence."""
+    """Return the limits of the geofence as text, or "" without a geofence."""
     given = run.plan.get("slices", {}).get("recorder.json") or {}
     box = given.get("fence")
     if not box:

@@ -1,4 +1,4 @@
-"""The page of one run, report.html: texts and tables from the content of the run folder, and the figures."""
+"""HTML page of one run, report.html: texts, tables and figures."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _RANK = {"crash": 0, "failsafe": 1, "fault": 2, "pilot": 3, "copilot": 4, "proce
 
 
 def run_page(run: RunData) -> str:
-    """Return report.html of a run."""
+    """Return report.html, the HTML page of a run."""
     found = happenings(run)
     vehicles = figures.drawn(run.flights, {name: run.origin_s for name in run.flights})
     judged = verdict(run, found)
@@ -83,7 +83,7 @@ def run_page(run: RunData) -> str:
 
 
 def _title(run: RunData) -> str:
-    """Return the title of the page: names of the arena and of the scenario."""
+    """Return the title of the page: the names of the arena and of the scenario."""
     name = str(run.outcome.get("name") or run.plan.get("name") or run.folder.name)
     scenario = str(run.scenario.get("scenario") or "")
     return f"{name}: {scenario}" if scenario else name
@@ -122,7 +122,7 @@ def _figures(
 
 
 def _time_range(vehicles: Sequence[Drawn], found: Sequence[Happening]) -> tuple[float, float]:
-    """Return begin and end of the time axes [s]: the whole logs, and all events after their begin."""
+    """Return start and end of all time axes [s]. They contain all logs, and all events after the start."""
     stamps = [float(one.t[k]) for one in vehicles for k in (0, -1)]
     if not stamps:
         return 0.0, 1.0
@@ -132,7 +132,10 @@ def _time_range(vehicles: Sequence[Drawn], found: Sequence[Happening]) -> tuple[
 
 
 def _options(run: RunData, vehicles: Sequence[Drawn], found: Sequence[Happening]) -> dict[str, Any]:
-    """Return the settings for page.js: time range, vehicles, the vehicle that is shown first, lines at events."""
+    """Return the settings of the page's script page.js: time range, vehicles, and event lines.
+
+    They include the vehicle that is shown first.
+    """
     first, last = _time_range(vehicles, found)
     lines = _lines(found)
     marks = {(round(h.at_s, 1), h.kind): h for h in lines}
@@ -148,18 +151,21 @@ def _options(run: RunData, vehicles: Sequence[Drawn], found: Sequence[Happening]
 
 
 def _lines(found: Sequence[Happening]) -> list[Happening]:
-    """Return the events with a vertical line in the figures over time; the most important kinds are first."""
+    """Return the events that are drawn as vertical lines over time. The most important events come first."""
     lines = (h for h in found if h.kind in _RANK and h.level != "note" and math.isfinite(h.at_s))
     return sorted(lines, key=lambda h: _RANK[h.kind])
 
 
 def _line_kinds(found: Sequence[Happening]) -> list[str]:
-    """Return the names of the kinds of events that have vertical lines."""
+    """Return the kinds of events that are drawn as vertical lines."""
     return list(dict.fromkeys(overview_figures.MARKS[h.kind][0] for h in _lines(found)))
 
 
 def _preferred(vehicles: Sequence[Drawn], found: Sequence[Happening]) -> str:
-    """Return the vehicle that is shown first: that with a crash, a failsafe or a fault, else that with the largest tracking error."""
+    """Return the vehicle that the page shows first.
+
+    It is the vehicle with a crash, a failsafe or a fault, or else with the largest tracking error.
+    """
     for kind in _RANK:
         for h in found:
             if (
@@ -177,7 +183,7 @@ def _preferred(vehicles: Sequence[Drawn], found: Sequence[Happening]) -> str:
 
 
 def _story(found: Sequence[Happening], order: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the rows of the short list of events: what needs attention, take-offs, landings, and steps of a scenario.
+    """Return the rows of the short event list: problems, takeoffs, landings, and steps of a scenario.
 
     Equal events of several vehicles at nearly the same time are one row.  order: names of the vehicles.
     """
@@ -204,7 +210,7 @@ def _story(found: Sequence[Happening], order: Sequence[str]) -> list[dict[str, A
 
 
 def _words(run: RunData, found: Sequence[Happening], steps: Sequence[ScenarioStep]) -> list[tuple[str, str]]:
-    """Return (word, meaning) of the words that this page uses and that a reader may not know."""
+    """Return (term, meaning) of the terms on this page that a reader may not know."""
     words = []
     if any(re.search(r"\bDESCEND\b", h.text) for h in found):
         words.append(
@@ -222,5 +228,8 @@ def _words(run: RunData, found: Sequence[Happening], steps: Sequence[ScenarioSte
 
 
 def _for_each(text: str) -> str:
-    """Return the text of an event with `*` in place of the name of the vehicle, so that equal events of several vehicles are found."""
+    """Return an event's text with `*` in place of the vehicle name.
+
+    It shows which events of several vehicles are equal.
+    """
     return re.sub(r"(\w+)\.\*", r"\1 of each", text).replace("*", "each")

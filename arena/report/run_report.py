@@ -1,4 +1,6 @@
-"""The report of a run: `python -m arena.report RUN` writes report.html, summary.json and summary.txt.
+"""Writes the report of a run: report.html, summary.json and summary.txt.
+
+Command: `python -m arena.report RUN`.
 
 If a run was killed, some files are missing or incomplete. The report lists the missing files and uses the others.
 """
@@ -85,7 +87,7 @@ def report(folder: Path) -> str:
 
 
 def _complete(folder: Path) -> list[str]:
-    """Complete the record of a recorder that was killed or restarted. Return texts about a failure."""
+    """Complete the record of a recorder that was killed or restarted. Return the texts of failures."""
     try:
         if has_record(folder):
             complete_record(folder / FILE_NAME)
@@ -95,7 +97,9 @@ def _complete(folder: Path) -> list[str]:
 
 
 def _write_logs(run: RunData) -> None:
-    """Write `csv/<vehicle>.csv` from the logs that were computed from the record of the flight, if the run has one.
+    """Write `csv/<vehicle>.csv` for each vehicle, computed from the record of the flight.
+
+    Runs without a record get no files.
 
     Write `tlog/<vehicle>.tlog`, too.
     """
@@ -118,7 +122,7 @@ def _write(folder: Path, summary: Mapping[str, Any]) -> str:
 
 
 def write_page(run: RunData, path: Path | None = None) -> Path:
-    """Write the page of a run and return its path.
+    """Write report.html of a run and return its path.
 
     path: None for report.html in the run folder.
     """
@@ -143,7 +147,7 @@ def summarise(
     missing: list[str],
     disarmed: Collection[str] = (),
 ) -> dict[str, Any]:
-    """Return the summary of a run as one JSON-ready object.
+    """Return the summary of a run as a JSON-ready object.
 
     names: names of the vehicles.  flights: vehicle -> log.  outcome: content of outcome.json, {} if missing.
     missing: texts about missing files.  disarmed: vehicles whose disarming was reported after the last row of the log.
@@ -178,7 +182,7 @@ def summarise(
 
 
 def _rates(name: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the rates of messages and poses [Hz] that the recorder and the pose forwarder of one vehicle have reported.
+    """Return a vehicle's message and pose rates [Hz] from the statistics of the recorder and the pose forwarder.
 
     name: name of the vehicle.  stats: process -> its measurements.
     """
@@ -192,7 +196,10 @@ def _rates(name: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _recorded(name: str, stats: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any]:
-    """Return what the recorder has reported about a vehicle; in older runs the vehicle's logger has reported it."""
+    """Return the recorder's statistics of a vehicle.
+
+    In older runs the vehicle's logger has sent them.
+    """
     found: Mapping[str, Any] = stats.get("recorder", {}).get("vehicles", {}).get(name, {})
     return found or stats.get(f"logger.{name}", {})
 
@@ -202,7 +209,7 @@ def _process(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _px4(run: Path, plan: Mapping[str, Any], outcome: Mapping[str, Any]) -> dict[str, Any]:
-    """Return vehicle -> data of its PX4: version, how PX4 ended if it ended by itself, and paths of the ULog files."""
+    """Return vehicle -> data about its PX4: version, unexpected exit, and paths of the ULog files."""
     found = {}
     for name, given in plan.get("slices", {}).items():
         if not name.startswith("px4."):
@@ -219,7 +226,10 @@ def _px4(run: Path, plan: Mapping[str, Any], outcome: Mapping[str, Any]) -> dict
 
 
 def _px4_ulogs(run: Path, vehicle: str) -> list[Path]:
-    """Return the ULogs of a vehicle's PX4, with their names in the folder `ulog` if this folder can be written."""
+    """Return the ULog files of a vehicle's PX4.
+
+    They are linked into the folder `ulog` if this folder can be written.
+    """
     try:
         return link_px4_ulogs(run, vehicle)
     except OSError:  # the disk is full

@@ -1,4 +1,4 @@
-"""Simulated time, time of the computer, and speed of the simulation of a run, as texts. Pure."""
+"""Texts about the times of a run: simulated time, wall time, and speed of the simulation. Pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _LEAST_S = 1.0  # shortest time of the computer from which a speed is computed
 
 
 def facts(run: RunData) -> list[tuple[str, str]]:
-    """Return (label, text) about the times of a run: for a flight without a simulation only its duration."""
+    """Return (label, text) about the times of a run. A run without simulation has only its duration."""
     lasted, simulated = run.outcome.get("duration_s"), _simulated_s(run)
     if not isinstance(lasted, int | float):
         return []
@@ -36,7 +36,10 @@ def facts(run: RunData) -> list[tuple[str, str]]:
 
 
 def world_words(run: RunData) -> str:
-    """Return sentences about the speed of the simulation. The lateness of steps is stated only if a speed was requested."""
+    """Return sentences about the speed of the simulation.
+
+    The lateness of steps is stated only if a speed was requested.
+    """
     stats = run.stats("world")
     slowest = stats.get("rtf_min")
     if (
@@ -64,7 +67,7 @@ def world_words(run: RunData) -> str:
 
 
 def slowest_second(run: RunData) -> tuple[float, float] | None:
-    """Return the time on the report's axis [s] and the real-time factor [-] of the slowest second of the simulation.
+    """Return the slowest second of the simulation: its time on the report's axis [s] and its real-time factor [-].
 
     None if the record does not contain the time, or if the axis shows the time of the computer.
     """
@@ -85,7 +88,7 @@ def _simulated_s(run: RunData) -> float | None:
 
 
 def _ready_s(run: RunData) -> float | None:
-    """Return the time of the computer from the start to the first readiness of the last process [s]; None if unknown."""
+    """Return the wall time from the start of the run until the last process was ready [s], or None if unknown."""
     first: dict[str, float] = {}
     for event in run.events:
         if event.after == "READY" and math.isfinite(event.unix_s):
@@ -95,7 +98,10 @@ def _ready_s(run: RunData) -> float | None:
 
 
 def _speed_in_flight(run: RunData) -> float | None:
-    """Return the simulated seconds per second of the computer, from the first take-off to the last event; None if unknown."""
+    """Return the simulated seconds per wall second in flight, or None if unknown.
+
+    The span goes from the first takeoff to the last event.
+    """
     known = [e for e in run.events if math.isfinite(e.at_s) and math.isfinite(e.unix_s)]
     begin = next((e for e in known if e.text.endswith(": airborne")), None)
     if begin is None or run.clock != "simulation":

@@ -1,4 +1,4 @@
-"""The section of a page about the smoke flight: name, rules with their worst values, failures. Pure."""
+"""Section of a run's page about its smoke flight: name, rules with their worst values, failures. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from arena.report.run_data import RunData
 
 
 def scenario_rows(run: RunData) -> dict[str, Any]:
-    """Return name, file, seed and failures of the smoke flight; {} if the run was not a smoke flight."""
+    """Return name, file, seed and failures of the smoke flight, or {} if the run was not a smoke flight."""
     if not run.scenario:
         return {}
     verdict = run.scenario.get("verdict") or {}
@@ -35,7 +35,10 @@ def scenario_rows(run: RunData) -> dict[str, Any]:
 
 
 def _rule_row(rule: Mapping[str, Any], run: RunData) -> dict[str, Any]:
-    """Return the row of one rule of a smoke flight. worst: its worst value with the unit, as text."""
+    """Return the table row of one rule of a smoke flight.
+
+    worst: worst value of the rule with its unit, as text.
+    """
     worst, text = rule.get("worst"), str(rule["place"]["text"])
     shown = "" if worst is None else f"{number(worst)} {rule.get('unit', '')}".rstrip()
     if worst is not None and text == "inside geofence":
@@ -75,7 +78,10 @@ _CHARTS = (
 
 
 def _nearest_side(rule: Mapping[str, Any], run: RunData) -> str:
-    """Return the side of the geofence (without one: of the room) to which a vehicle was nearest, such as `ceiling`; "" if unknown."""
+    """Return the side of the geofence or room that was nearest to a vehicle, such as `ceiling`.
+
+    Returns "" if it is unknown. The room counts if there is no geofence.
+    """
     flight, at_s = run.flights.get(str(rule.get("who"))), rule.get("at_s")
     low_high = _limits(run)
     if flight is None or at_s is None or low_high is None:
@@ -94,7 +100,7 @@ def _nearest_side(rule: Mapping[str, Any], run: RunData) -> str:
 
 
 def _limits(run: RunData) -> tuple[tuple[float, float], tuple[float, float], float] | None:
-    """Return south and north, west and east limit, and height of the geofence or room [m]; None if unknown."""
+    """Return the limits of the geofence or room [m]: south, north, west, east, height. Return None if unknown."""
     fence = (run.plan.get("slices", {}).get("recorder.json") or {}).get("fence")
     if fence:
         return tuple(fence["north"]), tuple(fence["east"]), float(fence["up"])

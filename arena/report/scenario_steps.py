@@ -1,4 +1,7 @@
-"""Steps of a smoke flight in order of time, with the step from which the time of each expectation counts. Pure."""
+"""Steps of a smoke flight in order of time.
+
+Each expectation names the step from which its time counts.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from arena.report.run_data import RunData
 
 @dataclass(frozen=True, kw_only=True)
 class ScenarioStep:
-    """Passed or failed step of a scenario, or a broken rule.
+    """Passed or failed step of a scenario, or a rule that was not met.
 
     number: number on the page, in order of time, from 1.  at_s: time at which the step was fulfilled or its rule broken [s]; of a
     failed step the time at which it began.  text: the entry of the scenario file.  good: passed.
@@ -29,12 +32,15 @@ class ScenarioStep:
 
     @property
     def words(self) -> str:
-        """The text, and the step from which its time counts."""
+        """Text of the step. For an expectation, it also names the step from which its time counts."""
         return f"{self.text} (time counts from step {self.since})" if self.since else self.text
 
 
 def scenario_steps(run: RunData) -> list[ScenarioStep]:
-    """Return the steps and the broken rules of a smoke flight in order of time, those of the same time as in the file."""
+    """Return the steps and the failed rules of a smoke flight in order of time.
+
+    Steps at the same time keep the order of the file.
+    """
     verdict = run.scenario.get("verdict") or {}
     given = [(step, _step_time(step)) for step in verdict.get("steps", ())]
     given += [
@@ -63,7 +69,10 @@ def _step_time(step: Mapping[str, Any]) -> float | None:
 
 
 def _begun(steps: Sequence[Mapping[str, Any]]) -> dict[int, Mapping[str, Any]]:
-    """Return identity of an expectation -> the entry with `at` or `do` from which its time counts."""
+    """Return the entry (`at` or `do`) from which the time of each expectation counts.
+
+    The keys are the identities (`id`) of the expectations.
+    """
     found: dict[int, Mapping[str, Any]] = {}
     origin: Mapping[str, Any] | None = None
     for step in steps:

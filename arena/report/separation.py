@@ -1,4 +1,4 @@
-"""Distances between vehicles over time, for the figure and for the smallest distance of a run. Pure."""
+"""Distances between vehicles over time, and the smallest distance in a run. Pure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST_VALUES = 20_000_000  # rows times pairs of vehicles; more rows are thinned
 
 @dataclass(frozen=True, kw_only=True)
 class Separation:
-    """Smallest distance between two vehicles of which at least one was in the air.
+    """Smallest distance between two vehicles in a run, at least one of them in the air.
 
     distance_m: distance between the body origins [m].  at_s: its time on the report's axis [s].  names: the two vehicles.
     """
@@ -28,7 +28,7 @@ class Separation:
 
 @dataclass(frozen=True, kw_only=True)
 class Distances:
-    """Distance of each vehicle to the nearest other one.
+    """Distance of each vehicle to its nearest neighbour over time.
 
     t: times on the report's axis [s] (m,).  nearest_m: distance [m] (n, m), NaN while both vehicles are on the floor.
     other: index of the nearest vehicle [-] (n, m).
@@ -40,7 +40,10 @@ class Distances:
 
 
 def distances(vehicles: Sequence[Drawn]) -> Distances | None:
-    """Return the distances between the vehicles, at the times of the log with the most rows; None for fewer than two vehicles."""
+    """Return the distance of each vehicle to its nearest neighbour, or None for fewer than two vehicles.
+
+    The times are those of the log with the most rows.
+    """
     if len(vehicles) < 2:
         return None
     t = max((one.t for one in vehicles), key=len)
@@ -60,7 +63,10 @@ def distances(vehicles: Sequence[Drawn]) -> Distances | None:
 
 
 def _at(one: Drawn, t: Array) -> Array:
-    """Return the positions of a vehicle at the times t [s] (m,): [m] [NED] (m, 3), NaN outside its log."""
+    """Return the positions of a vehicle at the times t: [m] [NED] (m, 3); NaN outside its log.
+
+    t: [s] (m,).
+    """
     pos = one.flight.pos
     known = np.isfinite(pos).all(axis=1)
     if not known.any():
@@ -71,7 +77,7 @@ def _at(one: Drawn, t: Array) -> Array:
 
 
 def smallest(found: Distances | None, vehicles: Sequence[Drawn]) -> Separation | None:
-    """Return the smallest distance of the run; None without two vehicles or without known positions."""
+    """Return the smallest distance between two vehicles in a run, or None if no distance is known."""
     if found is None or not np.isfinite(found.nearest_m).any():
         return None
     i, k = np.unravel_index(int(np.nanargmin(found.nearest_m)), found.nearest_m.shape)
@@ -84,7 +90,7 @@ def smallest(found: Distances | None, vehicles: Sequence[Drawn]) -> Separation |
 
 
 def separation_figure(found: Distances, vehicles: Sequence[Drawn]) -> Figure:
-    """Return the figure of the distance of each vehicle to the nearest other one."""
+    """Return the figure of each vehicle's distance to its nearest neighbour over time."""
     data = [
         {
             "type": "scatter",

@@ -1,4 +1,4 @@
-"""The summary of a run as text for a terminal. Reads and writes no files."""
+"""Formats the summary of a run as text for a terminal. Reads and writes no files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ SLOW_FACTOR = 0.98
 
 
 def as_text(summary: Mapping[str, Any]) -> str:
-    """Return the text of summary.txt.
+    """Return the text of summary.txt, the summary of a run.
 
     summary: object that `report.summarise` has returned.
     """
@@ -34,7 +34,7 @@ def _head(s: Mapping[str, Any]) -> str:
 
 
 def _real_time(s: Mapping[str, Any]) -> list[str]:
-    """Return a list with one warning line if the simulation ran slower than requested, else an empty list."""
+    """Return one warning line in a list if the simulation was slower than requested, else an empty list."""
     measured = s.get("real_time") or {}
     factor, asked = measured.get("factor"), measured.get("asked")
     if factor is None or asked is None or factor >= SLOW_FACTOR * asked:

@@ -1,4 +1,4 @@
-"""Figures of the communication and of the processes: message rates, delays of the poses, CPU time and memory. Pure."""
+"""Figures of communication and processes: message rates, pose delays, CPU time and memory. Pure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PROCESS_COLOURS = (
 
 
 def links_figure(vehicles: Sequence[Drawn], links: Mapping[str, LinkRecord]) -> Figure:
-    """Return the figure of datagrams from and to the vehicles, poses, and age of the poses."""
+    """Return the figure of the link traffic: datagrams from and to the vehicles, poses, and pose age."""
     data: list[dict[str, Any]] = []
     for one in vehicles:
         link = links.get(one.name)
@@ -65,7 +65,7 @@ def _trace(one: Drawn, axis: str, x: Array, y: Array, label: str, digits: str) -
 
 
 def _worst_per_bin(stamps: Array, values: Array, width_s: float = 0.5) -> tuple[Array, Array]:
-    """Return the centres of time bins [s] (m,) and the largest value in each bin (m,); NaN in bins without values."""
+    """Return the centres of time bins [s] (m,) and the largest value in each bin (m,). Empty bins give NaN."""
     first = float(stamps.min())
     index = ((stamps - first) / width_s).astype(int)
     worst = np.full(int(index.max()) + 1, -np.inf)
@@ -75,7 +75,7 @@ def _worst_per_bin(stamps: Array, values: Array, width_s: float = 0.5) -> tuple[
 
 
 def loads_figure(loads: Mapping[str, Load]) -> Figure | None:
-    """Return the figure of CPU load and memory of the processes over time; None if nothing was measured.
+    """Return the figure of CPU load and memory of the processes over time, or None without measurements.
 
     loads: process -> CPU load and memory. The processes with the largest load are drawn.
     """
@@ -109,7 +109,7 @@ def loads_figure(loads: Mapping[str, Load]) -> Figure | None:
 
 
 def processes_figure(processes: Mapping[str, Mapping[str, Any]]) -> Figure | None:
-    """Return the figure of mean CPU load and peak memory of the processes; None if nothing was measured.
+    """Return the figure of the processes' mean CPU load and peak memory, or None without measurements.
 
     processes: process -> row of outcome.json. Parts of another process, which have no numbers of their own, are left out.
     """

@@ -1,4 +1,4 @@
-"""Rows of the tables about messages, poses and processes of a run. Pure."""
+"""Table rows about messages, poses and processes of a run. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from arena.report.run_data import RunData
 
 
 def link_row(one: Drawn, run: RunData) -> dict[str, Any]:
-    """Return rates, longest gaps and age of the poses of one vehicle."""
+    """Return the table row of one vehicle's link: rates, longest gaps, and pose age."""
     link, flown = run.links.get(one.name), flown_times(one.flight)
     start, end = (float(one.t[flown[0][0]]), float(one.t[flown[-1][1]])) if flown else (-math.inf, math.inf)
     forward = run.stats(f"forward.{one.name}")
@@ -50,7 +50,7 @@ def link_row(one: Drawn, run: RunData) -> dict[str, Any]:
 
 
 def _dropped(stats: Mapping[str, Any]) -> str:
-    """Return the numbers of frames and messages that a pose forwarder has dropped, by reason."""
+    """Return how many frames and messages a pose forwarder has dropped, for each reason."""
     found = {
         key.removeprefix("dropped "): value
         for key, value in stats.items()
@@ -71,7 +71,7 @@ _DROPPED = {
 
 
 def _end_words(row: Mapping[str, Any]) -> str:
-    """Return how a process ended.
+    """Return how a process ended, as text.
 
     row: its entry in outcome.json.
     """

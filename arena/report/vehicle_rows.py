@@ -1,4 +1,4 @@
-"""Rows of the tables about the vehicles of a run: the flight of each, errors, held setpoints. Pure."""
+"""Table rows about the vehicles of a run: flights, errors, and held setpoints. Pure."""
 
 from __future__ import annotations
 
@@ -49,7 +49,9 @@ def vehicle_row(one: Drawn, run: RunData, found: Sequence[Happening]) -> dict[st
 
 
 def _worst_setpoint(analysis: Mapping[str, Any], start_s: float) -> Mapping[str, Any] | None:
-    """Return the held setpoint with the largest error, of those at which the vehicle had settled; None if there is none.
+    """Return the held setpoint with the largest error, or None if the vehicle never settled.
+
+    Only setpoints at which the vehicle had settled count.
 
     `at_s` is the time of the measured row. start_s: time of the first row [s].
     """
@@ -59,7 +61,10 @@ def _worst_setpoint(analysis: Mapping[str, Any], start_s: float) -> Mapping[str,
 
 
 def error_rows(vehicles: Sequence[Drawn], chart: str) -> list[dict[str, Any]]:
-    """Return one row per vehicle: the measures of each error that the figure `chart` shows; none without values."""
+    """Return one table row per vehicle with the errors that the figure `chart` shows.
+
+    Vehicles without values get no row.
+    """
     rows = []
     for one in vehicles:
         cells = [
@@ -71,7 +76,7 @@ def error_rows(vehicles: Sequence[Drawn], chart: str) -> list[dict[str, Any]]:
 
 
 def setpoint_rows(vehicles: Sequence[Drawn]) -> list[dict[str, Any]]:
-    """Return one row per time span in which a position setpoint was constant."""
+    """Return one table row per time span with a constant position setpoint."""
     return [
         {
             **each,

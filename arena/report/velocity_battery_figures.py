@@ -1,4 +1,4 @@
-"""Figures of velocity, battery and thrust of the vehicles. Pure."""
+"""Figures of the vehicles' velocity, battery and thrust. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _THRESHOLDS = {"BAT_LOW_THR": "#b45309", "BAT_CRIT_THR": "#c0182b", "BAT_EMERGEN
 
 
 def velocity(vehicles: Sequence[Drawn]) -> Figure:
-    """Return the figure of the velocity: actual or estimated values, and desired values."""
+    """Return the figure of the velocity: actual or estimated values, and setpoints."""
     panels = []
     for part, title, scale in (("north", "north", 1.0), ("east", "east", 1.0), ("down", "up", -1.0)):
         curves = (
@@ -33,7 +33,9 @@ def _velocity(part: str, scale: float) -> Callable[[Drawn], Array]:
 def battery(
     vehicles: Sequence[Drawn], params: Mapping[str, Mapping[str, float]], time_s: Sequence[float]
 ) -> Figure:
-    """Return the figure of the remaining charge of the batteries, with PX4's thresholds, and of the thrust setpoint.
+    """Return the figure of battery charge and thrust setpoint.
+
+    The battery thresholds of PX4 are drawn as lines.
 
     params: vehicle -> parameters of its autopilot.  time_s: first and last time of the thresholds [s].
     """
@@ -57,7 +59,7 @@ def battery(
 
 
 def _thresholds(params: Sequence[Mapping[str, float]], time_s: Sequence[float]) -> list[dict[str, Any]]:
-    """Return one horizontal line per threshold of the charge. Vehicles with the same value share a line."""
+    """Return one horizontal line per battery threshold. Vehicles with the same value share a line."""
     lines = []
     for name, colour in _THRESHOLDS.items():
         for percent in sorted({round(100.0 * float(p[name]), 3) for p in params if name in p}, reverse=True):

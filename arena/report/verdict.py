@@ -1,4 +1,4 @@
-"""The verdict on a run in one sentence: who flew and how it ended, what happened and why. Pure."""
+"""Verdict on a run in one sentence: flights, their ends, and the causes of problems. Pure."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _MOST_CHARACTERS = 140
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Verdict on a run.
+    """Verdict on a run, with its level and its clauses.
 
     level: "good", "warn" (something needs attention) or "bad" (crash or failure).
     word: the level as shown on the page.  fates: who flew, and how it ended.  causes: what happened on the way, in order of time.
@@ -56,13 +56,13 @@ class Verdict:
 
     @property
     def text(self) -> str:
-        """The verdict as one sentence."""
+        """Whole verdict as one sentence."""
         return "; ".join((*self.fates, *self.causes)) + "."
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fate:
-    """How the flight of one vehicle ended.
+    """End of one vehicle's flight: text, flight time and level.
 
     end: text such as `landed`, the same for all vehicles with the same end.
     flown_s: time from take-off to touchdown [s], 0 if the vehicle did not fly.
@@ -74,7 +74,7 @@ class Fate:
 
 
 def verdict(run: RunData, found: Sequence[Happening]) -> Verdict:
-    """Return the verdict on a run.
+    """Return the verdict on a run, from its data and its events.
 
     found: what happened (see `arena.report.happenings`).
     """
@@ -106,7 +106,7 @@ def verdict(run: RunData, found: Sequence[Happening]) -> Verdict:
 
 
 def _source(path: str) -> str:
-    """Return the name of what was replayed: the run folder of a record, or the file of a log."""
+    """Return the name of the replayed source: the run folder of a record, or the file name of a log."""
     source = Path(path)
     return f"the flight {source.parent.name}" if source.name == FILE_NAME else source.name
 
@@ -139,7 +139,7 @@ def fate_of(name: str, run: RunData, found: Sequence[Happening]) -> Fate:
 
 
 def _fate_clauses(fates: Mapping[str, Fate]) -> Iterator[str]:
-    """Yield one clause per group of vehicles with the same end, such as `uav1 and uav2 flew 28 s and landed`."""
+    """Yield one clause per group of vehicles whose flights ended alike: `uav1 and uav2 flew 28 s and landed`."""
     groups: dict[str, list[str]] = {}
     for name, fate in fates.items():
         groups.setdefault(fate.end, []).append(name)
@@ -162,14 +162,14 @@ def _who(names: Sequence[str], total: int) -> str:
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Return names as text: `uav1`, `uav1 and uav2`, `uav1, uav2 and uav3`."""
+    """Join names to a text: `uav1`, `uav1 and uav2`, `uav1, uav2 and uav3`."""
     return (
         names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else "no vehicle"
     )
 
 
 def _causes(run: RunData, found: Sequence[Happening]) -> Iterator[str]:
-    """Yield one clause per cause: faults with the failsafes that followed, pilots, copilot, processes that failed."""
+    """Yield one clause per cause of a problem: fault with its failsafes, pilot, copilot, failed process."""
     causes = [
         h for h in found if h.kind in ("fault", "failsafe", "pilot", "copilot") and h.level in ("warn", "bad")
     ]
@@ -186,9 +186,7 @@ def _causes(run: RunData, found: Sequence[Happening]) -> Iterator[str]:
 
 
 def _commanded_landings(run: RunData, found: Sequence[Happening]) -> Iterator[str]:
-    """Yield one clause per group of vehicles that left OFFBOARD for a landing that was commanded, such as
-    `at 14.5 s program.uav1 commanded AUTO.LAND`.
-    """
+    """Yield one clause per group of commanded landings: `at 14.5 s program.uav1 commanded AUTO.LAND`."""
     landings = [h for h in found if new_mode(h) == "AUTO.LAND" and COMMANDED in h.text]
     for group in together(landings, _TOGETHER_S):
         senders = sorted({h.text.partition(COMMANDED)[2] for h in group})
@@ -199,7 +197,10 @@ def _commanded_landings(run: RunData, found: Sequence[Happening]) -> Iterator[st
 
 
 def _charge(group: Sequence[Happening], run: RunData, found: Sequence[Happening]) -> str:
-    """Return the lowest charge at some commanded landings, if a fault has drained a battery and no failsafe has acted; else ""."""
+    """Return a text with the lowest battery charge at commanded landings, or "" if the battery was no cause.
+
+    It is a cause if a fault has drained a battery and no failsafe has acted.
+    """
     names = {name for h in group for name in h.vehicles}
     drained = any(x.kind == "fault" and "battery" in x.text and set(x.vehicles) & names for x in found)
     if not drained or any(x.kind == "failsafe" and set(x.vehicles) & names for x in found):
@@ -216,7 +217,7 @@ def _charge(group: Sequence[Happening], run: RunData, found: Sequence[Happening]
 
 
 def _battery_action(params: Mapping[str, Any]) -> str:
-    """Return the action that an autopilot is configured to take at a low battery, as text.
+    """Return the configured action of an autopilot at low battery, as text.
 
     params: its parameters.
     """
@@ -233,7 +234,7 @@ def _battery_action(params: Mapping[str, Any]) -> str:
 
 
 def _charge_at(h: Happening, run: RunData) -> float:
-    """Return the charge of a vehicle at an entry [%]; NaN if unknown."""
+    """Return a vehicle's battery charge at the time of an event [%], or NaN if unknown."""
     flight = run.flights[h.vehicles[0]]
     charge = flight.numbers.get("info.battery")
     row = min(int(np.searchsorted(flight.t + flight.t0 - run.origin_s, h.at_s)), flight.t.size - 1)
@@ -281,7 +282,7 @@ def _clause(group: Sequence[Happening], run: RunData, found: Sequence[Happening]
 
 
 def _when(group: Sequence[Happening]) -> str:
-    """Return the time of some entries as text."""
+    """Return the time span of a group of events as text."""
     first_s, last_s = group[0].at_s, group[-1].at_s
     return (
         f"at {first_s:.1f} s" if last_s - first_s < _SAME_TIME_S else f"from {first_s:.1f} to {last_s:.1f} s"
@@ -289,14 +290,14 @@ def _when(group: Sequence[Happening]) -> str:
 
 
 def _last_words(process: str, run: RunData) -> str:
-    """Return the exception with which a program ended, in parentheses; "" if its log has none."""
+    """Return the exception that ended a program, in parentheses, or "" if its log shows no exception."""
     lines = [e.text for e in run.events if e.process == process and e.text.startswith(_LAST_LINE)]
     error = re.search(r"(?:\w+\.)*(\w+(?:Error|Exception|Interrupt)\b[^(\n]*)", lines[-1]) if lines else None
     return f" ({_first_sentence(error[1])})" if error else ""
 
 
 def _first_sentence(text: str) -> str:
-    """Return the first sentence of a text without its final stop, at most `_MOST_CHARACTERS` long."""
+    """Return the first sentence of a text without its full stop, cut to `_MOST_CHARACTERS` characters."""
     sentence = text.partition(". ")[0].strip().rstrip(":.")
     return (
         sentence
@@ -306,7 +307,7 @@ def _first_sentence(text: str) -> str:
 
 
 def _fault_words(first: Happening, names: Sequence[str], who: str) -> str:
-    """Return the text of a fault of one or several vehicles.
+    """Return the text of a fault that concerns one or several vehicles.
 
     first: its first entry.
     names, who: its vehicles, and their names as text.
@@ -322,14 +323,14 @@ def _fault_words(first: Happening, names: Sequence[str], who: str) -> str:
 
 
 def _past(text: str) -> str:
-    """Return the text of a fault in the past tense, as the other sentences of the verdict."""
+    """Change the text of a fault to the past tense, to match the other sentences of the verdict."""
     for present, past in (("is", "was"), ("are", "were"), ("gives", "gave"), ("lose", "lost")):
         text = re.sub(rf"\b{present}\b", past, text)
     return text
 
 
 def _duration(first: Happening, found: Sequence[Happening]) -> str:
-    """Return the duration of a fault of the motion capture as text; "" if the fault did not end."""
+    """Return the duration of a motion capture fault as text, or "" if the fault did not end."""
     over = first.text.replace("is not tracked", "is tracked again").replace(
         " is frozen", " is no longer frozen"
     )
@@ -340,7 +341,7 @@ def _duration(first: Happening, found: Sequence[Happening]) -> str:
 
 
 def _failsafe_words(first: Happening, who: str, same: bool, found: Sequence[Happening]) -> str:
-    """Return text such as `the failsafe of uav2 switched to AUTO.LAND (external vision lost)`."""
+    """Return the text of a failsafe: `the failsafe of uav2 switched to AUTO.LAND (external vision lost)`."""
     changed = [h for h in found if new_mode(h) and set(h.vehicles) & set(first.vehicles)]
     changed = [h for h in changed if -_SAME_TIME_S <= h.at_s - first.at_s <= _ACTION_S]
     why = re.sub(r"^\w+: ", "", first.text).removeprefix("Failsafe activated: ")
@@ -354,7 +355,7 @@ def _failsafe_words(first: Happening, who: str, same: bool, found: Sequence[Happ
 
 
 def _warning(first: Happening, cause: str, found: Sequence[Happening]) -> str:
-    """Return the warning of the autopilot that explains a failsafe, such as the rule of the geofence; "" if there is none.
+    """Return the autopilot's warning that explains a failsafe, such as a geofence breach. Return "" if there is none.
 
     cause: first word of the failsafe's cause, which the warning contains.
     """
@@ -368,7 +369,7 @@ def _warning(first: Happening, cause: str, found: Sequence[Happening]) -> str:
 
 
 def _run_end(run: RunData) -> Iterator[str]:
-    """Yield clauses about the end of the run, if it was not a normal one."""
+    """Yield clauses about the end of the run, unless it ended normally."""
     if run.outcome.get("exit_code") is None:
         yield "the run has no outcome: the supervisor was killed, or could not write it"
         return
@@ -378,7 +379,7 @@ def _run_end(run: RunData) -> Iterator[str]:
 
 
 def slow_words(outcome: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a clause if the simulation ran slower than requested."""
+    """Yield a clause if the simulation was slower than requested."""
     factor, asked = ((outcome.get("real_time") or {}).get(key) for key in ("factor", "asked"))
     if factor is not None and asked is not None and factor < SLOW_FACTOR * asked:
         yield f"the simulation was slower than requested ({factor:.2f} instead of {asked:g} simulated seconds per second)"

@@ -1,4 +1,4 @@
-"""Times at which an autopilot has received poses (external vision), from its own log (ULog) in the run folder."""
+"""Times at which PX4 has received external vision poses, from its ULog in the run folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ _TOPIC = "vehicle_visual_odometry"
 
 
 def vision_times(folder: Path, vehicle: str) -> Array:
-    """Return the times of the logged poses of a simulated vehicle, in simulation time [s] (n,); empty without such a log.
+    """Return the times of the poses that a simulated PX4 has logged, in simulation time [s] (n,).
+
+    The result is empty without a ULog.
 
     An autopilot logs while it is armed, and PX4 logs at most one pose per 30 ms. Simulated autopilots count their time from the
     start of the simulation. Logs of real autopilots have another clock: do not use this function for them.

@@ -224,6 +224,6 @@ def test_failure_of_other_channels_does_not_end_the_record(tmp_path):
         recorder.on_datagram("uav1", False, b"x", 1.0 * i)
     recorder.close(3.0)
     assert process.events == [
-        "recorder: Broken has failed and records nothing more: ValueError('broken')",
+        "recorder: the output Broken has failed and writes no more data: ValueError('broken')",
     ]
     assert len(list(Recording(tmp_path / "flight.mcap").datagrams("uav1"))) == 3

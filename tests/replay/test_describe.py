@@ -35,7 +35,7 @@ def test_record_and_log_together_are_refused(tmp_path: Path) -> None:
     log = csv(tmp_path, "uav1.csv", 5.0, 0.0)
     (tmp_path / "flight.mcap").write_bytes(b"")
     for opened in (describe, open_script):
-        with pytest.raises(InputError, match="a record already contains all vehicles"):
+        with pytest.raises(InputError, match="contains all vehicles of a run"):
             opened([log, tmp_path / "flight.mcap"])
 
 
