@@ -1,4 +1,4 @@
-"""The commands land-all and kill-all.
+"""Commands that land all vehicles (land-all) or stop all motors (kill-all).
 
 They work without a running supervisor, router, motion capture or copilot.
 

@@ -1,4 +1,7 @@
-"""Search for active runs, of this user and of other users. Reads files only; needs no running process."""
+"""Search for active runs of this user and of other users.
+
+The search reads files only, and needs no running process.
+"""
 
 from __future__ import annotations
 
@@ -35,12 +38,18 @@ class ActiveRun:
 
 
 def active_runs() -> list[ActiveRun]:
-    """Return the active runs of this user (runs of which a process still exists), oldest first."""
+    """Return the active runs of this user, oldest first.
+
+    A run is active if one of its processes still exists.
+    """
     return _active((pointer, "") for pointer in pointers())
 
 
 def active_runs_of_others() -> dict[int, list[ActiveRun]]:
-    """Return user id -> active runs, oldest first, of other users whose runtime folders this user may read."""
+    """Return user id -> active runs of this other user, oldest first.
+
+    Only users whose runtime folders this user may read are included.
+    """
     found: dict[int, list[tuple[Path, str]]] = {}
     for pointer, owner in pointers_of_others():
         found.setdefault(owner, []).append((pointer, user_name(owner)))
@@ -48,7 +57,7 @@ def active_runs_of_others() -> dict[int, list[ActiveRun]]:
 
 
 def user_name(uid: int) -> str:
-    """Return the name of the user with this id; the id as text if the user has no name."""
+    """Return the name of a user; the id as text if the user has no name."""
     try:
         return pwd.getpwuid(uid).pw_name
     except KeyError:
@@ -108,7 +117,7 @@ def _accepts_connections(run: ActiveRun) -> bool:
 
 
 def _is_of_this_boot(run: ActiveRun) -> bool:
-    """Return whether the runtime folder of a run was made after the computer was started.
+    """Return whether a run was started after the last start of this computer.
 
     Otherwise the run is over: no process survives a restart of the computer. Returns True if the times cannot be read.
     """

@@ -27,7 +27,7 @@ _CHECK_S, _RETRY_S = 0.1, 0.5
 
 
 class DirectLink:
-    """Direct connection to one real vehicle, used if the link process of the vehicle does not work.
+    """Direct connection to one real vehicle, used while its link process does not work.
 
     The link process `link.<v>` is the process that normally owns the connection to the vehicle.
 
@@ -69,12 +69,13 @@ class DirectLink:
             )
 
     def step(self, silent_s: float, now: float, *, needed: bool = True) -> None:
-        """Check the link process, and open a direct connection if the link process does not run, hangs, or passes on no
-        telemetry.
+        """Check the link process, and open a direct connection if the link process does not work.
 
-        The direct connection is closed when the link process has been restarted.
+        The link process does not work if it does not run, hangs, or passes on no telemetry. The direct
+        connection is closed when the link process has been restarted.
+
         silent_s: time since the vehicle's last telemetry, or since the start [s].
-        needed: false if the vehicle is confirmed, so that no connection has to be opened
+        needed: False if the vehicle is confirmed, so that no connection has to be opened
         """
         if now < self._next_check:
             return
@@ -93,7 +94,10 @@ class DirectLink:
         self._check_reading(unread, silent_s, now)
 
     def send(self, frames: list[bytes], now: float) -> None:
-        """Send frames on the open direct connections to the vehicle. Errors are ignored, because every command is sent again."""
+        """Send frames to the vehicle on the open direct connections.
+
+        Errors are ignored, because every command is sent again.
+        """
         if self._replacement is None and self._beside is None:
             return
         if self._identity is None:
@@ -112,11 +116,11 @@ class DirectLink:
         self._unsent = []
 
     def files(self) -> list[int]:
-        """Return the file descriptors of the direct connection, to poll."""
+        """Return the file descriptors of the direct connection, to wait for data."""
         return [file.fileno() for file in (self._replacement, self._beside) if file is not None]
 
     def read(self, fd: int, now: float) -> Iterator[bytes]:
-        """Read from this file descriptor and yield the data of the vehicle. Each item contains complete MAVLink frames.
+        """Read data of the vehicle from one file descriptor. Yield complete MAVLink frames.
 
         now: monotonic [s].
         """
@@ -166,10 +170,9 @@ class DirectLink:
             self._kill_link(now)
 
     def _open_beside(self) -> bool:
-        """Open a second socket to the vehicle, on a port that the kernel chooses, so that the link process can still bind its
-        own port.
+        """Open a second UDP socket to the vehicle. Return False if its UDP address is unknown.
 
-        Return False if the vehicle has no known UDP address.
+        The kernel chooses the port, so that the link process can still bind its own port.
         """
         if self._beside is None and self._vehicle is not None and not self._is_serial:
             self._beside = open_udp(("0.0.0.0", 0))
@@ -191,7 +194,7 @@ class DirectLink:
             self._print(f"{self._process_name} (process {process.pid}) does not respond and cannot be killed")
 
     def _replace_link(self, now: float, why: str) -> None:
-        """Open the UDP port or serial device of the link process, to send commands instead of the link process.
+        """Open the UDP port or serial device of the link process, to send commands on it.
 
         Another call opens the port or device later if another process still uses it.
         """
@@ -215,7 +218,7 @@ class DirectLink:
         self._on_opened()
 
     def _release(self) -> None:
-        """Close the vehicle's UDP port or serial device, so that the restarted link process can open it.
+        """Close the UDP port or serial device, so that the restarted link process can open it.
 
         This object had opened the port or device because the link process did not work.
         """
@@ -227,7 +230,7 @@ class DirectLink:
         self._print(f"{self._process_name} runs again; {self._address.connection} is released for it")
 
     def _on_opened(self) -> None:
-        """Load the signing key of the vehicle.
+        """Load the signing key of the vehicle for the direct connection.
 
         Warn if no hardware uid is recorded, because the identity of the vehicle cannot be checked then.
         """
@@ -257,7 +260,7 @@ class DirectLink:
                 yield data
 
     def _is_vehicle(self, data: bytes, sender: Address) -> bool:
-        """Return whether the vehicle has sent a datagram whose sender is not the vehicle's known address.
+        """Return whether a datagram from an unknown address was sent by the vehicle.
 
         The datagram must contain a frame of the vehicle's autopilot. If an address of the vehicle is known, the sender must
         have the same IP address. Used only if no hardware uid is recorded.

@@ -1,4 +1,4 @@
-"""Message signing of the direct connection of `land-all` to a vehicle with a key."""
+"""Message signing on the direct connection of `land-all` to a vehicle that has a signing key."""
 
 from __future__ import annotations
 
@@ -47,7 +47,10 @@ class DirectSigning:
         return self._connection.sign(frame, self._wall()) or frame
 
     def accepted(self, data: bytes) -> bytes:
-        """Return the frames of a datagram that have a valid signature. If the vehicle has no signing key, return all frames."""
+        """Return the frames of a datagram that have a valid signature.
+
+        If the vehicle has no signing key, return all frames.
+        """
         if self._connection is None:
             return data
         found = parse_frames(data).frames

@@ -1,4 +1,6 @@
-"""Sockets and loop of `land-all` and `kill-all`: command all vehicles until each is confirmed as landed (or stopped).
+"""Sockets and loop of `land-all` and `kill-all`.
+
+Every vehicle is commanded until it is confirmed as landed (or stopped).
 
 The loop also ends when the timeout has passed.
 Each vehicle is commanded on its panic link and through its router. A real vehicle without telemetry is also
@@ -35,7 +37,7 @@ Say = Callable[[str], None]
 
 
 class TargetConnections:
-    """All connections on which `land-all` can command one vehicle, and the landing sequence of this vehicle.
+    """All connections of `land-all` to one vehicle, and the landing sequence of the vehicle.
 
     down: reason why the run records the vehicle as crashed or ended; "" if it does not
     """
@@ -66,7 +68,7 @@ class TargetConnections:
                 )
 
     def send(self, now: float) -> None:
-        """Send the vehicle the frames that are due now, on every connection to it."""
+        """Send the frames that are due now to the vehicle, on every connection to it."""
         frames = self.landing.due(now)
         self._send_relayed(frames, now)
         if self._direct is not None:
@@ -79,7 +81,7 @@ class TargetConnections:
             self.panic = _open_panic_link(self.target)
 
     def _may_bypass(self, now: float) -> bool:
-        """Return whether the vehicle may be commanded directly, without its link process.
+        """Return whether `land-all` may command the vehicle directly, without its link process.
 
         Return False in the first second until the first heartbeat has arrived, because the heartbeat may report that a
         pilot has control.
@@ -91,7 +93,7 @@ class TargetConnections:
         return self.landing.may_bypass
 
     def _send_relayed(self, frames: list[bytes], now: float) -> None:
-        """Send frames to the vehicle, on its panic link and through its MAVLink router.
+        """Send frames to the vehicle on its panic link and through its MAVLink router.
 
         A real vehicle is also requested to send its hardware uid. If the uid shows that the link process is connected to
         another vehicle, only these requests are sent.
@@ -106,7 +108,7 @@ class TargetConnections:
                 self.router.sendto(frame, self.target.tools)
 
     def readers(self) -> dict[int, Callable[[], None]]:
-        """Return file descriptor -> function that reads from this descriptor."""
+        """Return file descriptor -> function that reads the data of the vehicle from it."""
         found: dict[int, Callable[[], None]] = {
             sock.fileno(): partial(self._read, sock) for sock in (self.router, self.panic) if sock is not None
         }
@@ -151,7 +153,9 @@ class TargetConnections:
 
 
 def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, say: Say = print) -> int:
-    """Command all vehicles until each is confirmed as landed (or stopped), or the timeout has passed. Return the exit code.
+    """Command all vehicles until each is confirmed as landed (or stopped). Return the exit code.
+
+    The commands end when the timeout has passed.
 
     One line is printed for each vehicle.
     timeout_s: [s]
@@ -185,7 +189,7 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
 
 
 class _OnceEach:
-    """Function object that prints a text for the user only at the first call with this text."""
+    """Function object that prints a text for the user only once."""
 
     def __init__(self, say: Say) -> None:
         self._say, self._printed = say, set[str]()
@@ -197,7 +201,10 @@ class _OnceEach:
 
 
 class _Isolation:
-    """Catches the errors of one vehicle, so that the landing of the other vehicles continues. Each error is printed once."""
+    """Context manager that prints the errors of one vehicle, so that the landing of the others continues.
+
+    Each error is printed once.
+    """
 
     def __init__(self, say: Say) -> None:
         self._say = _OnceEach(say)
@@ -230,7 +237,7 @@ def _work(
 
 
 def _receive(all_connections: list[TargetConnections], isolated: _Isolation) -> None:
-    """Read the data that arrive from all vehicles within one cycle of the loop."""
+    """Read all waiting data of all vehicles, in one cycle of the loop."""
     poll = select.poll()
     readers = {
         fd: (connections.target.name, read)
@@ -262,7 +269,7 @@ def _say_changes(landing: LandingSequence, say_once: _OnceEach, say: Say) -> Non
 
 
 def _open_panic_link(target: Target) -> socket.socket | None:
-    """Open the UDP socket for the panic link to a vehicle. Return None if another `land-all` uses the port.
+    """Open the UDP socket for the panic link to a vehicle; None if another `land-all` uses the port.
 
     The panic link is a separate MAVLink connection of each autopilot, for emergencies only.
 
@@ -276,7 +283,10 @@ def _open_panic_link(target: Target) -> socket.socket | None:
 
 
 def _raise_file_limit() -> None:
-    """Raise the limit of open files to the system's maximum, because three sockets per vehicle exceed the limit of some shells."""
+    """Raise the limit of open files to the maximum of the system.
+
+    `land-all` needs three sockets per vehicle, which exceeds the limit of some shells.
+    """
     with contextlib.suppress(OSError, ValueError):
         _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

@@ -1,4 +1,6 @@
-"""First command of `land-all` and `kill-all` to all vehicles, sent before the modules that check the landing are loaded.
+"""First command of `land-all` and `kill-all` to all vehicles.
+
+It is sent before the modules that check the landing are loaded.
 
 Loading these modules takes tens of milliseconds, and much longer on a busy computer. `dispatch` repeats the commands and
 reads the telemetry. It imports few modules, so that it starts fast.
@@ -20,7 +22,7 @@ SIGNED_COMPONENT = 190
 
 
 def component_for(target: Target) -> int:
-    """Return the MAVLink component id with which this process commands a vehicle."""
+    """Return the MAVLink component id from which land-all commands a vehicle."""
     return SIGNED_COMPONENT if target.direct is not None and target.direct.key_file else own_component()
 
 

@@ -25,7 +25,7 @@ _MOST_SOURCES = 16
 
 @dataclass(kw_only=True)
 class _SourceState:
-    """State of one source: a UDP address, a serial device or a link process that sends MAVLink data.
+    """State of one source of MAVLink data: a UDP address, a serial device or a link process.
 
     Times are monotonic [s].
     is_vehicle: whether the uid is that of the vehicle; None if it has not been received since the last change
@@ -42,7 +42,7 @@ class _SourceState:
 
 
 class IdentityCheck:
-    """Checks by the hardware uid which sources of MAVLink data are connected to the right vehicle.
+    """Decides which sources of MAVLink data are connected to the right vehicle, by the hardware uid.
 
     A source is a UDP address, a serial device or a link process.
     Only telemetry of a source that has sent the right uid counts. Commands may be sent only to such a source, and to the
@@ -71,7 +71,7 @@ class IdentityCheck:
         self._opened_at: float | None = None
 
     def receive(self, data: bytes, source: Source, now: float) -> bool:
-        """Process data that have arrived from a source. Return whether the source has sent the vehicle's uid.
+        """Process received data. Return whether their source is the vehicle, by its hardware uid.
 
         If it returns False, the telemetry in the data must not be used.
         """
@@ -128,7 +128,10 @@ class IdentityCheck:
         return state is not None and state.is_vehicle is False
 
     def forget(self, source: Source) -> None:
-        """Discard the uid of a source, such as a serial device that was unplugged. The source must then send its uid again."""
+        """Discard the hardware uid of a source, for example of a serial device that was unplugged.
+
+        The source must then send its uid again.
+        """
         if source in self._sources:
             self._require(self._sources[source], self._sources[source].received_at)
 

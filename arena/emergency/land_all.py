@@ -30,7 +30,7 @@ _RESULT_S = 5.0  # a process for another user must end within this time after th
 
 @dataclass(frozen=True, kw_only=True)
 class Selection:
-    """Selection of the vehicles that land-all or kill-all commands, and the time limit.
+    """Vehicles that land-all or kill-all commands, as selected on the command line, and the time limit.
 
     arena, run: see `find`
     only, spared: names of vehicles to command or not to command
@@ -52,7 +52,10 @@ def land_all(
     spared: Sequence[str] = (),
     timeout_s: float = LAND_TIMEOUT_S,
 ) -> int:
-    """Land all vehicles that are found, and print a line for each. Return the exit code. Raises InputError if no vehicle is found."""
+    """Land all vehicles that are found, and print a line for each. Return the exit code.
+
+    Raises InputError if no vehicle is found.
+    """
     selection = Selection(arena=arena, run=run, only=only, spared=spared, timeout_s=timeout_s)
     return _command_all("land", selection)
 
@@ -66,7 +69,10 @@ def kill_all(
     yes: bool = False,
     timeout_s: float = KILL_TIMEOUT_S,
 ) -> int:
-    """Stop all motors, also in the air. Return the exit code. Raises InputError without `yes`."""
+    """Stop all motors, in flight too. Return the exit code.
+
+    Raises InputError without `yes`.
+    """
     if not yes:
         raise InputError(
             "kill-all stops all motors, also in the air: vehicles fall. Confirm with --yes, or land with land-all"
@@ -76,7 +82,7 @@ def kill_all(
 
 
 def _command_all(action: Action, selection: Selection) -> int:
-    """Command the vehicles of this user, and for root also those of the other users."""
+    """Land (or stop) the vehicles of this user; for root also those of the other users."""
     others = []
     if selection.run is None:
         others = start_for_others(partial(_command_of_user, action, selection))
@@ -114,7 +120,10 @@ def _command_own(action: Action, selection: Selection, elsewhere: Callable[[], b
 
 
 def _command_of_user(action: Action, selection: Selection, uid: int, report: Callable[[bool], None]) -> int:
-    """Command the vehicles of another user, in a process that runs as that user. Return the exit code."""
+    """Land (or stop) the vehicles of another user, in a process with the rights of this user.
+
+    Return the exit code.
+    """
     try:
         return _command_runs_of(action, selection, uid, report)
     finally:
@@ -192,7 +201,7 @@ def command(verb: str, arguments: Sequence[str], prog: str = "arena") -> int:
 
 
 def _say(line: str) -> None:
-    """Print a line for the user, without waiting until the terminal has accepted the line."""
+    """Print a line for the user without waiting for the terminal."""
     _OUTPUT.submit(partial(_print, line))
 
 
@@ -203,7 +212,10 @@ def _print(line: str) -> None:
 
 @contextlib.contextmanager
 def _ignoring_hangup() -> Iterator[None]:
-    """Ignore SIGHUP, so that a dropped ssh session does not end a landing. Ctrl-C still ends the landing."""
+    """Ignore SIGHUP, so that a dropped ssh session does not end a landing.
+
+    Ctrl-C still ends the landing.
+    """
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         yield

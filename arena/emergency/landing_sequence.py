@@ -1,4 +1,4 @@
-"""Commands that land or stop one vehicle, and the check of telemetry that confirms the landing or stop.
+"""Commands that land or stop one vehicle, and confirmation of the landing or stop by telemetry.
 
 Pure: no sockets, no clocks.
 Only telemetry received after the start confirms a landing: a HEARTBEAT without the armed bit and an
@@ -40,7 +40,7 @@ Action = Literal["land", "kill"]
 
 @dataclass(kw_only=True)
 class ReportedState:
-    """State that the vehicle has reported since land-all or kill-all was started; None for values not reported yet.
+    """State that the vehicle has reported since the start of land-all or kill-all; None if not reported.
 
     Times are monotonic [s].
     was_up: the vehicle was armed or off the ground at any time since the start
@@ -56,7 +56,9 @@ class ReportedState:
 
 
 class LandingSequence:
-    """Lands one vehicle, or stops its motors: returns the frames to send and reads the telemetry.
+    """Sequence that lands one vehicle or stops its motors.
+
+    It returns the frames to send and reads the telemetry.
 
     Send the frames that `due` returns a few times a second, and pass received datagrams to `on_datagram`,
     until `confirmed`.
@@ -92,13 +94,13 @@ class LandingSequence:
         return self._confirmed_at is not None
 
     def settled(self, now: float) -> bool:
-        """Return whether the vehicle is confirmed as landed (or stopped), and has been monitored for some time after that."""
+        """Return whether the vehicle is confirmed as landed (or stopped) and was monitored long enough."""
         if self._confirmed_at is None:
             return False
         return self.reported.was_up or now - self._confirmed_at >= WATCH_S
 
     def due(self, now: float) -> list[bytes]:
-        """Return the frames to send now, on every connection to the vehicle."""
+        """Return the frames to send to the vehicle now, on every connection."""
         frames = []
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + _HEARTBEAT_S
@@ -113,11 +115,14 @@ class LandingSequence:
 
     @property
     def may_bypass(self) -> bool:
-        """Return whether the vehicle may be commanded directly, without its link process: false while a pilot may have control."""
+        """Return whether `land-all` may command the vehicle directly, without its link process.
+
+        The result is False while a pilot may have control.
+        """
         return self._pilot.may_bypass
 
     def on_refusal(self, data: bytes | memoryview) -> None:
-        """Process a datagram of the router or the link process, which may contain the refusal of a command.
+        """Process a datagram in which the router or the link process may refuse a command.
 
         Refusals for another reason than that a pilot has control are ignored.
         """
@@ -128,12 +133,15 @@ class LandingSequence:
                     self._pilot.on_refusal()
 
     def take_events(self) -> list[str]:
-        """Return the texts for the user since the last call. They report that the pilot has taken or left manual control."""
+        """Return the texts for the user since the last call: the pilot took or left manual control."""
         found, self._pilot.events = self._pilot.events, []
         return found
 
     def on_datagram(self, data: bytes | memoryview, now: float) -> None:
-        """Update the reported state from a received datagram. Frames of other vehicles and components are ignored. Never raises."""
+        """Update the reported state from a received datagram. Never raises.
+
+        Frames of other vehicles and components are ignored.
+        """
         for at in parse_frames(data).frames:
             if at.sysid == self.system and at.compid == AUTOPILOT:
                 self._on_frame(data, at, now)
@@ -179,7 +187,7 @@ class LandingSequence:
         return frames
 
     def _missing_telemetry(self, now: float) -> list[bytes]:
-        """Return requests for the messages that confirm a landing and that the vehicle has not sent so far."""
+        """Return requests for the missing messages that confirm a landing."""
         if now - self._began < REQUEST_AFTER_S:
             return []
         missing = {mav.HEARTBEAT: self.reported.armed, mav.EXTENDED_SYS_STATE: self.reported.landed}

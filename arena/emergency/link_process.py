@@ -1,4 +1,4 @@
-"""Functions to check whether the link process of a vehicle still reads its sockets, and to kill this process.
+"""Functions to check whether the link process of a vehicle reads its sockets, and to kill the process.
 
 The link process of the vehicle `uav1` is `link.uav1`. It owns the connection to a real vehicle.
 The functions read /proc. A signal is sent only to a process with the recorded identity; a process is never selected by name.
@@ -23,7 +23,7 @@ _START_TOLERANCE_S = 0.005
 
 
 def unread_bytes(address: Address) -> int | None:
-    """Return the number of received bytes that a UDP socket still holds, because its process has not read them yet.
+    """Return the number of received bytes that the process of a UDP socket has not read yet.
 
     address: address to which the socket is bound. Returns None if no socket of this computer is bound to it.
     """
@@ -65,7 +65,10 @@ def kill(process: ProcessIdentity) -> bool:
 
 
 def is_running(process: ProcessIdentity | None) -> bool:
-    """Return whether the recorded process runs: it exists, has not ended, and is not paused by a signal."""
+    """Return whether a recorded process runs.
+
+    A process that has ended or is paused by a signal does not run.
+    """
     fields = [] if process is None else _stat(process.pid)
     return process is not None and _is_same(process, fields) and fields[0] not in b"ZXTt"
 
@@ -76,7 +79,7 @@ def _is_same(process: ProcessIdentity, fields: list[bytes] | None = None) -> boo
 
 
 def _belongs_to_owner(process: ProcessIdentity) -> bool:
-    """Return whether a process runs as the user who recorded it."""
+    """Return whether a process runs as the user who has recorded it."""
     try:
         return process.owner in (None, Path(f"/proc/{process.pid}").stat().st_uid)
     except OSError:
@@ -84,7 +87,7 @@ def _belongs_to_owner(process: ProcessIdentity) -> bool:
 
 
 def _stat(pid: int) -> list[bytes]:
-    """Return the fields of /proc/PID/stat, beginning with the process state; empty if the process does not exist."""
+    """Return the fields of /proc/PID/stat from the process state on; empty if the process does not exist."""
     try:
         return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
     except OSError:

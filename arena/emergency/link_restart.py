@@ -1,4 +1,7 @@
-"""Reads from the run folder whether the supervisor restarts the process `link.<v>` after the end of this process."""
+"""Decision how long land-all waits for the restart of a link process that has ended.
+
+The files in the run folder show whether the supervisor restarts the process.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ _READ_EVENTS_S = 0.5
 
 
 class LinkRestart:
-    """Decides how long to wait for the restart of one link process, and detects the restart.
+    """Decides how long land-all waits for the restart of one link process, and detects the restart.
 
     Call `is_expected` while no link process serves the vehicle, `on_link` when one does, and `on_replaced` when its
     port or device was opened in its place.
@@ -28,11 +31,16 @@ class LinkRestart:
         self._known: ProcessIdentity | None = None
 
     def on_link(self) -> None:
-        """Record that the link process runs now. When the process ends later, land-all waits again for its restart."""
+        """Record that the link process runs now.
+
+        When the process ends later, land-all waits again for its restart.
+        """
         self._ended_at = None
 
     def is_expected(self, now: float) -> bool:
-        """Return whether to wait for a restart of the link process. The wait ends RESTART_S after the end of the process.
+        """Return whether land-all waits for a restart of the link process.
+
+        The wait ends RESTART_S after the end of the process.
 
         There is no wait if the supervisor does not run, or has recorded that it gives up the restart.
         """

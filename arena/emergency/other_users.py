@@ -1,4 +1,4 @@
-"""Landing (or stopping) of other users' vehicles by root: one process for each user, with the rights of this user.
+"""Landing (or stopping) of other users' vehicles by root, in one process per user.
 
 A run folder is written by its owner. A process with the owner's rights can do nothing with its content that the owner
 could not do without root.
@@ -27,7 +27,7 @@ _FOUND, _NONE = b"F", b"N"
 
 @dataclass(kw_only=True)
 class UserProcess:
-    """Process that commands the vehicles of one other user.
+    """Process that lands (or stops) the vehicles of one other user, with the rights of this user.
 
     pid: process id. pipe: file descriptor on which the process reports whether the user has an active run.
     """
@@ -38,14 +38,20 @@ class UserProcess:
     _has_runs: bool | None = None
 
     def has_runs(self) -> bool:
-        """Return whether the user has an active run with at least one of the selected vehicles. Waits FOUND_TIMEOUT_S at most."""
+        """Return whether the user has an active run with a selected vehicle.
+
+        Waits FOUND_TIMEOUT_S at most.
+        """
         if self._has_runs is None:
             ready = select.select([self.pipe], [], [], FOUND_TIMEOUT_S)[0]
             self._has_runs = bool(ready) and os.read(self.pipe, 1) == _FOUND
         return self._has_runs
 
     def wait(self, timeout_s: float, say: Callable[[str], None]) -> int:
-        """Wait for the end of the process and return its exit code. The process is killed after `timeout_s` [s]."""
+        """Wait for the end of the process and return its exit code.
+
+        The process is killed after `timeout_s` [s].
+        """
         handle = os.pidfd_open(self.pid)
         if not select.select([handle], [], [], timeout_s)[0]:
             say(
@@ -65,7 +71,10 @@ with whether the user has an active run.
 
 
 def start_for_others(work: Work) -> list[UserProcess]:
-    """Start one process for each other user with a runtime folder. Returns an empty list if this user is not root."""
+    """Start one process for each other user with a runtime folder.
+
+    Return an empty list if this user is not root.
+    """
     if os.geteuid() != 0:
         return []
     users = sorted({owner for _, owner in pointers_of_others()})
@@ -75,7 +84,7 @@ def start_for_others(work: Work) -> list[UserProcess]:
 
 
 def _import_late_modules() -> None:
-    """Import the modules that other users may not be able to read, while this process still has the rights of root.
+    """Import modules that other users may not be able to read, while this process is still root.
 
     Usually these modules are imported at their first use.
     """

@@ -36,7 +36,7 @@ class PilotWatch:
 
     @property
     def words(self) -> str:
-        """Text that explains to the user why a vehicle is not commanded, such as "pilot has control (POSCTL): not commanded"."""
+        """Text for the user that a pilot has control, such as "pilot has control (POSCTL): not commanded"."""
         return f"pilot has control ({self.mode}): not commanded"
 
     def on_heartbeat(self, armed: bool, mode: str, now: float) -> None:
@@ -59,7 +59,7 @@ class PilotWatch:
         self._input_at = now
 
     def on_refusal(self) -> None:
-        """Process a refusal of a command by the router or the link process, because the pilot has control."""
+        """Process that the router or the link process has refused a command because a pilot has control."""
         self.may_bypass = False
 
     def has_control(self, now: float, mode: str | None) -> bool:

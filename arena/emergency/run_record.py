@@ -1,4 +1,4 @@
-"""Reader of a run folder for land-all and kill-all: crashes of vehicles, their last addresses, and their link processes.
+"""Reader of a run folder for land-all and kill-all: crashes, last addresses, and link processes of vehicles.
 
 The module also writes the commands of land-all and kill-all to the run folder.
 
@@ -31,7 +31,7 @@ _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessIdentity:
-    """Identity of a process, from state.json.
+    """Identity of a process, as recorded in state.json.
 
     The start time start_s [s since boot] distinguishes the process from a later process with the same pid.
 
@@ -46,7 +46,7 @@ class ProcessIdentity:
 
 @dataclass(frozen=True, kw_only=True)
 class DirectAddress:
-    """Address of a real vehicle, for a direct connection that bypasses the MAVLink router and the link process.
+    """Address of a real vehicle, for a connection that bypasses its router and its link process.
 
     connection: URL from the plan or the YAML
     local: UDP address to which the link process was bound; None for any
@@ -67,7 +67,10 @@ class DirectAddress:
 
     @classmethod
     def of(cls, connection: ConnectionUrl) -> DirectAddress:
-        """Return the address of a vehicle from its connection URL alone. `with_run_record` adds what the run folder has recorded."""
+        """Return the address of a vehicle from its connection URL only.
+
+        `with_run_record` adds what the run folder has recorded.
+        """
         if connection.kind == "udpin":
             return cls(connection=connection, local=connection.address)
         if connection.kind == "udpout":
@@ -76,7 +79,7 @@ class DirectAddress:
 
 
 def with_run_record(direct: DirectAddress, vehicle: str, run: Path) -> DirectAddress:
-    """Return a copy of `direct` with the data that the run folder has recorded for the vehicle.
+    """Return the address of a vehicle, completed with the data in the run folder.
 
     These are the vehicle's last address, its hardware uid, and the identity of its link process.
     """
@@ -90,7 +93,7 @@ def with_run_record(direct: DirectAddress, vehicle: str, run: Path) -> DirectAdd
 
 
 def recorded_process(name: str, run: Path) -> ProcessIdentity | None:
-    """Return the identity of a process of the run, as recorded in state.json; None if no such process is recorded.
+    """Return the identity of a process of the run from state.json; None if it is not recorded.
 
     name: name of the process, or "supervisor"
     """
@@ -105,7 +108,7 @@ def recorded_process(name: str, run: Path) -> ProcessIdentity | None:
 
 
 def has_given_up(name: str, run: Path) -> bool:
-    """Return whether the supervisor has recorded that it does not restart this process.
+    """Return whether the supervisor has recorded that it will not restart a process.
 
     Reads the end of events.jsonl only.
     """
@@ -117,7 +120,7 @@ def has_given_up(name: str, run: Path) -> bool:
 
 
 def recorded_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
-    """Return vehicle -> reason, for vehicles that are on the floor because they crashed or their PX4 has ended."""
+    """Return vehicle -> reason why it is on the floor: it crashed, or its PX4 has ended."""
     found: dict[str, str] = {}
     names = set(vehicles)
     for event in _events(run / "events.jsonl"):
@@ -132,7 +135,9 @@ def recorded_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
 
 
 def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
-    """Record a command in the run folder, so that programs can report why they lost their vehicle.
+    """Record in the run folder that land-all or kill-all has commanded vehicles.
+
+    Programs can then report why they lost their vehicle.
 
     Never raises OSError.
     """
@@ -147,7 +152,7 @@ def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
 
 
 def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:
-    """Update `found` after a change of the state of a vehicle's PX4 process.
+    """Update which vehicles are on the floor after a change of a vehicle's PX4 process.
 
     The vehicle is added if its PX4 has ended, and removed if its PX4 is ready again.
     found: vehicle -> reason why the vehicle is on the floor
@@ -160,7 +165,10 @@ def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -
 
 
 def _events(file: Path, last_bytes: int | None = None) -> Iterator[dict[str, Any]]:
-    """Yield the events in a file. last_bytes: read only this many bytes at its end; None for the whole file."""
+    """Yield the events in a file.
+
+    last_bytes: read only this many bytes at the end of the file; None for the whole file
+    """
     try:
         with file.open("rb") as opened:
             if last_bytes is not None:
@@ -185,7 +193,7 @@ def _recorded_uid(vehicle: str, run: Path) -> str:
 
 
 def valid_uid(raw: Any) -> str:
-    """Return a hardware uid of 8 or 18 bytes in hexadecimal digits; "" if `raw` is no such uid."""
+    """Return a hardware uid of 8 or 18 bytes as hexadecimal digits; "" for any other value."""
     return (
         raw.lower()
         if isinstance(raw, str) and re.fullmatch(r"([0-9a-fA-F]{16}|[0-9a-fA-F]{36})", raw)

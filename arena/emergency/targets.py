@@ -1,4 +1,4 @@
-"""Search for the vehicles to land: in the plan of the active runs, else in the YAML.
+"""Search for the vehicles to land: in the plans of the active runs, else in the YAML.
 
 Reads files only; needs no running process.
 """
@@ -48,7 +48,7 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """Result of the search: the vehicles to land, and the runs whose vehicles could not be read.
+    """Result of the search: the vehicles to land, and error texts of unreadable runs.
 
     source: the run folders or the YAML that contain the addresses
     unread: one message per active run whose plan cannot be read
@@ -67,7 +67,9 @@ def find(
     run: Path | None = None,
     elsewhere: Callable[[], bool] = lambda: False,
 ) -> Found:
-    """Find the vehicles of `run`, else of the active runs, else of the YAML. Raises InputError if no vehicle is found.
+    """Return the vehicles to land: those of `run`, else of the active runs, else of the YAML.
+
+    Raises InputError if no vehicle is found.
 
     Own runs are first. Runs of other users are included if the owner shares them with a group of this user. For root,
     another process commands them, with the rights of their owner (`other_users`).
@@ -110,7 +112,7 @@ def _find_in(
 
 
 def of_runs(runs: Sequence[ActiveRun], arena: Path | None) -> Found | None:
-    """Return the vehicles of the active runs that were started from the YAML `arena`, or of all active runs if `arena` is None.
+    """Return the vehicles of the active runs of one YAML, or of all active runs.
 
     If no run was started from this YAML, the newest run on its address is used. Returns None if there is no run, or none
     can be read.
@@ -133,7 +135,7 @@ def of_runs(runs: Sequence[ActiveRun], arena: Path | None) -> Found | None:
 
 
 def _names_real_vehicle(arena: Path) -> bool:
-    """Return whether a YAML names a real vehicle. False if the file does not exist.
+    """Return whether a YAML contains a real vehicle; False if the file does not exist.
 
     While a replay runs, a bare land-all does not search for simulated vehicles of arena.yaml: they exist in a run only. Real vehicles
     are landed as without the replay.
@@ -147,7 +149,7 @@ def _names_real_vehicle(arena: Path) -> bool:
 
 
 def is_replay(run: ActiveRun) -> bool:
-    """Return whether a run plays back a recorded flight, as its plan.json says. False if the plan cannot be read."""
+    """Return whether a run plays back a recorded flight; False if its plan cannot be read."""
     for folder in (run.folder, run.runtime):
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
             if folder is not None:
@@ -160,7 +162,10 @@ def is_replay(run: ActiveRun) -> bool:
 
 
 def _plays_back(plan: Any) -> bool:
-    """Return whether a plan is a replay. A plan with a real vehicle never is."""
+    """Return whether a plan is a replay of a recorded flight.
+
+    A plan with a real vehicle is never a replay.
+    """
     return bool(plan.get("replay")) and all(v["simulated"] is True for v in plan["vehicles"])
 
 
@@ -169,7 +174,7 @@ def _yaml_path(arena: Path) -> Path:
 
 
 def _of_all(runs: Iterable[ActiveRun]) -> Found | None:
-    """Return the vehicles of all runs whose files can be read. Return None if no run can be read.
+    """Return the vehicles of all runs whose files can be read; None if no run can be read.
 
     `Found.unread` has one error text for each run whose files cannot be read.
     """
@@ -187,7 +192,10 @@ def _of_all(runs: Iterable[ActiveRun]) -> Found | None:
 
 
 def _began_from(folder: Path) -> str:
-    """Return the path of the YAML from which a run was started, read from the first line of the run's arena.yaml."""
+    """Return the path of the YAML from which a run was started; "" if unknown.
+
+    The first line of the run's arena.yaml contains this path.
+    """
     try:
         with (folder / "arena.yaml").open(errors="replace") as file:
             return str(Path(file.readline().partition("# resolved from ")[2].strip()).resolve())
@@ -198,7 +206,9 @@ def _began_from(folder: Path) -> str:
 def choose(
     targets: Sequence[Target], only: Sequence[str] = (), spared: Sequence[str] = ()
 ) -> tuple[Target, ...]:
-    """Return the vehicles named in `only` (all if `only` is empty), except those named in `spared`.
+    """Return the vehicles named in `only`, except those named in `spared`.
+
+    An empty `only` selects all vehicles.
 
     Raises InputError for an unknown name.
     """
@@ -210,7 +220,9 @@ def choose(
 
 
 def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
-    """Return the vehicles in a plan.json. Raises ValueError, KeyError or TypeError if the text is not a plan.
+    """Return the vehicles in a plan.json.
+
+    Raises ValueError, KeyError or TypeError if the text is not a plan.
 
     text: contents of the file
     run: run folder of the file
@@ -243,7 +255,10 @@ def _planned_direct(plan: Any, vehicle: str, run: Path | None) -> DirectAddress 
 
 
 def from_yaml(path: Path) -> Found:
-    """Return the vehicles of a YAML, with the ports that the schema assigns. Raises InputError if the YAML names no vehicle."""
+    """Return the vehicles of a YAML, with the ports that the schema assigns.
+
+    Raises InputError if the YAML contains no vehicle.
+    """
     try:
         text = path.read_text(errors="replace")
     except OSError as error:
@@ -256,7 +271,7 @@ def from_yaml(path: Path) -> Found:
 
 
 def _by_port_rule(vehicle: VehicleEntry, host: str, folder: Path) -> Target:
-    """Return the target for a vehicle of a YAML. Its ports are computed from the vehicle's id (docs/reference/ports.md).
+    """Return the addresses of a vehicle of a YAML, computed from its id (docs/reference/ports.md).
 
     folder: folder of the YAML.
     """
@@ -277,7 +292,7 @@ def _by_port_rule(vehicle: VehicleEntry, host: str, folder: Path) -> Target:
 
 
 def _of_run(run: ActiveRun) -> Found:
-    """Return the vehicles in a run's plan.json, or in the run's arena.yaml if the plan cannot be read.
+    """Return the vehicles of a run from its plan.json; from its arena.yaml if the plan cannot be read.
 
     The runtime folder has a copy of plan.json, which is read if the run folder was deleted or belongs to another user.
     """
@@ -299,7 +314,7 @@ def _of_run(run: ActiveRun) -> Found:
 
 
 def _distinct(plans: Iterable[tuple[ActiveRun, Found]]) -> tuple[Target, ...]:
-    """Return the vehicles of all plans, one vehicle for each autopilot address.
+    """Return the vehicles of several runs without duplicates: one vehicle per autopilot address.
 
     If several plans have the same address, the newest run of this user counts; without such a run, the first plan counts.
     plans: runs with their vehicles. The runs of this user come first, oldest first.

@@ -1,4 +1,4 @@
-"""Reader of vehicle names, ids and addresses from an arena.yaml that may have errors.
+"""Reader of vehicle names, ids and addresses from an arena.yaml, also if the file has errors.
 
 It ignores everything else in the file.
 
@@ -35,7 +35,7 @@ class VehicleEntry:
 
 
 def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
-    """Return the content of a YAML file. If the file has errors, return None for each block that has errors.
+    """Return the content of a YAML file. A block with errors becomes None.
 
     depth: levels of nested blocks that are read separately
     """
@@ -48,7 +48,9 @@ def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
 
 
 def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
-    """Return the vehicles of a YAML, and the IP address of their autopilots (key `address`, default 127.0.0.1).
+    """Return the vehicles of a YAML, and the IP address of their autopilots.
+
+    The key `address` gives the IP address; the default is 127.0.0.1.
 
     The result is (address, vehicles). A vehicle without an id gets the lowest free id, in the order of the file.
     document: content of the YAML, from `read_yaml`
@@ -74,7 +76,7 @@ def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
 
 
 def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
-    """Return a real vehicle's connection, from the vehicle's keys or from `defaults`. Return None for a simulated vehicle."""
+    """Return a real vehicle's connection from its keys or from `defaults`; None for a simulated vehicle."""
     own = _merged(root, keys)
     if own.get("autopilot", "hardware") != "hardware":
         return None
@@ -88,7 +90,7 @@ def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
 
 
 def _merged(root: dict[str, Any], keys: Any) -> dict[str, Any]:
-    """Return the keys of a vehicle, with the `defaults` of the arena."""
+    """Return the keys of a vehicle, completed with the `defaults` of the arena."""
     defaults = root.get("defaults")
     return {**(defaults if isinstance(defaults, dict) else {}), **(keys if isinstance(keys, dict) else {})}
 
@@ -114,7 +116,7 @@ def _address(raw: Any) -> str:
 
 
 def _blocks(text: str, depth: int) -> dict[str, Any]:
-    """Return the `key: ...` blocks at the outermost indentation, each parsed separately."""
+    """Parse each `key: ...` block of the outermost indentation separately."""
     every = text.lstrip("\ufeff").expandtabs().splitlines()
     lines = [line for line in every if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
@@ -134,7 +136,12 @@ def _blocks(text: str, depth: int) -> dict[str, Any]:
 
 
 def _value(rest: str, inner: list[str], depth: int) -> Any:
-    """Return the value of a key, from the lines below the key, or from the rest of the key's own line."""
+    """Return the value of a key.
+
+    The value is on the line of the key, or on the lines below the key.
+
+    rest: text after the key. inner: lines below the key
+    """
     if rest.partition("#")[0].strip() or not inner:
         text = "\n".join([rest, *inner])
         return read_yaml(text, 0) if inner else _flow(rest)
@@ -142,7 +149,7 @@ def _value(rest: str, inner: list[str], depth: int) -> Any:
 
 
 def _flow(rest: str) -> Any:
-    """Parse a value that is written on one line.
+    """Parse a YAML value that is written on one line.
 
     If it is a flow mapping with errors, return only `id` and `url`, if these keys can be found.
     """

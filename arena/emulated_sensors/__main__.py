@@ -1,4 +1,4 @@
-"""The process `sensors`, which emulates relative sensors: `python -m arena.emulated_sensors slice.json`."""
+"""Process `sensors`, which emulates relative sensors: `python -m arena.emulated_sensors slice.json`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Velocity of a rigid body from its captured positions. Pure.
+"""Filter that estimates the velocity of a rigid body from its captured positions. Pure.
 
 A filter with constant gains for position, velocity and acceleration (alpha-beta-gamma filter). The gains are those of the Kalman
 filter for white noise of the position and for an acceleration that changes randomly between frames:
@@ -32,7 +32,10 @@ class Motion(NamedTuple):
 
 
 class Gains(NamedTuple):
-    """Gains for the difference between a measured and the predicted position: for position [-], velocity [1/s], acceleration [1/s2]."""
+    """Filter gains for position [-], velocity [1/s] and acceleration [1/s2].
+
+    A gain multiplies the difference between the measured and the predicted position.
+    """
 
     position: float
     velocity: float
@@ -41,7 +44,7 @@ class Gains(NamedTuple):
 
 @cache
 def steady_gains(noise_m: float, period_s: float) -> Gains:
-    """Return the gains to which a Kalman filter converges.
+    """Return the filter gains to which a Kalman filter converges.
 
     noise_m: noise of one position, rms per axis [m].  period_s: time between two frames [s].
     """
@@ -58,7 +61,7 @@ def steady_gains(noise_m: float, period_s: float) -> Gains:
 
 
 class BodyFilter:
-    """Filter of one body.
+    """Filter that estimates the velocity of one body from its captured positions.
 
     gains: see `steady_gains`.
     """
@@ -70,7 +73,9 @@ class BodyFilter:
         self._time_s, self._frames = 0.0, 0
 
     def add(self, p_n: Triple, time_s: float) -> Motion | None:
-        """Add a captured position [m] [NED]. Return the motion at this time; None until the velocity can be used.
+        """Add a captured position [m] [NED]. Return the motion of the body.
+
+        Return None until the velocity can be used.
 
         time_s: time of the exposure [s]. After a gap, or if the time goes back, the filter starts again.
         """

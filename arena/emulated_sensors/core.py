@@ -1,4 +1,4 @@
-"""Core of the emulated sensors: takes captured frames and telemetry, and returns the MAVLink messages of all sensors.
+"""Core of the emulated sensors: computes the messages of all sensors from captured frames and telemetry.
 
 Opens no sockets and reads no clock. The process `sensors` and the fused arena use it.
 """
@@ -18,7 +18,10 @@ from arena.wire.relative_measurements import COMPONENT, DEBUG_FLOAT_ARRAY, Measu
 
 @dataclass(frozen=True, kw_only=True)
 class _Carrier:
-    """A vehicle with sensors. row: index of the vehicle."""
+    """Vehicle that has emulated sensors.
+
+    row: index of the vehicle.
+    """
 
     row: int
     codec: Codec
@@ -27,7 +30,7 @@ class _Carrier:
 
 
 class EmulatedSensors:
-    """Sensors of all vehicles.
+    """Emulated relative sensors of all vehicles.
 
     sent: number of measurements of each vehicle, by name.
     """
@@ -41,16 +44,25 @@ class EmulatedSensors:
         self.sent = {settings.vehicles[c.row].name: 0 for c in self._carriers}
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, now: float) -> None:
-        """Store the poses of a frame. simulated: the motion-capture emulator sent it.  now: time of arrival [s]."""
+        """Store the captured poses of a frame.
+
+        simulated: True for a frame of the motion-capture emulator.  now: time of arrival [s].
+        """
         self._states.captured.on_frame(frame, simulated, now)
 
     def on_datagram(self, row: int, data: bytes, now: float) -> None:
-        """Store the estimates that a datagram of an autopilot contains. row: index of the vehicle.  now: time of arrival [s]."""
+        """Store the estimates of position, velocity and attitude in a datagram of an autopilot.
+
+        row: index of the vehicle.  now: time of arrival [s].
+        """
         if self.settings.vehicles[row].estimated:
             self._states.estimated.on_datagram(row, data, now)
 
     def step(self, now: float) -> list[tuple[int, bytes]]:
-        """Return the messages of all sensors that measure now, as (index of the vehicle, datagram). now: [s]."""
+        """Return the messages of all sensors that measure now, as (index of the vehicle, datagram).
+
+        now: [s].
+        """
         found = []
         for carrier in self._carriers:
             measured = self._measure(carrier, now)
@@ -67,7 +79,7 @@ class EmulatedSensors:
         return found
 
     def stats(self) -> dict[str, Any]:
-        """Return the numbers of measurements, and of poses that were not used, for the statistics of the process."""
+        """Return the numbers of measurements and of unused poses, for the statistics of the process."""
         refused = {f"dropped {why}": n for why, n in self._states.captured.counts.items()}
         return {**{f"{name} measurements": n for name, n in self.sent.items()}, **refused}
 

@@ -1,4 +1,4 @@
-"""The emulated sensors: what one vehicle measures at one instant. Pure.
+"""Emulated sensors: what one vehicle measures of its neighbours and of beacons. Pure.
 
 Positions and velocities of neighbours are in NED axes. Directions of beacons are in the body axes (FRD) of the vehicle.
 """
@@ -19,13 +19,19 @@ _NEIGHBOURS, _BEACONS = 1, 2  # part of the seed
 
 
 class SensorTimer:
-    """Timer of a sensor with a fixed rate. Missed times are skipped. rate_hz: [Hz]."""
+    """Timer of a sensor with a fixed rate.
+
+    Missed times are skipped. rate_hz: [Hz].
+    """
 
     def __init__(self, rate_hz: float) -> None:
         self._period_s, self._next_s = 1.0 / rate_hz, -math.inf
 
     def is_due(self, now: float) -> bool:
-        """Return whether the sensor measures now; if so, set the next time. now: [s]."""
+        """Return whether the sensor measures now. If so, set the time of the next measurement.
+
+        now: [s].
+        """
         if now < self._next_s - 1e-6:
             return False
         late = not 0.0 <= now - self._next_s < self._period_s
@@ -34,7 +40,7 @@ class SensorTimer:
 
 
 class NeighbourSensor:
-    """Sensor of one vehicle for positions and velocities of its neighbours.
+    """Sensor of one vehicle that measures positions and velocities of its neighbours.
 
     ids: MAV_SYS_ID of each neighbour, in the order of `settings.rows`.  seed: of the noise.  vehicle: MAV_SYS_ID of the vehicle.
     """
@@ -45,7 +51,9 @@ class NeighbourSensor:
         self._random = [np.random.default_rng([seed, vehicle, _NEIGHBOURS, number]) for number in ids]
 
     def measure(self, own: State | None, others: Sequence[State | None]) -> Iterator[NeighbourMeasurement]:
-        """Yield a measurement of each neighbour whose state is known; nothing if the vehicle's own state is unknown.
+        """Yield a measurement of each neighbour whose state is known.
+
+        Nothing is measured while the vehicle's own state is unknown.
 
         own: state of the vehicle.  others: states of the neighbours, in the order of `settings.rows`.
         """
@@ -71,7 +79,7 @@ class NeighbourSensor:
 
 
 class BeaconSensor:
-    """Sensor of one vehicle for distances and directions of beacons.
+    """Sensor of one vehicle that measures distances and directions of beacons.
 
     seed: of the noise.  vehicle: MAV_SYS_ID of the vehicle.
     """
@@ -82,7 +90,10 @@ class BeaconSensor:
         self._random = [np.random.default_rng([seed, vehicle, _BEACONS, number]) for number in numbers]
 
     def measure(self, own: State | None) -> Iterator[BeaconMeasurement]:
-        """Yield a measurement of each beacon in range; nothing if the vehicle's own state is unknown. own: state of the vehicle."""
+        """Yield a measurement of each beacon in range.
+
+        Nothing is measured while the vehicle's own state is unknown. own: state of the vehicle.
+        """
         for beacon, random in zip(self.settings.beacons, self._random, strict=True):
             noise = random.normal(size=3).tolist()
             if own is not None and math.dist(own.p_n, beacon.p_n) <= self.settings.max_range_m:

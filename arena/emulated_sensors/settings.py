@@ -14,7 +14,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class NeighbourSettings:
-    """Sensor for neighbours.
+    """Settings of a sensor that measures neighbours.
 
     rows: index of each neighbour in the list of vehicles.  position_noise_m, velocity_noise_m_s: added noise, rms per axis.
     """
@@ -28,7 +28,10 @@ class NeighbourSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Beacon:
-    """A beacon in the room. number: from 1, in the order of the YAML.  p_n: [m] [NED]."""
+    """Beacon at a fixed position in the room.
+
+    number: from 1, in the order of the YAML. p_n: [m] [NED].
+    """
 
     number: int
     p_n: Triple
@@ -36,7 +39,7 @@ class Beacon:
 
 @dataclass(frozen=True, kw_only=True)
 class BeaconSettings:
-    """Sensor for beacons.
+    """Settings of a sensor that measures beacons.
 
     range_noise_m, bearing_noise: added noise of the distance [m] and of each angle [rad], rms.  max_range_m: a beacon that is
     farther away is not measured [m].
@@ -52,7 +55,7 @@ class BeaconSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """A vehicle that has sensors or is a neighbour of one that has.
+    """Vehicle that has emulated sensors, or that is a neighbour of such a vehicle.
 
     id: MAV_SYS_ID.  body: name of its rigid body.  simulated: True if the motion capture emulator measures it, False for the cameras.
     router: address of the router that accepts the measurements of this vehicle; None: it has no sensors.
@@ -74,7 +77,7 @@ class Vehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """All settings.
+    """All settings of the process `sensors`.
 
     seed: seed of the noise.  frame_rate_hz: rate of motion capture [Hz].  pose_noise_m: noise of a captured position, rms per
     axis [m].
@@ -87,7 +90,10 @@ class Settings:
 
     @classmethod
     def of(cls, raw: Mapping[str, Any]) -> Settings:
-        """Read the settings from a slice. Raises KeyError."""
+        """Read the settings from the JSON configuration (slice) of the process.
+
+        Raises KeyError.
+        """
         row_of = {str(v["name"]): row for row, v in enumerate(raw["vehicles"])}
         return cls(
             vehicles=tuple(_vehicle(v, row_of) for v in raw["vehicles"]),

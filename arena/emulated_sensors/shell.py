@@ -1,4 +1,6 @@
-"""Sockets and loop of the process `sensors`. It must never send data to a vehicle.
+"""Sockets and loop of the process `sensors`.
+
+The process must never send data to a vehicle.
 
 One UDP socket sends the measurements to the router and receives telemetry from the router's tools ports.
 """
@@ -29,7 +31,7 @@ _REPORT_PERIOD_S = 1.0
 
 
 class SensorsShell:
-    """Process of the emulated sensors. All settings come from the slice of the process."""
+    """Process of the emulated sensors."""
 
     def __init__(self, process: ProcessContext) -> None:
         s = process.settings
@@ -50,13 +52,13 @@ class SensorsShell:
         self._next_ping = self._next_report = float("-inf")
 
     def run(self) -> None:
-        """Measure until a stop signal arrives."""
+        """Measure and send until a stop signal arrives."""
         while not self._process.stopping:
             self._selector.select(_WAIT_S)
             self.turn(self._clock.now(), time.monotonic())
 
     def turn(self, now: float, wall: float) -> None:
-        """Receive all waiting datagrams and frames, and send the measurements that are due.
+        """Receive all waiting datagrams and frames, and send all measurements that are due.
 
         now: time of the arena [s].  wall: monotonic time [s].
         """
@@ -98,7 +100,10 @@ class SensorsShell:
 
 
 class _Capture:
-    """Client of one motion-capture server. raw: its settings, with `simulated`: it is the emulator."""
+    """Client of one motion-capture server.
+
+    raw: settings of the client; `simulated` is true for the motion capture emulator
+    """
 
     def __init__(self, process: ProcessContext, raw: Mapping[str, Any]) -> None:
         settings = {key: value for key, value in raw.items() if key != "simulated"}
@@ -106,18 +111,24 @@ class _Capture:
         self._process, self._client, self._report = process, open_client(settings), ChangeReport()
 
     def fileno(self) -> int:
-        """Return a descriptor that is readable when a frame has arrived; -1 if there is none."""
+        """Return a file descriptor that is readable when a frame has arrived; -1 without a socket."""
         return self._client.fileno()
 
     def poll(self, now: float) -> list[CapturedFrame]:
-        """Return the frames that have arrived; none while there is no network. now: time of the arena [s]."""
+        """Return the captured frames that have arrived.
+
+        The list is empty while there is no network. now: time of the arena [s].
+        """
         try:
             return self._client.poll(now)
         except (ArenaError, OSError):
             return []
 
     def report(self) -> None:
-        """Report to the supervisor why no poses arrive, each time the reason changes."""
+        """Report to the supervisor why no poses arrive.
+
+        Nothing is reported until the reason changes.
+        """
         if (change := self._report.changed(self._client.diagnosis())) is not None:
             self._process.event(f"sensors: {change}")
 

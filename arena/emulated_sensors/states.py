@@ -1,4 +1,4 @@
-"""Newest states of the vehicles: position, velocity and attitude, from motion capture or from the autopilots. Pure.
+"""Newest position, velocity and attitude of each vehicle, from motion capture or from the autopilots. Pure.
 
 A state that is too old is not returned. Untracked, repeated, frozen and late poses are not used.
 """
@@ -26,7 +26,7 @@ Quad = tuple[float, float, float, float]
 
 
 class State(NamedTuple):
-    """State of a vehicle.
+    """Position, velocity and attitude of a vehicle.
 
     time_s: time to which it belongs, by the clock of the process [s].  p_n: [m] [NED].  v_n: [m/s] [NED].  q_nb: wxyz [-].
     """
@@ -38,7 +38,7 @@ class State(NamedTuple):
 
 
 class CapturedStates:
-    """States from motion capture.
+    """States of the vehicles from motion capture.
 
     counts: number of poses that were not used, by reason.
     """
@@ -54,7 +54,10 @@ class CapturedStates:
         self._lateness = {simulated: StreamLateness(CAPTURE_LIMIT_S) for simulated in (True, False)}
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, now: float) -> None:
-        """Store the poses of a frame. simulated: the motion-capture emulator sent it.  now: time of arrival [s]."""
+        """Store the captured poses of a frame.
+
+        simulated: True for a frame of the motion-capture emulator.  now: time of arrival [s].
+        """
         if self._lateness[simulated].measure(frame, now) > CAPTURE_LIMIT_S:
             self.counts["late frame"] += 1
             return
@@ -64,7 +67,10 @@ class CapturedStates:
                 self._on_pose(row, pose, frame.time_s, now)
 
     def get(self, row: int, now: float) -> State | None:
-        """Return the newest state of a vehicle; None if there is none or it is too old. row: index of the vehicle."""
+        """Return the newest captured state of a vehicle; None if it is missing or too old.
+
+        row: index of the vehicle.
+        """
         state = self._states[row]
         return state if state is not None and 0.0 <= now - state.time_s <= CAPTURE_LIMIT_S else None
 
@@ -78,18 +84,24 @@ class CapturedStates:
 
 
 class EstimatedStates:
-    """States from the telemetry of the autopilots: LOCAL_POSITION_NED and ATTITUDE_QUATERNION."""
+    """States of the vehicles from the estimates in their telemetry.
+
+    The messages are LOCAL_POSITION_NED and ATTITUDE_QUATERNION.
+    """
 
     def __init__(self, vehicles: Sequence[Vehicle]) -> None:
         only = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
         self._telemetry = [Telemetry(v.id, only) for v in vehicles]
 
     def on_datagram(self, row: int, data: bytes, now: float) -> None:
-        """Store the estimates that a datagram of an autopilot contains. row: index of the vehicle.  now: time of arrival [s]."""
+        """Store the estimates of position, velocity and attitude in a datagram of an autopilot.
+
+        row: index of the vehicle.  now: time of arrival [s].
+        """
         self._telemetry[row].on_datagram(data, now)
 
     def get(self, row: int, now: float) -> State | None:
-        """Return the state of a vehicle at the time `now` [s]; None if its position or attitude is too old.
+        """Return the estimated state of a vehicle at the time `now` [s]; None if it is too old.
 
         The position is extrapolated from the last estimate with its velocity, because estimates of different vehicles arrive at
         different times. row: index of the vehicle.
@@ -105,11 +117,11 @@ class EstimatedStates:
 
 
 class States:
-    """States of all vehicles from both sources."""
+    """States of all vehicles from both sources: motion capture and autopilots."""
 
     def __init__(self, settings: Settings) -> None:
         self.captured, self.estimated = CapturedStates(settings), EstimatedStates(settings.vehicles)
 
     def get(self, source: Source, row: int, now: float) -> State | None:
-        """Return the newest state of a vehicle from a source; None if there is none or it is too old."""
+        """Return the newest state of a vehicle from one source; None if it is missing or too old."""
         return (self.captured if source == "mocap" else self.estimated).get(row, now)

@@ -1,4 +1,4 @@
-"""Link process of one flight controller.
+"""Link process of one flight controller: its sockets, its serial device and its loop.
 
 It connects the controller by UDP to the MAVLink router (router link), the pose forwarder (vision link) and land-all (panic
 link).
@@ -49,7 +49,7 @@ _HEADER = (
 
 
 class FcuLinkShell:
-    """Sockets, serial device and loop of the link process.
+    """Sockets, serial device and loop of the link process of one flight controller.
 
     The loop reads a limited amount from each connection in turn, so that a flood on one connection does not delay the
     others.
@@ -90,7 +90,7 @@ class FcuLinkShell:
         self._write_params()
 
     def run(self) -> None:
-        """Run the link until a stop signal arrives. While a real vehicle is armed, continue after the signal.
+        """Run the link until a stop signal arrives. If a real vehicle is armed, wait until it is disarmed.
 
         If the supervisor dies, continue until the vehicle is disarmed.
         """
@@ -113,7 +113,10 @@ class FcuLinkShell:
         self._report_stats(time.monotonic())
 
     def _armed_real(self) -> list[str]:
-        """Return [name of the vehicle] if the vehicle is real and armed, else []: `ProcessContext.may_end` takes a list."""
+        """Return a list with the vehicle's name if the vehicle is real and armed, else [].
+
+        `ProcessContext.may_end` takes this list.
+        """
         armed = not self._s.simulated and self._core.armed(time.monotonic())
         return [self._s.vehicle] if armed else []
 
@@ -213,14 +216,17 @@ class FcuLinkShell:
             self._process.confirm(request)
 
     def _set_time(self, now: float) -> None:
-        """Pass values for the record of the axes check: this computer's boot id and its time in suspend, and the date."""
+        """Pass date, boot id of this computer and its time in suspend to the axes check."""
         suspended_s = time.clock_gettime(time.CLOCK_BOOTTIME) - now
         self._core.axes.set_time(
             self._computer, suspended_s, time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         )
 
     def _update_axes_check(self) -> None:
-        """Receive all bodies of the room while an axes check runs, report its progress, and write its record."""
+        """Advance a running axes check: receive all bodies of the room, and report the progress.
+
+        At the end of the check, its record is written.
+        """
         axes = self._core.axes
         self._room.set_open(axes.running)
         if self._room.error:
@@ -262,7 +268,7 @@ class FcuLinkShell:
         self._process.event(text)
 
     def _report_stats(self, now: float) -> None:
-        """Send the counters of the last second to the supervisor."""
+        """Send the message counters of the last second to the supervisor."""
         flow, self._flow = self._core.flow - self._flow, Counter(self._core.flow)
         self._process.stats(
             {
@@ -281,15 +287,20 @@ class FcuLinkShell:
         )
 
     def _write_last_address(self) -> None:
-        """Write the vehicle's address and uid to a file for land-all, which needs this file if the link process ends or hangs."""
+        """Write the vehicle's address and hardware uid to a file for land-all.
+
+        land-all needs this file if the link process ends or hangs.
+        """
         uid = self._core.identity.uid
         address = self._transport.last_address() | {"uid": "" if uid == NO_UID else uid}
         if self._record.is_new(address):
             self._save(self._s.wire_file, partial(self._record.write, address))
 
     def _write_params(self) -> None:
-        """Write the file of required parameters, which the user loads with QGroundControl: at the start, and again
-        when the types of the vehicle's parameters are known.
+        """Write the file of required parameters, which the user loads with QGroundControl.
+
+        The file is written at the start. It is written again when the types of the vehicle's parameters are
+        known.
         """
         if not self._s.params_file or not self._s.params:
             return
@@ -300,7 +311,7 @@ class FcuLinkShell:
         self._save(self._s.params_file, partial(_write_text, Path(self._s.params_file), text))
 
     def _save(self, path: str, write: Callable[[], None], effect: str = "") -> None:
-        """Write a file in a thread, because a disk that does not respond must not stop the link.
+        """Write a file in a thread, so that a slow disk does not stop the link.
 
         An error is reported. effect: what the error leads to, as the end of its message.
         """

@@ -1,4 +1,4 @@
-"""Arm permit of a real vehicle: a person has allowed this vehicle to arm, now. Pure.
+"""Arm permit of a real vehicle: the permission of a person to arm this vehicle now. Pure.
 
 The permit ends when the vehicle reboots, reconnects or is silent while it is disarmed, because then somebody may have
 worked on it. An armed vehicle keeps it.
@@ -25,13 +25,13 @@ class ArmPermit:
 
     @property
     def reasons(self) -> list[str]:
-        """Reasons why the vehicle must not be armed; empty if the vehicle has a permit or needs none."""
+        """Reasons why the vehicle must not be armed; empty if it has a permit or does not need a permit."""
         if not self._needed or self.by:
             return []
         return [f"no arm permit: run arena arm-permit {self._vehicle}"]
 
     def grant(self, by: str, *, connected: bool) -> None:
-        """Grant the permit to arm, if the vehicle is connected.
+        """Grant the permit to arm if the vehicle is connected.
 
         by: name of the person who grants the permit. connected: whether the vehicle is connected.
         """

@@ -1,4 +1,4 @@
-"""Selection of the frames that could arm a vehicle or spin a motor. They must not pass while a preflight check fails. Pure.
+"""Filter for frames that could arm a vehicle or spin a motor while a preflight check fails. Pure.
 
 A mode change never arms PX4. MAVLink FTP, parameters and the upload of missions always pass.
 """
@@ -13,7 +13,7 @@ from arena.wire.mavlink_frame import Buffer, Frame
 
 
 def needs_checks(data: Buffer, frame: Frame, system: int, *, armed: bool) -> bool:
-    """Return whether a frame to vehicle `system` must not pass while a preflight check fails.
+    """Return whether a frame may pass to the vehicle only if all preflight checks pass.
 
     armed: the vehicle is armed for certain; then only a request to arm waits. A broadcast (target system 0) is a frame to the vehicle, too.
     """
@@ -29,7 +29,7 @@ def needs_checks(data: Buffer, frame: Frame, system: int, *, armed: bool) -> boo
 
 
 def request_words(data: Buffer, frame: Frame) -> str:
-    """Return what a frame requests, for messages: `arming`, `DO_MOTOR_TEST (command 209)` or `SERIAL_CONTROL`."""
+    """Return the request in a frame as text for the user, such as `arming` or `SERIAL_CONTROL`."""
     request = parse_request(data, frame)
     if request is not None and request.kind is Kind.ARM:
         return "arming"

@@ -1,4 +1,6 @@
-"""Guided check of a real vehicle: a person moves it by hand, and its captured body must move as its IMU measures.
+"""Identity and axes check of a real vehicle that a person moves by hand.
+
+The captured body must move as the vehicle's IMU measures.
 
 Without the record of a passed check, the vehicle must not arm. Pure.
 
@@ -36,8 +38,9 @@ _ROOM_UNSEEN = (
 
 
 class AxesCheck:
-    """Guided check of one real vehicle: its captured rigid body must be the right one (identity) and must have the axes of
-    the vehicle's IMU (axes).
+    """Guided identity and axes check of one real vehicle.
+
+    The captured rigid body must be that of the vehicle (identity) and must have the axes of its IMU (axes).
 
     running: a check is running
     events: messages for the user; the caller takes them and empties the list
@@ -65,14 +68,14 @@ class AxesCheck:
 
     @property
     def record(self) -> AxesRecord | None:
-        """Last check that the vehicle has passed; None if there is none, or if it has failed a later check.
+        """Record of the last passed check; None if a later check has failed or none has passed.
 
         None while a check runs, so that the file contains no record if this process dies in the check.
         """
         return None if self.running else self._record
 
     def reasons(self, uid: str) -> list[str]:
-        """Return why the vehicle must not be armed because of its axes check; empty if arming is allowed.
+        """Return why the vehicle's axes check forbids arming; empty if arming is allowed.
 
         uid: hardware uid of the vehicle's autopilot
         """
@@ -94,7 +97,7 @@ class AxesCheck:
     def on_request(
         self, request: Mapping[str, Any], now: float, refusal: str, uid: str, *, armed: bool
     ) -> None:
-        """Process a request of the supervisor: start or stop the vehicle's axes check, or store the definition of its body.
+        """Process a request of the supervisor: start or stop an axes check, or set the body's definition.
 
         refusal: why no check may start now; "" if it may. uid: hardware uid of the autopilot.
         """
@@ -108,7 +111,7 @@ class AxesCheck:
                 self.stop(f"stopped by {request.get('by')}")
 
     def start(self, by: str, now: float, refusal: str, uid: str) -> None:
-        """Start an axes check, or refuse it.
+        """Start an axes check, or report why it must not start.
 
         by: person who requested the check. refusal: why the check must not run; "" if it may. uid: hardware uid of the
         autopilot.
@@ -128,7 +131,7 @@ class AxesCheck:
             self._show()
 
     def stop(self, why: str) -> None:
-        """End a running axes check without a result. Does nothing if no check runs."""
+        """End a running axes check without a result; do nothing if no check runs."""
         if self._check is not None:
             self._check.stop(why)
             self._finish()
@@ -136,29 +139,38 @@ class AxesCheck:
     # -- the vehicle and its body
 
     def set_time(self, computer: str, suspended_s: float, date: str) -> None:
-        """Set the boot id of this computer, its time in suspend since the boot [s], and the present date and time (ISO 8601,
-        UTC).
+        """Set the date and the times of this computer that the record of a check contains.
+
+        computer: boot id of this computer
+        suspended_s: time in suspend since the boot [s]
+        date: present date and time (ISO 8601, UTC)
         """
         self._computer, self._suspended_s, self._date = computer, suspended_s, date
 
     def on_definition(self, definition: str) -> None:
-        """Store the definition of the rigid body, as the pose forwarder has reported it; "" while it is unknown."""
+        """Store the definition of the rigid body that the pose forwarder has reported.
+
+        definition: "" while it is unknown
+        """
         if definition and self._definition and definition != self._definition:
             self.stop("the rigid body was defined again during the check")
             self.events.append("its rigid body was defined again: the axes check is not valid any more")
         self._definition = definition
 
     def on_boot_time(self, boot_s: float, now: float) -> None:
-        """Set the time since the autopilot's start [s]. now: time of arrival [s]."""
+        """Store how long the autopilot has been running.
+
+        boot_s: time since the autopilot's start [s]. now: time of arrival [s].
+        """
         self._boot = BootTime(computer=self._computer, at_s=now + self._suspended_s - boot_s)
 
     def on_reboot(self) -> None:
-        """Discard the start time of the autopilot, because the autopilot has rebooted or was exchanged."""
+        """Discard the start time of the autopilot after its reboot or exchange."""
         self.stop("the autopilot has rebooted")
         self._boot = None
 
     def on_autopilot(self, m: Any, now: float) -> None:
-        """Process a HIGHRES_IMU, TIMESYNC or PARAM_VALUE message of the autopilot. Other messages are ignored."""
+        """Process a HIGHRES_IMU, TIMESYNC or PARAM_VALUE message of the autopilot; ignore other messages."""
         if self._check is None:
             return
         kind = m.get_type()
@@ -174,12 +186,15 @@ class AxesCheck:
             self._delay_param = value
 
     def on_pose(self, m: Any, now: float) -> None:
-        """Process an ODOMETRY message, which contains a captured pose and is sent to the vehicle."""
+        """Process a captured pose that is sent to the vehicle as ODOMETRY."""
         if self._check is not None:
             self._check.on_pose(m.q, (m.x, m.y, m.z), now)
 
     def on_frames(self, frames: Sequence[CapturedFrame], now: float) -> None:
-        """Process frames with all bodies of the room, which have arrived now."""
+        """Process captured frames with all bodies of the room.
+
+        now: time of arrival [s]
+        """
         if self._check is None:
             return
         for frame in frames:
@@ -191,7 +206,10 @@ class AxesCheck:
     # -- periodic
 
     def tick(self, now: float) -> None:
-        """Advance the axes check. Call this method about twenty times a second."""
+        """Advance the axes check.
+
+        Call this method about twenty times a second.
+        """
         if self._check is None:
             return
         if self._missing:
@@ -218,7 +236,7 @@ class AxesCheck:
 
     @property
     def _missing(self) -> str:
-        """Name the data that the record of a check needs and that have not been received yet; "" if nothing is missing."""
+        """Return the name of the data that the record of a check still needs; "" for none."""
         if not self._definition:
             return "the pose forwarder has not reported the definition of the rigid body"
         return "the autopilot has not sent its time since boot (SYSTEM_TIME)" if self._boot is None else ""

@@ -1,4 +1,6 @@
-"""File preflight/<vehicle>.json in the folder of the arena's YAML: the last axes check that a vehicle has passed.
+"""Record of the last axes check that a vehicle has passed: the file preflight/<vehicle>.json.
+
+The folder `preflight` is beside the arena's YAML.
 
 It is valid until the rigid body is defined again, the autopilot is another one, or the autopilot or this computer has
 been started again.
@@ -27,8 +29,9 @@ class BootTime:
     at_s: float
 
     def same_as(self, other: BootTime) -> bool:
-        """Return whether both times are of the same start of the autopilot: they differ by 5 s at most, on the same computer
-        without a reboot of it.
+        """Return whether two times are of the same start of the autopilot.
+
+        They differ by 5 s at most, on the same computer without a reboot of it.
         """
         return self.computer == other.computer != "" and abs(self.at_s - other.at_s) <= BOOT_TOLERANCE_S
 
@@ -60,7 +63,7 @@ class AxesRecord:
     delay_ms: float | None
 
     def difference(self, uid: str, body: str, definition: str, boot: BootTime) -> str:
-        """Return what has changed since the check, such as `body changed`; "" if the record is valid."""
+        """Return what has changed since the axes check, such as `body changed`; "" if nothing has changed."""
         if (self.body, self.definition) != (body, definition):
             return "body changed"
         if self.uid != uid:
@@ -69,27 +72,36 @@ class AxesRecord:
 
 
 def computer_start() -> str:
-    """Return the boot id of this computer, which Linux generates at each boot; "" if it cannot be read."""
+    """Return the boot id of this computer; "" if it cannot be read.
+
+    Linux generates a new boot id at each boot.
+    """
     with contextlib.suppress(OSError):
         return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     return ""
 
 
 class RecordFile:
-    """File with the record of one vehicle's last passed axes check. path: path of the file; "" if no record is kept."""
+    """File with the record of one vehicle's last passed axes check.
+
+    path: path of the file; "" if no record is kept.
+    """
 
     def __init__(self, path: str) -> None:
         self._path = Path(path) if path else None
 
     def read(self) -> AxesRecord | None:
-        """Return the record of the last axes check; None if there is no record, or if it cannot be read."""
+        """Return the record of the last axes check; None if the file is missing or cannot be read."""
         if self._path is not None:
             with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
                 return _record(json.loads(self._path.read_text()))
         return None
 
     def write(self, record: AxesRecord | None) -> None:
-        """Write the record; if `record` is None, delete the file. Raises OSError if the file cannot be written or deleted."""
+        """Write the record; delete the file if `record` is None.
+
+        Raises OSError if the file cannot be written or deleted.
+        """
         if self._path is None:
             return
         if record is None:

@@ -1,4 +1,4 @@
-"""Offset between this computer's clock and the autopilot's, from TIMESYNC round trips. Pure.
+"""Offset between the clocks of this computer and of the autopilot, from TIMESYNC round trips. Pure.
 
 The autopilot answers a request with tc1 = 0 at once, and does not change its own clock (PX4: mavlink_timesync.cpp).
 """
@@ -15,7 +15,7 @@ _MAX_ROUND_TRIP_S = 1.0
 
 
 class ClockOffset:
-    """Measurement of the offset between this computer's clock and the autopilot's clock.
+    """Measurement of the offset between the clocks of this computer and of the autopilot.
 
     Only the fastest round trip is used, because its error is smallest.
 
@@ -30,7 +30,10 @@ class ClockOffset:
         self._next = -math.inf
 
     def request(self, now: float) -> Any | None:
-        """Return the TIMESYNC request that is due; None if none is due. now: time of sending [s]."""
+        """Return the TIMESYNC request to send now; None if none is due.
+
+        now: time of sending [s].
+        """
         if now < self._next:
             return None
         self._next = now + _PERIOD_S
@@ -40,7 +43,10 @@ class ClockOffset:
         return mavlink.MAVLink_timesync_message(0, number)
 
     def on_timesync(self, m: Any, now: float) -> None:
-        """Process a TIMESYNC message of the autopilot. Requests, and answers to requests of other programs, are ignored."""
+        """Process a TIMESYNC message of the autopilot.
+
+        Requests, and replies to requests of other programs, are ignored.
+        """
         sent = self._sent.pop(m.ts1, None) if m.tc1 > 0 else None
         if sent is not None and now - sent < self.round_trip_s:
             self.round_trip_s = now - sent

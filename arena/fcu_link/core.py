@@ -116,9 +116,10 @@ class FcuLink:
     def from_vehicle(
         self, data: Buffer, found: ParsedFrames, now: float, source: Source = "the vehicle"
     ) -> Out:
-        """Process received data. Return (receiver, datagram) for each receiver: "router", "vision", "panic" or "simulator".
+        """Process received data of the vehicle. Return the datagrams to send as (receiver, datagram).
 
-        source: UDP address or serial device of the sender. The result is empty if the sender is not the vehicle.
+        source: UDP address or serial device of the sender. The result is empty if the sender is not the
+        vehicle.
         """
         self._silence.on_data(data, found)
         if not self._identify(source, data, found, now):
@@ -137,26 +138,22 @@ class FcuLink:
         return [(end, b"".join(frames)) for end, frames in parts.items()]
 
     def on_opened(self) -> None:
-        """Require the hardware uid again, because the serial device was opened and another vehicle may be connected to it."""
+        """Require the hardware uid again after the serial device was opened: the vehicle may have changed."""
         self.identity.release()
         self.queue.clear()
         self.permit.on_interruption("its device was unplugged")
 
     def on_foreign_datagram(self, data: Buffer, found: ParsedFrames) -> None:
-        """Count a datagram from an address that is not the vehicle's address."""
+        """Count a datagram from an address that is not the address of the vehicle."""
         self.counts["from the vehicle: unknown sender"] += 1
         self._silence.on_data(data, found)
 
     def _identify(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> bool:
-        """Return whether data come from the vehicle, which is identified by its hardware uid (`Identity`).
-
-        If the vehicle now sends from another address or device, drop the frames that wait for the old one. If the hardware
-        uid has changed, start all preflight checks again.
-        """
+        """Return whether data come from the vehicle, which is identified by its hardware uid."""
         before, uid = self.identity.source, self.identity.uid
         accepted = self.identity.accepts(source, data, found.frames, now)
         if self.identity.source != before:
-            self.queue.clear()
+            self.queue.clear()  # the frames are for the old address or device
         if self.identity.uid != uid:
             self._boot_ms = 0
             self._restart_checks()
@@ -175,7 +172,7 @@ class FcuLink:
         return ["router", *vision, *panic]
 
     def _on_autopilot(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Process a frame of the vehicle's autopilot: update stream rates, parameter check and preflight checks."""
+        """Process a frame of the autopilot: update stream rates, parameter check and preflight checks."""
         if now - self.checks.received_at > SILENT_S:
             self._streams.restart()
             self.permit.on_interruption(f"no telemetry for {SILENT_S:g} s")
@@ -240,7 +237,7 @@ class FcuLink:
         self._streams.restart()
 
     def _restart_setup(self) -> None:
-        """Read the parameters again, and require new tests of kill switch and captured tilt, because the vehicle may have changed."""
+        """Read the parameters and test kill switch and captured tilt again: the vehicle may have changed."""
         self.params.restart()
         self.radio.reset()
         self.checks.restart_motion()
@@ -256,7 +253,7 @@ class FcuLink:
         return [*found, *map(sentence, self.permit.reasons)]
 
     def from_link(self, link: str, data: Buffer, now: float, age_s: float = 0.0) -> Out:
-        """Process a datagram from a UDP link. Return the replies of this process as (link, datagram).
+        """Process a datagram from a UDP link to the vehicle. Return the replies as (link, datagram).
 
         link: "router" (MAVLink router), "vision" (pose forwarder) or "panic" (land-all, kill-all)
         age_s: time since this computer received the datagram [s]; frames older than their limit are dropped
@@ -292,14 +289,12 @@ class FcuLink:
                 self.counts["from the simulator: not for a controller in the loop"] += 1
 
     def next_out(self, now: float) -> bytes | None:
-        """Return the next frame for the vehicle; None if there is none.
-
-        Only a pose that is returned counts for the preflight checks, because older poses in the queue may be dropped.
-        """
+        """Return the next frame to send to the vehicle; None if there is none."""
         queued = self.queue.take(now)
         if queued is None:
             return None
         self.flow["to_vehicle"] += 1
+        # only a pose that is sent counts for the preflight checks: older poses in the queue may be dropped
         if queued.priority is Priority.VISION and queued.msgid == mavlink.MAVLINK_MSG_ID_ODOMETRY:
             for m in self._codec.parse(queued.frame):
                 self.flow["poses"] += 1
@@ -308,7 +303,7 @@ class FcuLink:
         return queued.frame
 
     def _pass(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
-        """Queue a frame for the vehicle, or return its refusal by command authority as (link, datagram)."""
+        """Queue a frame for the vehicle. Return nothing, or the refusal as (link, datagram)."""
         if self.identity.source is None:
             self.counts[f"to the vehicle: not connected ({link})"] += 1
             return []
@@ -318,7 +313,7 @@ class FcuLink:
         return []
 
     def _refuse(self, link: str, data: Buffer, frame: Frame, now: float, *, sent: bool) -> Out | None:
-        """Return the reply to a frame that command authority (`arena.authority`) refuses, as (link, datagram); None if it allows it.
+        """Return the reply (link, datagram) if the sender of a frame has no control authority, else None.
 
         sent: False if the caller does not send even an allowed frame, so that it does not count as a command of its sender.
         """
@@ -333,7 +328,7 @@ class FcuLink:
         return [(link, reply)] if reply else []
 
     def _guard(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
-        """Pass on a request that could arm the vehicle or spin a motor, or refuse it if a preflight check fails.
+        """Pass on a request to arm or to spin a motor, or refuse it because a preflight check fails.
 
         Return the refusal as (link, datagram), for the requesting link and for the router, whose ground stations show it.
         """
@@ -358,7 +353,7 @@ class FcuLink:
     # -- periodic -----------------------------------------------------------------------------------------------------
 
     def tick(self, now: float) -> None:
-        """Queue the heartbeat and requests that are due, and report a silent vehicle. Call this method about twenty times a second."""
+        """Queue heartbeat and requests, and report a silent vehicle. Call this twenty times a second."""
         if now - self.checks.received_at > SILENT_S:
             self.permit.on_interruption(f"no telemetry for {SILENT_S:g} s")
         self.axes.tick(now)
@@ -371,7 +366,7 @@ class FcuLink:
             self._say(text)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request of the supervisor (see `process_context`), such as a new arm permit."""
+        """Process a request of the supervisor, such as a new arm permit (see `process_context`)."""
         self.gate.on_request(request, now)
         if request.get("vehicle") != self._s.vehicle:
             return

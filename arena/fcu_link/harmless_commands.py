@@ -1,4 +1,4 @@
-"""Table of the commands that cannot arm a vehicle or spin a motor, with the reason for each. Pure data.
+"""Commands that cannot arm a vehicle or spin a motor, with the reason for each. Pure data.
 
 While a preflight check of a disarmed vehicle fails, the link passes on these commands, and those whose effect
 `arena.authority.parse_request` knows. Every other command is refused. The effects are those in the source code of

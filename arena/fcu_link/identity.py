@@ -31,7 +31,7 @@ _OLD_REQUEST = mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES  # PX4 before v1.1
 
 @dataclass(kw_only=True)
 class _Candidate:
-    """Source (UDP address or serial device) that sends as an autopilot, but whose hardware uid has not been accepted yet.
+    """UDP address or serial device that sends as an autopilot, but whose hardware uid is not accepted yet.
 
     uid: the uid that it has sent; None before
     received_at: time of its last data [s]
@@ -48,7 +48,7 @@ class _Candidate:
 
 
 class Identity:
-    """Accepts data of one autopilot only, the one with the expected hardware uid.
+    """Accepts data of one autopilot only: the autopilot with the expected hardware uid.
 
     Pass all received data to `accepts`, and send the requests that `requests` returns.
     system: MAVLink id of the vehicle
@@ -76,16 +76,22 @@ class Identity:
         self._reported: set[str] = set()
 
     def fix(self) -> None:
-        """Keep the accepted uid until the end of the process, because the vehicle has an arm permit or is armed."""
+        """Keep the accepted hardware uid until the process ends.
+
+        The vehicle has an arm permit or is armed.
+        """
         self.fixed = self.fixed or self.uid != ""
 
     def release(self) -> None:
-        """Require the uid again, because the vehicle has rebooted, or its serial device was opened again."""
+        """Require the hardware uid again after a reboot, or after the serial device was opened again."""
         self.source = None
         self._candidates.clear()
 
     def accepts(self, source: Source, data: Buffer, frames: Sequence[Frame], now: float) -> bool:
-        """Process received data, and return whether they come from the vehicle. now: monotonic [s]."""
+        """Process received data. Return whether they come from the vehicle.
+
+        now: monotonic [s].
+        """
         ours = [f for f in frames if f.sysid == self.system and f.compid == AUTOPILOT]
         if not ours:
             return source == self.source and now - self._received_at <= SILENT_S
@@ -101,7 +107,10 @@ class Identity:
         return source == self.source
 
     def requests(self, now: float) -> list[tuple[Source, int]]:
-        """Return the requests for a hardware uid to send now, as (UDP address or serial device, MAV_CMD of the request)."""
+        """Return the requests for a hardware uid to send now, as (receiver, MAV_CMD of the request).
+
+        receiver: UDP address or serial device
+        """
         found = []
         for source, candidate in self._candidates.items():
             if candidate.uid is None and now >= candidate.next_request and self._is_active(candidate, now):
@@ -114,7 +123,7 @@ class Identity:
         return any(self._is_active(candidate, now) for candidate in self._candidates.values())
 
     def problem(self, now: float) -> str:
-        """Return why the autopilot that sends must not be armed: its identity is unknown or wrong. Otherwise return ""."""
+        """Return why the identity of the sending autopilot forbids arming; "" if it does not."""
         if self.source is not None and now - self._received_at <= SILENT_S:
             return "no hardware uid: needs `uid: none`" if self._needs_uid and self.uid == NO_UID else ""
         active = [c for c in self._candidates.values() if self._is_active(c, now)]
@@ -126,7 +135,10 @@ class Identity:
         return now - candidate.received_at <= SILENT_S
 
     def _on_autopilot(self, source: Source, now: float) -> None:
-        """Record that an autopilot has sent data. Make its source a candidate if the source is new or was silent."""
+        """Record that an autopilot has sent data.
+
+        Its source becomes a candidate if it is new or was silent.
+        """
         if source == self.source:
             if now - self._received_at <= SILENT_S:
                 self._received_at = now
@@ -150,7 +162,7 @@ class Identity:
             self._candidates[source].uid = found
 
     def _on_ack(self, candidate: _Candidate, data: Buffer, frame: Frame) -> None:
-        """Change the MAV_CMD with which the uid is requested, if the autopilot has refused the present one.
+        """Request the uid with another MAV_CMD if the autopilot has refused the present one.
 
         There are two: PX4 before v1.11 supports the older one only.
         """
@@ -159,7 +171,7 @@ class Identity:
             candidate.command = _OLD_REQUEST if candidate.command == _REQUEST else _REQUEST
 
     def _accept_candidate(self, source: Source, now: float) -> None:
-        """Accept a candidate that has sent the expected uid, if the vehicle does not send from another source."""
+        """Accept a candidate with the expected hardware uid, unless the vehicle sends from another source."""
         candidate = self._candidates.get(source)
         if candidate is None or candidate.uid is None:
             return
@@ -187,7 +199,7 @@ class Identity:
         return found.matches(self.uid)
 
     def _set_expected_uid(self, found: HardwareUid) -> None:
-        """Accept only the autopilot with this uid from now on, and report the uid.
+        """Accept only the autopilot with this hardware uid from now on, and report the uid.
 
         Call this method only while `fixed` is false.
         """
@@ -215,6 +227,9 @@ class Identity:
 
 
 def uid_request(system: int, command: int) -> Any:
-    """Return the message that requests the uid of an autopilot. command: MAV_CMD from `Identity.requests`."""
+    """Return the MAVLink message that requests the hardware uid of an autopilot.
+
+    command: MAV_CMD from `Identity.requests`.
+    """
     param1 = float(_VERSION if command == _REQUEST else 1)
     return mavlink.MAVLink_command_long_message(system, AUTOPILOT, command, 0, param1, 0, 0, 0, 0, 0, 0)

@@ -1,4 +1,4 @@
-"""Ids of the MAVLink messages that the link decodes, or routes differently from other messages. Pure data."""
+"""Ids of the MAVLink messages that the link process decodes, or routes in a special way. Pure data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Messages that the link itself sends to the vehicle: heartbeats, and requests for parameters, streams, clock and uid. Pure."""
+"""Messages from the link process itself to the vehicle: heartbeats and requests. Pure.
+
+Parameters, streams, clock and hardware uid are requested.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ _HEARTBEAT_S = 1.0
 
 
 class OwnRequests:
-    """Source of the messages that the link process itself sends to the vehicle.
+    """Source of the heartbeats and requests that the link process itself sends to the vehicle.
 
     Call `due` about twenty times a second and send the messages that it returns.
 
@@ -41,7 +44,7 @@ class OwnRequests:
         self._heartbeat_at = -math.inf
 
     def due(self, now: float, *, connected: bool) -> Iterator[tuple[int, bytes]]:
-        """Yield message id and frame of each message that is due.
+        """Yield message id and frame of each message to send now.
 
         connected: the vehicle is identified and has sent data recently.
         """
@@ -53,7 +56,10 @@ class OwnRequests:
             yield message.get_msgId(), self._codec.pack(message)
 
     def uid_requests(self, now: float) -> list[tuple[Source, bytes]]:
-        """Return the requests for the hardware uid that are due, as (address or device to send to, frame)."""
+        """Return the requests for the hardware uid to send now, as (receiver, frame).
+
+        receiver: UDP address or serial device
+        """
         return [
             (source, self._codec.pack(uid_request(self._system, command)))
             for source, command in self._identity.requests(now)

@@ -1,4 +1,6 @@
-"""Check that a vehicle has the required parameter values. Reads the parameters one by one and changes none. Pure.
+"""Check that a vehicle has the required parameter values.
+
+The parameters are read one by one, and none is changed. Pure.
 
 PX4 does not reply to a request for an unknown name. Therefore a name counts as unknown only if other
 parameters are answered at the same time. To test this, a parameter that is known to exist is requested in
@@ -24,7 +26,7 @@ _MAX_SHOWN = 3
 
 @dataclass(kw_only=True)
 class _Param:
-    """A required parameter: the value that the vehicle must have, and what the vehicle has replied so far.
+    """Required parameter: its required value, and what the vehicle has replied so far.
 
     wanted: required value; None: the value is only read
     value: value read from the vehicle; None before the first reply
@@ -73,7 +75,7 @@ class ParamCheck:
 
     @property
     def complete(self) -> bool:
-        """True if every parameter has been read, or is known not to exist."""
+        """True if every parameter has been read, or does not exist on the vehicle."""
         return not any(p.value is None and not p.unknown for p in self._params.values())
 
     @property
@@ -82,20 +84,23 @@ class ParamCheck:
         return {name: p.kind for name, p in self._params.items() if p.kind}
 
     def values(self) -> dict[str, float | None]:
-        """Return name -> value of the parameters that other preflight checks use (argument `read` of this class).
+        """Return name -> value of the parameters that other preflight checks use.
 
         None: not read yet. NaN: the vehicle does not have the parameter.
         """
         return {name: math.nan if (p := self._params[name]).unknown else p.value for name in self._read}
 
     def restart(self) -> None:
-        """Read all parameters again, because the vehicle has rebooted."""
+        """Read all parameters again after a reboot of the vehicle."""
         for p in self._params.values():
             p.value, p.unknown, p.due, p.tries, p.asked = None, False, True, 0, -math.inf
         self._last_event = ""
 
     def due(self, now: float) -> list[str]:
-        """Return the names of the parameters to request now. Call this method only while the vehicle is connected."""
+        """Return the names of the parameters to request now.
+
+        Call this method only while the vehicle is connected.
+        """
         if self.complete and now >= self._next_recheck:
             self._recheck(now)
         waiting = [p for p in self._params.values() if p.due and now - p.asked < RETRY_S]
@@ -112,21 +117,24 @@ class ParamCheck:
         return list(dict.fromkeys(found))
 
     def on_value(self, received: Value) -> None:
-        """Process a PARAM_VALUE of the autopilot, also if another program requested it."""
+        """Process a PARAM_VALUE of the autopilot, whoever has requested it."""
         p = self._params.get(received.name)
         if p is not None:
             self._answers += 1
             p.value, p.kind, p.unknown, p.due, p.tries = received.value, received.kind, False, False, 0
 
     def on_error(self, name: str, error: int) -> None:
-        """Process a PARAM_ERROR, which only newer autopilots send."""
+        """Process a PARAM_ERROR: the vehicle does not give the parameter.
+
+        Only newer autopilots send this message.
+        """
         p = self._params.get(name)
         if p is not None and error == DOES_NOT_EXIST:
             self._answers += 1
             p.unknown, p.due, p.value = True, False, None
 
     def reasons(self) -> list[str]:
-        """Return why the vehicle must not be armed: the first three reasons, and the number of other reasons."""
+        """Return why wrong parameters forbid arming: the first three reasons, and the number of others."""
         found = list(self._differences())
         unread = sum(p.value is None and not p.unknown for p in self._params.values())
         if unread:
@@ -143,7 +151,7 @@ class ParamCheck:
                 yield f"{name} is {p.value:.6g}, needs {p.wanted:.6g}"
 
     def _mark_unknown(self, p: _Param) -> bool:
-        """Decide whether the vehicle does not have a parameter. If so, mark the parameter as unknown and return True.
+        """Mark a parameter as unknown if the vehicle does not have it. Return whether it was marked.
 
         It is unknown if several requests for it had no reply while the vehicle replied to other requests.
         """
@@ -162,7 +170,10 @@ class ParamCheck:
                 p.due, p.tries, p.asked = True, 0, -math.inf
 
     def _report(self, now: float) -> None:
-        """Add an event when all parameters are read, and whenever the list of parameters with wrong values changes."""
+        """Add an event when all parameters are read.
+
+        Add another event whenever the list of parameters with wrong values changes.
+        """
         if not self.complete:
             return
         if self._next_recheck == math.inf:

@@ -1,4 +1,6 @@
-"""Preflight check of the captured attitude against accelerometer and gyroscope, which do not depend on the poses. Pure.
+"""Preflight check of the captured attitude against accelerometer and gyroscope. Pure.
+
+Accelerometer and gyroscope do not depend on the poses.
 
 The autopilot's estimate follows the poses, so it agrees with a rigid body that has wrong axes or belongs to another
 vehicle. Two comparisons find such a body:
@@ -47,7 +49,7 @@ class PoseConsistency:
         self.reset()
 
     def reset(self) -> None:
-        """Delete all samples and results, because the autopilot has rebooted or another autopilot may be connected."""
+        """Delete all samples and results after a reboot or exchange of the autopilot."""
         self._imu: deque[tuple[float, tuple[float, ...]]] = deque()
         self._poses: deque[tuple[float, tuple[float, ...]]] = deque()
         self._tilt: float | None = None
@@ -56,7 +58,10 @@ class PoseConsistency:
         self._imu_at = -math.inf
 
     def on_autopilot(self, m: Any, now: float) -> None:
-        """Store a HIGHRES_IMU message of the vehicle. Other messages are ignored. now: time of arrival [s]."""
+        """Store a HIGHRES_IMU message of the vehicle; ignore other messages.
+
+        now: time of arrival [s].
+        """
         if m.get_type() != "HIGHRES_IMU":
             return
         values = (m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro)
@@ -73,7 +78,10 @@ class PoseConsistency:
             self._trim(now)
 
     def reasons(self, now: float) -> list[str]:
-        """Return why the vehicle must not be armed; empty if arming is allowed. Each text fits in one STATUSTEXT."""
+        """Return why the captured attitude forbids arming; empty if arming is allowed.
+
+        Each text fits in one STATUSTEXT.
+        """
         if now - self._imu_at > IMU_MAX_AGE_S:
             return ["no accelerometer data from the autopilot"] if self._required else []
         found = [self._rotation] if self._rotation else []
@@ -84,7 +92,7 @@ class PoseConsistency:
         return found
 
     def _evaluate(self, now: float) -> None:
-        """Compare the newest samples of motion capture and IMU, at most twice a second."""
+        """Compare the newest attitudes of motion capture with the IMU, at most twice a second."""
         if now - self._evaluated_at < _EVALUATE_S:
             return
         self._evaluated_at = now
@@ -129,7 +137,7 @@ class PoseConsistency:
 
 
 def _verdict(found: Comparison, before: str) -> str:
-    """Return what is wrong with the captured rotation, as text for the user; "" if nothing is wrong.
+    """Return the problem of the captured rotation as text for the user; "" if there is none.
 
     before: result of the comparison before this one. It is returned if this comparison is not clear.
     """
@@ -146,7 +154,10 @@ def _verdict(found: Comparison, before: str) -> str:
 
 
 def _span(imu_t: Array) -> float:
-    """Return the time [s] over which angular rates are averaged: at least four sample intervals of the IMU."""
+    """Return the time over which angular rates are averaged [s].
+
+    It is at least four sample intervals of the IMU.
+    """
     return max(0.1, 4.0 * float(np.median(np.diff(imu_t))))
 
 

@@ -28,13 +28,16 @@ Vector = tuple[float, float, float]
 
 
 def sentence(text: str) -> str:
-    """Return "Preflight: " and the text, if both fit in one STATUSTEXT (50 bytes). Else return the first 50 bytes of the text."""
+    """Return "Preflight: " and the text, cut to one STATUSTEXT (50 bytes).
+
+    If both do not fit, the result is the first 50 bytes of the text.
+    """
     full = f"Preflight: {text}"
     return full if len(full.encode()) <= TEXT_BYTES else text.encode()[:TEXT_BYTES].decode(errors="ignore")
 
 
 class PreflightChecks:
-    """Checks the telemetry and the poses of one vehicle, and gives the reasons why the vehicle must not be armed.
+    """Preflight checks of one vehicle: decides from telemetry and poses why it must not be armed.
 
     Pass the autopilot's messages to `on_autopilot` and each sent pose to `on_pose`. `reasons` returns the
     checks that fail.
@@ -51,7 +54,7 @@ class PreflightChecks:
         self.reset()
 
     def reset(self) -> None:
-        """Delete all telemetry, because the autopilot has rebooted."""
+        """Delete all stored telemetry after a reboot of the autopilot."""
         self._local: tuple[float, Vector] | None = None
         self._yaw: tuple[float, float] | None = None
         self._battery: tuple[float, int] | None = None
@@ -61,11 +64,11 @@ class PreflightChecks:
         self._consistency.reset()
 
     def restart_motion(self) -> None:
-        """Restart the comparison of captured attitude and IMU, because another vehicle may be connected now."""
+        """Restart the comparison of captured attitude and IMU: the vehicle may have been exchanged."""
         self._consistency.reset()
 
     def on_autopilot(self, m: Any, now: float) -> None:
-        """Store the values that the checks need from a decoded message of the vehicle's autopilot."""
+        """Store the values of a message of the autopilot that the checks need."""
         kind = m.get_type()
         if kind == "HEARTBEAT":
             self.heartbeat_at, self.armed = now, bool(m.base_mode & 128)
@@ -83,7 +86,7 @@ class PreflightChecks:
             self._consistency.on_autopilot(m, now)
 
     def on_pose(self, m: Any, now: float) -> None:
-        """Store the pose of an ODOMETRY message that is sent to the vehicle."""
+        """Store a captured pose that is sent to the vehicle as ODOMETRY."""
         self._pose = now, (m.x, m.y, m.z), _yaw(m.q)
         self._poses.append(now)
         self._trim(now)
@@ -119,7 +122,7 @@ class PreflightChecks:
         return [f"no telemetry for {silent:.1f} s"] if silent > CONNECTION_TIMEOUT_S else []
 
     def _poses_reasons(self, now: float) -> list[str]:
-        """Return the reasons not to arm that concern the poses: missing, old, too few, or different from the vehicle's estimate."""
+        """Return why the poses forbid arming: missing, old, too few, or different from the estimate."""
         if self._pose is None:
             return ["no pose received", *self._estimate(now)]
         at, p_n, yaw = self._pose
@@ -145,7 +148,7 @@ class PreflightChecks:
         )
 
     def _estimate(self, now: float) -> list[str]:
-        """Return a reason not to arm if the position or attitude estimate is missing, old or not finite."""
+        """Return why the position or attitude estimate forbids arming: missing, old or not finite."""
         if self._local is None:
             return ["no position estimate"]
         if self._yaw is None:
@@ -186,7 +189,7 @@ class PreflightChecks:
         )
 
     def charge_percent(self, now: float) -> int | None:
-        """Return the battery charge [%] from SYS_STATUS, or else the lowest charge in the BATTERY_STATUS messages.
+        """Return the battery charge [%] from SYS_STATUS, else the lowest charge in BATTERY_STATUS.
 
         Values older than 5 s are not used. None: unknown.
         """
@@ -203,7 +206,7 @@ class PreflightChecks:
 
 
 def _yaw(q: Sequence[float]) -> float:
-    """Return the yaw of an attitude quaternion (w, x, y, z) [rad]; nan for an invalid quaternion."""
+    """Return the yaw of an attitude quaternion (w, x, y, z) [rad]; NaN for an invalid quaternion."""
     norm = math.sqrt(sum(x * x for x in q))
     return (
         float(yaw_from_quat(np.asarray(q, float) / norm)) if math.isfinite(norm) and norm > 0.5 else math.nan

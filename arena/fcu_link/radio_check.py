@@ -1,4 +1,4 @@
-"""Preflight check of the pilot's RC: the vehicle must receive the transmitter, and the kill switch must have been tried. Pure.
+"""Preflight check of the pilot's RC: it must be received, and its kill switch must have been tested. Pure.
 
 What PX4 (v1.9 to v1.18) reports about the transmitter, and what this check uses:
 
@@ -26,7 +26,7 @@ _RC = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 
 
 class RadioCheck:
-    """Check of one vehicle's RC transmitter.
+    """Preflight check of one vehicle's RC transmitter and its kill switch.
 
     Pass the autopilot's messages to `on_autopilot`. `reasons` returns why the vehicle must not be armed.
     modes: values of COM_RC_IN_MODE with which the transmitter works; None if no transmitter is required.
@@ -39,11 +39,14 @@ class RadioCheck:
 
     @property
     def params(self) -> tuple[str, ...]:
-        """Names of the PX4 parameters that this check reads; empty if no transmitter is required."""
+        """Names of the PX4 parameters that the RC check reads; empty if no transmitter is required."""
         return (KILL_CHANNEL, SOURCE) if self.required else ()
 
     def reset(self) -> None:
-        """Delete the state of the RC and the result of the kill switch test, because the autopilot has rebooted or was exchanged."""
+        """Delete the state of the RC and the result of the kill switch test.
+
+        The autopilot has rebooted or was exchanged.
+        """
         self._status_at = self._channels_at = -math.inf
         self._present = self._healthy = False
         self._killed = self._tested = False
@@ -61,7 +64,7 @@ class RadioCheck:
             self._on_heartbeat(m, now)
 
     def _on_heartbeat(self, m: Any, now: float) -> None:
-        """Record that the kill switch was on, and off again, while the vehicle was disarmed and RC was received."""
+        """Record a test of the kill switch: on, then off, while disarmed and with RC."""
         on = m.system_status == mavlink.MAV_STATE_FLIGHT_TERMINATION
         if m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED or mode_words(m.custom_mode) == "TERMINATION":
             self._killed = False
@@ -74,7 +77,9 @@ class RadioCheck:
         return self._present and now - min(self._status_at, self._channels_at) <= _MAX_AGE_S
 
     def reasons(self, now: float, params: Mapping[str, float | None]) -> list[str]:
-        """Return why the vehicle must not be armed; empty if arming is allowed. Each text fits in one STATUSTEXT.
+        """Return why the RC forbids arming; empty if arming is allowed.
+
+        Each text fits in one STATUSTEXT.
 
         params: values of the parameters `params` in the vehicle. None: not read yet; NaN: the vehicle does not have the parameter.
         """

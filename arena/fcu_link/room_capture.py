@@ -1,4 +1,4 @@
-"""Motion-capture client of a link process, for the axes check. It receives all captured bodies."""
+"""Motion-capture client of a link process, which receives all captured bodies for the axes check."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from arena.mocap.client import CapturedFrame, MocapClient, open_client
 
 
 class RoomCapture:
-    """Motion-capture client that is open only while an axes check runs.
+    """Motion-capture client of a link process that is open only while an axes check runs.
 
     settings: settings of the client (key `capture` of the process's JSON configuration); None without motion capture
     error: why the client cannot be opened; "" if it can
@@ -22,7 +22,10 @@ class RoomCapture:
         self.error = ""
 
     def set_open(self, wanted: bool) -> None:
-        """Open or close the client. After an error, the client is opened again when the next axes check starts."""
+        """Open or close the client.
+
+        After an error, the client is opened again when the next axes check starts.
+        """
         if not wanted:
             self.error = ""
             self.close()
@@ -33,11 +36,11 @@ class RoomCapture:
                 self.error = str(error)
 
     def fileno(self) -> int | None:
-        """Return the descriptor to wait for; None while the client is closed."""
+        """Return the file descriptor to wait for; None while the client is closed."""
         return None if self._client is None else self._client.fileno()
 
     def poll(self, now: float) -> list[CapturedFrame]:
-        """Return the frames that have arrived, oldest first. Never blocks."""
+        """Return the captured frames that have arrived, oldest first. Never blocks."""
         return [] if self._client is None else self._client.poll(now)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Queue of frames for the flight controller. Frames that have become too old are dropped. Pure.
+"""Queue of frames for the flight controller, which drops frames that are too old. Pure.
 
 The queue is short, because the autopilot would treat a pose or setpoint that has waited as a current one. Of each kind
 of pose, setpoint, manual input and sensor message only the newest frame waits.
@@ -24,7 +24,9 @@ MAX_BYTES = 8192
 
 
 class Priority(IntEnum):
-    """Priority of a frame for the flight controller, by its source.
+    """Priority of a frame for the flight controller.
+
+    It depends on the source of the frame.
 
     A smaller value is sent first, if several lanes (parts of the send queue) have sent equal shares.
 
@@ -41,7 +43,7 @@ class Priority(IntEnum):
 
 
 class Lane(IntEnum):
-    """Part of the queue of frames for the flight controller.
+    """Part of the queue of frames for the flight controller, with its own share of the connection.
 
     PANIC (land-all and kill-all) is always sent first; the other lanes share the connection.
 
@@ -89,7 +91,7 @@ class QueuedFrame(NamedTuple):
 
 @dataclass(kw_only=True)
 class _Frames:
-    """Frames that wait in one lane (part of the send queue), and the share of the connection that the lane has used.
+    """Frames that wait in one lane (part of the send queue), and the bytes that the lane has sent.
 
     sent: bytes that the lane has sent, divided by its weight. A lane that was empty starts with the value of the lane that
     sent last.
@@ -116,7 +118,7 @@ class SendQueue:
         return sum(len(lane.frames) for lane in self._lanes.values())
 
     def put(self, priority: Priority, frame: bytes, msgid: int, since: float) -> None:
-        """Add a frame. If the queue is full, drop the oldest frame of the lane with the most bytes.
+        """Add a frame to the queue. If the queue is full, drop the oldest frame of the largest lane.
 
         A frame of PANIC is dropped only if the other lanes are empty.
         A frame that replaces an older one takes its place, so that it is not sent later because of the
@@ -139,7 +141,10 @@ class SendQueue:
             self._drop(self._largest_lane().frames.popleft(), "queue full")
 
     def take(self, now: float) -> QueuedFrame | None:
-        """Remove and return the next frame to send; None if there is none. Drop frames that are too old."""
+        """Remove and return the next frame to send; None if the queue is empty.
+
+        Frames that are too old are dropped.
+        """
         while (lane := self._next_lane()) is not None:
             found = self._lanes[lane].frames.popleft()
             if now - found.since > self._limit_s(found.msgid):
@@ -153,7 +158,10 @@ class SendQueue:
         return None
 
     def clear(self) -> None:
-        """Drop all frames, because the connection is interrupted. Old frames must not be sent when the connection works again."""
+        """Drop all frames after an interruption of the connection.
+
+        Old frames must not be sent when the connection works again.
+        """
         for lane in self._lanes.values():
             for queued in lane.frames:
                 self._counts[f"to the vehicle: not connected ({queued.priority.name.lower()})"] += 1
@@ -161,8 +169,9 @@ class SendQueue:
         self._bytes = 0
 
     def _next_lane(self) -> Lane | None:
-        """Return the lane (part of the queue) that sends next: PANIC if it has frames, else the lane that has sent least for
-        its weight.
+        """Return the lane (part of the queue) that sends next; None if the queue is empty.
+
+        PANIC is first if it has frames. Otherwise it is the lane that has sent least for its weight.
         """
         if self._lanes[Lane.PANIC].frames:
             return Lane.PANIC
@@ -180,7 +189,9 @@ class SendQueue:
         )
 
     def _waiting(self, lane: _Frames, msgid: int) -> int | None:
-        """Return the index of the waiting frame that a new frame with this message id replaces; None if there is none.
+        """Return the index of the waiting frame that a new frame replaces; None if there is none.
+
+        msgid: message id of the new frame
 
         Only the newest pose, setpoint, manual input and sensor message waits, because older ones are out of date.
         """

@@ -14,7 +14,10 @@ from arena.transport import Address, ConnectionUrl, url_from_json
 
 @dataclass(frozen=True, kw_only=True)
 class LinkAddresses:
-    """Both ends of a UDP link. local: address of this process; remote: the only address that is accepted."""
+    """Both ends of a UDP link of the link process.
+
+    local: address of this process. remote: only accepted sender
+    """
 
     local: Address
     remote: Address
@@ -22,7 +25,7 @@ class LinkAddresses:
 
 @dataclass(frozen=True, kw_only=True)
 class Preflight:
-    """Limits of the preflight checks: a vehicle outside these limits cannot be armed.
+    """Limits of the preflight checks. A vehicle outside these limits cannot be armed.
 
     position_m, yaw_deg: maximum difference between the captured pose and the autopilot's estimate
     tilt_deg: maximum angle between the captured direction down and the accelerometer's, at rest
@@ -53,7 +56,7 @@ class Preflight:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Settings of one link process: its addresses, the limits of the preflight checks, and the required parameters.
+    """Settings of one link process: addresses, limits of the preflight checks, required parameters.
 
     connection: URL of the flight controller
     links: UDP addresses of the link to the MAVLink router ("router"), to the pose forwarder ("vision"), and to land-all and
@@ -88,7 +91,9 @@ class Settings:
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Settings:
-        """Read the JSON configuration (slice) of the process. Raises InputError that names a missing or wrong key.
+        """Read the JSON configuration (slice) of the process.
+
+        Raises InputError that names a missing or wrong key.
 
         Limits have no default values, because a missing limit must not disable a preflight check.
         """
@@ -159,7 +164,10 @@ def _above(name: str, value: Any) -> float:
 
 
 def _finite(name: str, value: Any) -> float:
-    """Return the value if it is a finite number, else raise InputError. An int stays an int."""
+    """Return a number. Raises InputError if it is not finite.
+
+    An int stays an int.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise InputError(
             f"configuration of the link process: {name}: got {value!r}, expected a finite number"

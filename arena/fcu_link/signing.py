@@ -1,5 +1,6 @@
-"""Message signing of the link to a flight controller: the key, the last timestamp, and the reason why received messages are
-ignored.
+"""Message signing of the link to a flight controller.
+
+It has the key, the last timestamp, and the reason why received messages are ignored.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _PROBLEMS = {
 
 
 class LinkSigning:
-    """Signs every frame for the vehicle, and passes only validly signed frames from the vehicle.
+    """Signs every frame for the vehicle, and drops frames from the vehicle without a valid signature.
 
     Without a key file in the settings, it passes all frames unchanged. Raises InputError if the key cannot be read.
     A vehicle that has just started has an old timestamp until it receives a signed frame: `timestamp_heartbeats` returns one
@@ -55,7 +56,10 @@ class LinkSigning:
             self._connection = SignedConnection(read_key(settings.key_file), LINK_PROCESS, first, own=own)
 
     def accepted(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> ParsedFrames:
-        """Return the frames from a source that have a valid signature; all frames if there is no key. now: monotonic [s]."""
+        """Return the received frames that have a valid signature; all frames if there is no key.
+
+        now: monotonic [s].
+        """
         if self._connection is None:
             return found
         before = self._connection.counts.copy()
@@ -75,7 +79,9 @@ class LinkSigning:
         return found._replace(frames=frames)
 
     def timestamp_heartbeats(self) -> list[tuple[Source, bytes]]:
-        """Return (source, heartbeat) for each source whose frames are not validly signed, at most once a second.
+        """Return (receiver, heartbeat) for each sender without a valid signature, at most once a second.
+
+        receiver: UDP address or serial device
 
         The caller signs each heartbeat and sends it to its source. A vehicle that has just restarted has an old signing
         timestamp, and takes the current one from this heartbeat.
@@ -84,7 +90,7 @@ class LinkSigning:
         return [(source, self._codec.onboard_heartbeat()) for source in sources]
 
     def signed(self, frame: bytes) -> bytes | None:
-        """Return the frame with a signature, or unchanged if there is no key. Return None if the frame must not be sent.
+        """Return the signed frame; None if it must not be sent. Without a key, the frame is unchanged.
 
         A SETUP_SIGNING must not be sent, and neither must a frame that cannot be signed (such as MAVLink 1). Both are counted.
         """
@@ -98,7 +104,7 @@ class LinkSigning:
         return signed
 
     def next_frame(self, take: Callable[[float], bytes | None], now: float) -> bytes | None:
-        """Return the next frame for the vehicle, signed; None if there is none.
+        """Return the next signed frame for the vehicle; None if there is none.
 
         take: returns the next frame that is not signed. Frames that cannot be signed are dropped.
         """
@@ -108,8 +114,9 @@ class LinkSigning:
         return None
 
     def tick(self, now: float) -> None:
-        """Store the last signing timestamp in a file from time to time, so that a restarted link process begins with a later
-        timestamp.
+        """Store the last signing timestamp in a file from time to time.
+
+        A restarted link process then begins with a later timestamp.
         """
         if self._connection is None or self._timestamps is None:
             return

@@ -1,4 +1,4 @@
-"""Report for the user when no messages of a vehicle arrive: it says what arrives instead. Pure."""
+"""Report for the user when no messages of a vehicle arrive, with the data that arrive instead. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _REPORT_S = 10.0
 
 
 class SilenceReport:
-    """Counts the data on the connection to a vehicle. While the vehicle is not received, reports what arrives instead.
+    """Counter of the data on a connection. It reports what arrives while the vehicle is not received.
 
     connection: URL of the vehicle
     system: MAVLink id of the vehicle
@@ -28,11 +28,11 @@ class SilenceReport:
         self.restart(now)
 
     def restart(self, now: float) -> None:
-        """Set the counters of received data to zero, because messages of the vehicle arrive."""
+        """Set the counters of received data to zero, because the vehicle is received."""
         self._since, self._bytes, self._foreign = now, 0, 0
 
     def on_data(self, data: Buffer, found: ParsedFrames) -> None:
-        """Count received data, from the vehicle or from others."""
+        """Count received data, from the vehicle or from other senders."""
         self._bytes += len(data)
         if found.garbage:
             self._counts["from the vehicle: garbage bytes"] += found.garbage
@@ -43,7 +43,7 @@ class SilenceReport:
                 self._foreign = frame.sysid << 8 | frame.compid
 
     def text(self, problem: str, now: float) -> str:
-        """Return the report that no messages of the vehicle arrive, and what arrives instead; "" if no report is due now.
+        """Return the report that no messages of the vehicle arrive; "" if no report is due.
 
         problem: why an autopilot that does send is not accepted as the vehicle; "" if there is none.
         """

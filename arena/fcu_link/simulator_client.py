@@ -1,4 +1,7 @@
-"""TCP client of the world's simulator port, for hardware in the loop. The world cannot distinguish this client from PX4 SITL."""
+"""TCP client of the world's simulator port, for hardware in the loop (HITL).
+
+The world cannot distinguish this client from PX4 SITL.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,9 @@ _MAX_READS = 16
 
 
 class SimulatorClient:
-    """TCP connection to the world (the simulator process). It is open only while the flight controller sends data.
+    """TCP connection from the link process to the world, for hardware in the loop.
+
+    It is open only while the flight controller sends data.
 
     The world stops a vehicle's motors when this connection closes. So the motors stop when the flight controller is silent.
 
@@ -47,7 +52,7 @@ class SimulatorClient:
         return self._connected
 
     def tick(self, wanted: bool, now: float) -> None:
-        """Connect to the world while `wanted` is true, else disconnect.
+        """Connect to the world while `wanted` is true; disconnect while it is false.
 
         wanted: whether the flight controller is connected to this process.
         """
@@ -78,7 +83,10 @@ class SimulatorClient:
             yield self._stream.feed(data)
 
     def write(self, data: bytes) -> None:
-        """Send whole frames or nothing, because half a frame would make the next frame unreadable."""
+        """Send whole MAVLink frames to the world, or nothing.
+
+        Half a frame would make the next frame unreadable.
+        """
         if self._socket is None or not self._connected:
             return
         try:
@@ -118,7 +126,10 @@ class SimulatorClient:
         self.events.append(f"connected to the world at {self._address[0]}:{self._address[1]}")
 
     def _on_refused(self, number: int) -> None:
-        """Close the socket, so that `tick` tries again: the world is not ready or restarts. Report ten refusals in a row."""
+        """Close the socket after a refused connection, so that `tick` tries again.
+
+        The world is not ready or restarts. Ten refusals in a row are reported.
+        """
         self.close()
         self._refusals += 1
         if self._refusals == _REPORT_AFTER:
@@ -132,7 +143,10 @@ class SimulatorClient:
 
 
 def controller_greeting(system: int) -> bytes:
-    """Return the first bytes to send to the world: a heartbeat of the flight controller. system: MAVLink id of the flight controller."""
+    """Return the first bytes to send to the world: a heartbeat of the flight controller.
+
+    system: MAVLink id of the flight controller.
+    """
     return Codec(system, AUTOPILOT).pack(
         mavlink.MAVLink_heartbeat_message(
             mavlink.MAV_TYPE_QUADROTOR,

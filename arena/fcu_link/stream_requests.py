@@ -1,4 +1,4 @@
-"""Requests for MAVLink streams that the autopilot does not send at the required rate. Pure.
+"""Requests for telemetry streams that the autopilot does not send at the required rate. Pure.
 
 PX4 selects its streams by the profile of the port, and the profile of a telemetry port has few messages. Only
 one request is pending at a time, because an acknowledgement does not name the requested message.
@@ -42,7 +42,7 @@ _RETRY_S, _RETRY_REFUSED_S = 10.0, 30.0
 
 @dataclass(kw_only=True)
 class _Stream:
-    """Required and measured rate of one MAVLink message that the autopilot sends regularly.
+    """Required and measured rate of one telemetry message.
 
     hz: required rate
     since, count: start [s] and number of messages of the current measurement
@@ -65,7 +65,7 @@ class _Stream:
 
 
 class StreamRequests:
-    """Measures the rates of the streams, and requests the required rate of streams that are too slow.
+    """Measures the rates of telemetry streams, and requests the required rate of each slow stream.
 
     Pass every received message id to `on_message`. Call `due` a few times a second, and send the request that
     it returns.
@@ -81,12 +81,15 @@ class StreamRequests:
         self.events: list[str] = []
 
     def restart(self) -> None:
-        """Measure the rates of all streams again, because the vehicle has rebooted or is connected again."""
+        """Measure the rates of all streams again after a reboot or reconnection of the vehicle."""
         self._streams.clear()
         self._pending = None
 
     def set_rate(self, msgid: int, hz: float | None) -> None:
-        """Change the required rate of a message [Hz]. None: the rate that is required while no axes check runs."""
+        """Change the required rate of a message [Hz].
+
+        hz: None restores the usual rate, which is required while no axes check runs
+        """
         wanted = self._usual_hz[msgid] if hz is None else max(hz, self._usual_hz[msgid])
         if wanted == self._hz[msgid]:
             return
@@ -101,7 +104,7 @@ class StreamRequests:
             stream.count += 1
 
     def due(self, now: float) -> tuple[int, float] | None:
-        """Return the message id and the interval [us] of the next stream to request; None if there is none.
+        """Return the message id and the interval [us] of the next stream to request; None for none.
 
         Call it only while the vehicle is connected.
         """
@@ -116,7 +119,7 @@ class StreamRequests:
         return self._request(now)
 
     def on_ack(self, result: int, now: float) -> None:
-        """Process the vehicle's COMMAND_ACK to a SET_MESSAGE_INTERVAL that this process has sent."""
+        """Process the vehicle's COMMAND_ACK to a SET_MESSAGE_INTERVAL of this process."""
         if self._pending is None:
             return
         msgid, stream = self._pending[0], self._streams[self._pending[0]]

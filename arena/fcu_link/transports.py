@@ -1,4 +1,7 @@
-"""Transports to the flight controller: a UDP socket, or a serial device that is opened again after it was unplugged."""
+"""Connections to the flight controller: a UDP socket or a serial device.
+
+A serial device is opened again after it was unplugged.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ NextFrame = Callable[[], bytes | None]
 
 
 class FcuTransport(Protocol):
-    """Interface of a connection to the flight controller, by UDP or by serial device.
+    """Interface of a connection to the flight controller (UDP or serial device).
 
     Call `read` when `fileno` is readable and at every tick, `write` when frames wait, `tick` a few times a
     second.
@@ -46,16 +49,19 @@ class FcuTransport(Protocol):
     events: list[str]
 
     def fileno(self) -> int | None:
-        """Return the file descriptor to poll; None if the device is absent."""
+        """Return the file descriptor to wait for; None if the device is absent."""
 
     def read(self, now: float) -> Iterator[tuple[Source, Buffer, ParsedFrames]]:
-        """Yield the data that have arrived, with the source of each. Never waits."""
+        """Yield the data that have arrived, with the source of each item. Never waits."""
 
     def request(self, source: Source, frame: bytes) -> None:
-        """Send a request for the hardware uid to one vehicle, ahead of the frames that wait to be sent."""
+        """Send a request for the hardware uid to one vehicle.
+
+        It is sent before the frames that wait in the queue.
+        """
 
     def write(self, next_frame: NextFrame, now: float) -> bool:
-        """Send frames until the transport accepts no more.
+        """Send frames until the operating system accepts no more.
 
         Return False if the device is absent or the vehicle's address is unknown.
 
@@ -63,12 +69,12 @@ class FcuTransport(Protocol):
         """
 
     def wants_write(self) -> bool:
-        """Return whether a frame was written only in part, so that its remaining bytes must still be written."""
+        """Return whether a frame was written in part, so that its other bytes must still be written."""
 
     def tick(self, now: float) -> None: ...
 
     def peer(self) -> str:
-        """Return the vehicle's address or device, as text for the user; "" if unknown."""
+        """Return the vehicle's address or device as text for the user; "" if unknown."""
 
     def last_address(self) -> dict[str, Any]:
         """Return the last known address of the vehicle as JSON, for `land-all`."""
@@ -77,7 +83,9 @@ class FcuTransport(Protocol):
 
 
 def open_transport(connection: ConnectionUrl, core: FcuLink, now: float) -> FcuTransport:
-    """Open the connection to the flight controller. Raises RunError if a UDP port cannot be bound.
+    """Open the connection to the flight controller.
+
+    Raises RunError if a UDP port cannot be bound.
 
     core: recognises the vehicle by its hardware uid, and counts frames of other senders
     A serial device may be absent: it is opened when it appears.
@@ -139,7 +147,7 @@ class UdpTransport:
         return False
 
     def tick(self, now: float) -> None:
-        """Do nothing. Only a serial device must be opened again after an error; a UDP socket stays open."""
+        """Do nothing: a UDP socket stays open after an error."""
 
     def peer(self) -> str:
         return source_text(self._fixed or self._core.identity.source)
@@ -154,7 +162,10 @@ class UdpTransport:
 
 
 def _open_when_released(local: Address) -> socket.socket:
-    """Open a UDP socket. If another process uses the port, try again for _RELEASE_TIMEOUT_S. Raises OSError."""
+    """Open a UDP socket. If its port is in use, try again for _RELEASE_TIMEOUT_S.
+
+    Raises OSError.
+    """
     end = time.monotonic() + _RELEASE_TIMEOUT_S
     while True:
         try:

@@ -1,4 +1,4 @@
-"""The file <run>/wire/<vehicle>.json, with the last address and the hardware uid of a real vehicle.
+"""File wire/<vehicle>.json in the run folder: last address and hardware uid of a real vehicle.
 
 The link process writes it for land-all, which needs the address if the link process ends or hangs, and for its own restart.
 """
@@ -14,14 +14,17 @@ from arena.transport import Source
 
 
 class WireRecord:
-    """File with the last address and the hardware uid of one vehicle. path: path of the file; "" if nothing is recorded."""
+    """File with the last address and the hardware uid of one vehicle.
+
+    path: path of the file; "" if nothing is recorded.
+    """
 
     def __init__(self, path: str) -> None:
         self._path = Path(path) if path else None
         self._last: dict[str, Any] = {}
 
     def read(self) -> tuple[str, Source | None]:
-        """Return the vehicle's hardware uid, and the UDP address or serial device from which it was last received.
+        """Return the vehicle's hardware uid, and the address or device from which it was last received.
 
         An earlier link process of the same run has written them, before it was restarted. Without a record, the uid is ""
         and the address is None.
@@ -37,12 +40,15 @@ class WireRecord:
         return "", None
 
     def is_new(self, address: dict[str, Any]) -> bool:
-        """Return whether the record must be written, because the address or the uid has changed since the last call."""
+        """Return whether the address or uid has changed since the last call, so that it must be written."""
         before, self._last = self._last, address
         return self._path is not None and address != before
 
     def write(self, address: dict[str, Any]) -> None:
-        """Write the record. Raises OSError if the file cannot be written."""
+        """Write the record of the vehicle.
+
+        Raises OSError if the file cannot be written.
+        """
         if self._path is None:
             return
         half = self._path.with_name(self._path.name + ".new")
