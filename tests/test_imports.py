@@ -45,7 +45,7 @@ MAY: dict[str, set[str]] = {
     "fault_injection": {"errors"},
     "geomagnetism": set(),
     "geometry": {"errors"},
-    "kernels": {"constants"},
+    "kernels": {"constants", "errors"},
     "obstacle_surface": {"geometry"},
     "obstacles": {"geometry", "obstacle_surface"},
     "motion_check": {"constants", "geometry"},
@@ -146,7 +146,7 @@ MAY: dict[str, set[str]] = {
 }
 # Rooms without a row: a package with a `__main__` is a process, one inside `mocap` holds a vendor's protocol.
 PROCESS = GROUND | {"mocap.client"}
-VENDOR = {"errors", "geometry", "mocap", "mocap.client", "mocap.emulator"}
+VENDOR = {"errors", "geometry", "kernels", "mocap", "mocap.client", "mocap.emulator"}
 # Only the world's shell puts two cores together; the package re-exports the user's names.
 EXCEPT: dict[str, set[str]] = {
     "sim/__main__.py": {"autopilot", "px4"},

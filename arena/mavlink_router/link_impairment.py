@@ -70,6 +70,7 @@ class ImpairedRouter:
             )
             for key, name in names.items()
         }
+        self._impaired: list[_ImpairedLink] = []  # links that have or had a fault: almost always none
         self.muted = False
 
     def apply(self, fault: Fault) -> str:
@@ -95,13 +96,12 @@ class ImpairedRouter:
     def active(self) -> bool:
         """True while a link has a fault, or delayed datagrams wait to be sent."""
         return any(
-            link.share or link.delay_s or link.up.waiting or link.down.waiting
-            for link in self._links.values()
+            link.share or link.delay_s or link.up.waiting or link.down.waiting for link in self._impaired
         )
 
     @property
     def delaying(self) -> bool:
-        return any(link.delay_s or link.up.waiting or link.down.waiting for link in self._links.values())
+        return any(link.delay_s or link.up.waiting or link.down.waiting for link in self._impaired)
 
     @property
     def due(self) -> float | None:
@@ -109,7 +109,7 @@ class ImpairedRouter:
         return min(
             (
                 direction.waiting[0][0] + link.delay_s
-                for link in self._links.values()
+                for link in self._impaired
                 for direction in link.directions
                 if direction.waiting
             ),
@@ -192,7 +192,9 @@ class ImpairedRouter:
         """Return the name and all links of the vehicle in a fault. The links represent one radio."""
         router = self._router
         name = word(fault, "vehicle", router.links)
-        return name, [self._links[of[name]] for of in (router.links, router.ground_links) if name in of]
+        links = [self._links[of[name]] for of in (router.links, router.ground_links) if name in of]
+        self._impaired += [link for link in links if all(link is not known for known in self._impaired)]
+        return name, links
 
 
 def _take_until(direction: _Direction, until: float) -> list[tuple[float, Address, bytes]]:

@@ -88,6 +88,7 @@ class Forwarder:
         self.late_s = 0.0  # delay of the last frame compared with the fastest frames [s]
         self._order, self.lateness = FrameOrder(), Lateness(self._stale_s)
         self._slot: int | None = None
+        self._place = 0  # of the vehicle's pose in the last frame
         self._last: Pose | None = None
         self._newest: Pose | None = None
         self._resets = 0
@@ -134,7 +135,7 @@ class Forwarder:
         if place == "restarted":
             self._capture_restarted()
         late = self.late_s = self.lateness.measure_frame(frame, now, self.autopilot.armed)
-        pose = next((p for p in frame.poses if p.body == self._body), None)
+        pose = self._own_pose(frame.poses)
         reason = self._drop_reason(frame, pose, late)
         if reason:
             self.counts[reason] += 1
@@ -145,6 +146,16 @@ class Forwarder:
             return None
         self._slot = slot
         return pose
+
+    def _own_pose(self, poses: Sequence[Pose]) -> Pose | None:
+        """Return the vehicle's pose in a frame; None if there is none. In almost all frames it has the same place as before."""
+        if self._place < len(poses) and poses[self._place].body == self._body:
+            return poses[self._place]
+        for place, pose in enumerate(poses):
+            if pose.body == self._body:
+                self._place = place
+                return pose
+        return None
 
     def _drop_reason(self, frame: CapturedFrame, pose: Pose | None, late: float) -> str:
         """Return why the pose of a frame must be dropped; "" if it may be forwarded.

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from arena.geometry import Array
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Pose:
+class Pose(NamedTuple):
     """Pose as plain numbers. 180 poses arrive per second, so numpy arrays are made only when a program reads them.
 
     received_at: time of arrival [s].

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from arena.mocap.client import CapturedFrame
@@ -16,7 +14,7 @@ def delay_frames(scene: Scene, delay_s: float) -> None:
     receive = scene.core.on_frames
 
     def late(frames: list[CapturedFrame], now: float) -> None:
-        receive([replace(frame, time_s=frame.time_s - delay_s) for frame in frames], now)
+        receive([frame._replace(time_s=frame.time_s - delay_s) for frame in frames], now)
 
     scene.core.on_frames = late  # type: ignore[method-assign, assignment]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -138,14 +136,14 @@ def test_constant_capture_times_are_reported_once(
     s = Scene()
     see = s.core.on_frames
     monkeypatch.setattr(
-        s.core, "on_frames", lambda frames, now: see([replace(f, time_s=5.0) for f in frames], now)
+        s.core, "on_frames", lambda frames, now: see([f._replace(time_s=5.0) for f in frames], now)
     )
     s.run(5.0)
     assert len([e for e in s.events if "NOT be stopped" in e]) == 1
     monkeypatch.undo()
     s.run(1.0)
     monkeypatch.setattr(
-        s.core, "on_frames", lambda frames, now: see([replace(f, time_s=5.0) for f in frames], now)
+        s.core, "on_frames", lambda frames, now: see([f._replace(time_s=5.0) for f in frames], now)
     )
     s.run(5.0)
     assert len([e for e in s.events if "NOT be stopped" in e]) == 2

@@ -6,7 +6,7 @@ Uses plain floats, not arrays, because many processes run this code 180 times a 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 Triple = tuple[float, float, float]
@@ -42,8 +42,7 @@ class Echo:
     answered_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class CapturedFrame:
+class CapturedFrame(NamedTuple):
     """Poses of all requested bodies at one exposure of the cameras.
 
     number: frame number. time_s: time of the exposure, by the server's clock [s].
@@ -71,11 +70,14 @@ def pose_ned(body: str, position_w: Triple, quat_xyzw_wf: Quad) -> Pose | None:
     it with arena.geometry.
     """
     x, y, z, w = quat_xyzw_wf
+    east, north, up = position_w
     norm = sqrt(x * x + y * y + z * z + w * w)
-    if not (isfinite(norm) and 0.9 < norm < 1.1 and all(abs(x) < _MAX_DISTANCE_M for x in position_w)):
+    if not 0.9 < norm < 1.1:  # NaN compares false
+        return None
+    if not (abs(east) < _MAX_DISTANCE_M and abs(north) < _MAX_DISTANCE_M and abs(up) < _MAX_DISTANCE_M):
         return None
     k = _H / norm
     q = (k * (w + z), k * (x + y), k * (x - y), k * (w - z))
     if q[0] < 0:
         q = (-q[0], -q[1], -q[2], -q[3])
-    return Pose(body, (position_w[1], position_w[0], -position_w[2]), q)
+    return Pose(body, (north, east, -up), q)

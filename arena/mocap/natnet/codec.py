@@ -11,11 +11,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from math import isfinite
 from typing import NamedTuple
 
 from arena.errors import WireError
+from arena.kernels.natnet_payload import PayloadReader
 
 CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3, 4, 5
 REQUEST_FRAME, FRAME, MESSAGE, DISCONNECT, KEEPALIVE, UNRECOGNIZED = 6, 7, 8, 9, 10, 100
@@ -31,9 +31,7 @@ _SIZED = struct.Struct("<ii")
 _STAMPS = struct.Struct(
     "<IIdQQQ"
 )  # time code and its part, time stamp, then ticks at exposure, at reception, at transmission
-_LABELLED_BYTES = 26
 _NAME_BYTES = 256
-_MAX_COUNT = 10_000  # a larger count is garbage
 _NEWEST_KNOWN, _TOO_NEW = (4, 2), (5, 0)
 _SIZED_TAIL_BYTES = (
     _STAMPS.size + 8 + 2 + 4
@@ -54,8 +52,7 @@ class Body(NamedTuple):
     tracked: bool = True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Frame:
+class Frame(NamedTuple):
     """Content of a NatNet FRAME packet: the poses of rigid bodies at one exposure, with time stamps.
 
     number: frame number. timestamp_s: the server's time [s].
@@ -67,8 +64,8 @@ class Frame:
     number: int
     timestamp_s: float
     exposure_ticks: int
-    transmit_ticks: int | None = None
     bodies: tuple[Body, ...]
+    transmit_ticks: int | None = None
     models_changed: bool = False
 
 
@@ -183,12 +180,12 @@ def decode_models(data: bytes, version: Version) -> dict[int, BodyModel]:
     Raises WireError for an invalid packet. From 4.1 on, descriptions other than rigid bodies are skipped.
     Older versions can be decoded only if nothing but marker sets precedes the rigid bodies.
     """
-    reader = _Reader(payload_of(data, MODELDEF))
+    reader = PayloadReader(payload_of(data, MODELDEF))
     found: dict[int, BodyModel] = {}
     for _ in range(reader.count("descriptions")):
         kind = reader.i32()
         if version >= (4, 1):
-            part = _Reader(reader.section())
+            part = PayloadReader(reader.section())
             if kind == 1:
                 name, begin = part.text(), part.at
                 streaming_id, markers = part.i32(), 0
@@ -211,7 +208,7 @@ def decode_models(data: bytes, version: Version) -> dict[int, BodyModel]:
     return found
 
 
-def _skip_marker_descriptions(reader: _Reader, version: Version) -> int:
+def _skip_marker_descriptions(reader: PayloadReader, version: Version) -> int:
     """Skip the marker descriptions of a rigid body, and return the number of markers."""
     markers = reader.count("markers")
     reader.skip(16 * markers)
@@ -247,26 +244,16 @@ def encode_frame(frame: Frame, version: Version) -> bytes:
 
 def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = None) -> Frame:
     """Decode a NatNet FRAME packet. Raises WireError. wanted: streaming ids to decode, None for all."""
-    reader = _Reader(payload_of(data, FRAME))
+    reader = PayloadReader(payload_of(data, FRAME))
     number = reader.i32()
     sized = version >= (4, 1)
-    if sized:
-        reader.skip_sections(2)
-    else:
-        for _ in range(reader.count("marker sets")):
-            reader.text()
-            reader.skip(12 * reader.count("markers"))
-        reader.skip(12 * reader.count("loose markers"))
-    count = reader.count("rigid bodies")
-    if sized and (size := reader.i32()) != count * _BODY.size:
-        raise WireError(
-            f"NatNet frame: the section of {count} rigid bodies has {size} bytes, expected {count * _BODY.size}"
-        )
-    bodies = _read_bodies(reader, count, wanted)
-    if sized:
-        reader.skip_sections(5)
-    else:
-        _skip_to_stamps(reader)
+    bodies = tuple(
+        [
+            Body(i, (x, y, z), (qx, qy, qz, qw), error, bool(params & TRACKING_VALID))
+            for i, x, y, z, qx, qy, qz, qw, error, params in reader.bodies(wanted, sized)
+        ]
+    )
+    reader.skip_to_stamps(sized)
     at = reader.at
     if version > _NEWEST_KNOWN and len(reader.data) - at != _SIZED_TAIL_BYTES:
         raise WireError(
@@ -287,109 +274,6 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
         bodies=bodies,
         models_changed=bool(reader.u16() & MODELS_CHANGED),
     )
-
-
-def _read_bodies(reader: _Reader, count: int, wanted: Container[int] | None) -> tuple[Body, ...]:
-    data, at = reader.data, reader.at
-    reader.skip(count * _BODY.size)
-    found = []
-    for row, streaming_id in enumerate(_ids(count).unpack_from(data, at)):
-        if wanted is not None and streaming_id not in wanted:
-            continue
-        k = at + row * _BODY.size
-        i, x, y, z, qx, qy, qz, qw, error, params = _BODY.unpack_from(data, k)
-        tracked = bool(params & TRACKING_VALID)
-        found.append(
-            Body(
-                streaming_id=i,
-                position=(x, y, z),
-                quat_xyzw=(qx, qy, qz, qw),
-                mean_error_m=error,
-                tracked=tracked,
-            )
-        )
-    return tuple(found)
-
-
-@lru_cache(maxsize=64)
-def _ids(count: int) -> struct.Struct:
-    """Return a struct that unpacks only the streaming ids of `count` bodies.
-
-    A client that needs few of many bodies finds these bodies quickly by their ids.
-    """
-    return struct.Struct("<" + f"i{_BODY.size - 4}x" * count)
-
-
-def _skip_to_stamps(reader: _Reader) -> None:
-    """Skip the sections between rigid bodies and time stamps in a frame of NatNet 3.0 to 4.0."""
-    for _ in range(reader.count("skeletons")):
-        reader.i32()
-        reader.skip(_BODY.size * reader.count("bones"))
-    reader.skip(_LABELLED_BYTES * reader.count("labelled markers"))
-    for what in ("force plates", "devices"):
-        for _ in range(reader.count(what)):
-            reader.i32()
-            for _ in range(reader.count("channels")):
-                reader.skip(4 * reader.count("samples"))
-
-
-class _Reader:
-    """Reader of a NatNet payload. The position only moves forward and never passes the end."""
-
-    def __init__(self, data: bytes) -> None:
-        self.data, self.at = data, 0
-
-    def i32(self) -> int:
-        if self.at + 4 > len(self.data):
-            raise WireError(
-                f"NatNet payload of {len(self.data)} bytes ends in the middle of a number at byte {self.at}"
-            )
-        (value,) = _COUNT.unpack_from(self.data, self.at)
-        self.at += 4
-        return int(value)
-
-    def u16(self) -> int:
-        self.skip(2)
-        return self.data[self.at - 2] | self.data[self.at - 1] << 8
-
-    def section(self) -> bytes:
-        """Read one section (its size, then its content), and return the content."""
-        size = self.i32()
-        self.skip(size)
-        return self.data[self.at - size : self.at]
-
-    def skip_sections(self, how_many: int) -> None:
-        data, at = self.data, self.at
-        for _ in range(how_many):
-            if at + _SIZED.size > len(data):
-                raise WireError(f"NatNet payload of {len(data)} bytes ends before the section at byte {at}")
-            size = _SIZED.unpack_from(data, at)[1]
-            at += _SIZED.size + size
-            if size < 0 or at > len(data):
-                raise WireError(
-                    f"NatNet section of {size} bytes ends at byte {at}, but the payload has {len(data)} bytes"
-                )
-        self.at = at
-
-    def count(self, items: str) -> int:
-        value = self.i32()
-        if not 0 <= value <= _MAX_COUNT:
-            raise WireError(f"NatNet payload: got the count {value} of {items}, expected 0 to {_MAX_COUNT}")
-        return value
-
-    def skip(self, size: int) -> None:
-        if size < 0 or self.at + size > len(self.data):
-            raise WireError(
-                f"NatNet section of {size} bytes begins at byte {self.at}, but the payload has {len(self.data)} bytes"
-            )
-        self.at += size
-
-    def text(self) -> str:
-        end = self.data.find(b"\0", self.at)
-        if end < 0:
-            raise WireError(f"NatNet name at byte {self.at} has no end (zero byte)")
-        found, self.at = self.data[self.at : end], end + 1
-        return found.decode(errors="replace")
 
 
 def payload_of(data: bytes, expected: int) -> bytes:

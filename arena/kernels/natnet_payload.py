@@ -1,0 +1,146 @@
+"""Reads the payload of NatNet packets. `arena.mocap.natnet.codec` describes the format and names the fields.
+
+Every client of a motion-capture server reads 180 frames per second, and needs few of the bodies in them.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+from arena.errors import WireError
+
+if TYPE_CHECKING:
+    from collections.abc import Container
+
+    RawBody = tuple[int, float, float, float, float, float, float, float, float, int]
+
+MAX_COUNT = 10_000
+"""Greatest number of elements of one kind; a greater number is garbage."""
+_BODY = struct.Struct("<i3f4ffh")
+_BODY_BYTES, _LABELLED_BYTES = 38, 26
+_read_body = _BODY.unpack_from
+
+
+class PayloadReader:
+    """Reader of a payload with a position that only moves forward and never passes the end.
+
+    data: the payload.  at: position of the next byte.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.at = data, 0
+
+    def i32(self) -> int:
+        """Read a signed number of four bytes. Raises WireError."""
+        data, at = self.data, self.at
+        if at + 4 > len(data):
+            raise WireError(
+                f"NatNet payload of {len(data)} bytes ends in the middle of a number at byte {at}"
+            )
+        self.at = at + 4
+        highest = data[at + 3]
+        if highest > 127:
+            highest -= 256
+        return data[at] + (data[at + 1] << 8) + (data[at + 2] << 16) + highest * (1 << 24)
+
+    def u16(self) -> int:
+        """Read an unsigned number of two bytes. Raises WireError."""
+        self.skip(2)
+        return self.data[self.at - 2] + (self.data[self.at - 1] << 8)
+
+    def count(self, what: str) -> int:
+        """Read the number of elements of one kind. what: their name, for the error message. Raises WireError."""
+        value = self.i32()
+        if value < 0 or value > MAX_COUNT:
+            raise WireError(f"NatNet payload: got {value} {what}, expected 0 to {MAX_COUNT}")
+        return value
+
+    def skip(self, size: int) -> None:
+        """Move the position by `size` bytes. Raises WireError."""
+        if size < 0 or self.at + size > len(self.data):
+            raise WireError(
+                f"NatNet section of {size} bytes begins at byte {self.at}, but the payload has {len(self.data)} bytes"
+            )
+        self.at += size
+
+    def section(self) -> bytes:
+        """Read one section: its size, then its content. Return the content. Raises WireError."""
+        size = self.i32()
+        self.skip(size)
+        return self.data[self.at - size : self.at]
+
+    def skip_sections(self, how_many: int) -> None:
+        """Skip sections, each a number of elements, its size, and its content. Raises WireError."""
+        for _ in range(how_many):
+            begin = self.at
+            if begin + 8 > len(self.data):
+                raise WireError(
+                    f"NatNet payload of {len(self.data)} bytes ends before the section at byte {begin}"
+                )
+            self.at += 4
+            size = self.i32()
+            if size < 0 or self.at + size > len(self.data):
+                raise WireError(
+                    f"NatNet section of {size} bytes ends at byte {self.at + size}, but the payload has "
+                    f"{len(self.data)} bytes"
+                )
+            self.at += size
+
+    def text(self) -> str:
+        """Read a text that ends with a zero byte. Raises WireError."""
+        end = self.data.find(b"\0", self.at)
+        if end < 0:
+            raise WireError(f"NatNet name at byte {self.at} has no end (zero byte)")
+        found = self.data[self.at : end]
+        self.at = end + 1
+        return found.decode(errors="replace")
+
+    def bodies(self, wanted: Container[int] | None, sized: bool) -> list[RawBody]:
+        """Skip all before the rigid bodies of a frame, and read these. Raises WireError.
+
+        wanted: streaming ids of the bodies to read, None for all.  sized: sections have their size before them (NatNet 4.1 and later)
+        Return (streaming id, x, y, z, qx, qy, qz, qw, mean error, parameters) of each body.
+        """
+        if sized:
+            self.skip_sections(2)
+        else:
+            for _ in range(self.count("marker sets")):
+                self.text()
+                self.skip(12 * self.count("markers"))
+            self.skip(12 * self.count("loose markers"))
+        count = self.count("rigid bodies")
+        if sized:
+            size = self.i32()
+            if size != count * _BODY_BYTES:
+                raise WireError(
+                    f"NatNet frame: the section of {count} rigid bodies has {size} bytes, expected {count * _BODY_BYTES}"
+                )
+        begin = self.at
+        self.skip(count * _BODY_BYTES)
+        end, found = self.at, []
+        for k in range(count):
+            self.at = begin + k * _BODY_BYTES
+            if wanted is None or self.i32() in wanted:
+                found.append(_read_body(self.data, begin + k * _BODY_BYTES))
+        self.at = end
+        return found
+
+    def skip_to_stamps(self, sized: bool) -> None:
+        """Skip the sections between rigid bodies and time stamps. Versions below 4.1 do not send their sizes. Raises WireError."""
+        if sized:
+            self.skip_sections(5)
+            return
+        for _ in range(self.count("skeletons")):
+            self.i32()
+            self.skip(_BODY_BYTES * self.count("bones"))
+        self.skip(_LABELLED_BYTES * self.count("labelled markers"))
+        self.skip_samples("force plates")
+        self.skip_samples("devices")
+
+    def skip_samples(self, what: str) -> None:
+        """Skip the force plates or devices of a frame. what: one of these names. Raises WireError."""
+        for _ in range(self.count(what)):
+            self.i32()
+            for _ in range(self.count("channels")):
+                self.skip(4 * self.count("samples"))
