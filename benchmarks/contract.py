@@ -19,8 +19,9 @@ from contextlib import ExitStack
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from px4_contract.cases import Case, all_cases
+from px4_contract.cases import all_cases
 from px4_contract.known import KNOWN
+from px4_contract.registry import Case
 from px4_contract.rig import Rig, Setup, Unfit, vehicle
 from px4_contract.table import put_into, section, text
 from px4_contract.transcript import Difference, Seen, Transcript, compare, dump, idle, load

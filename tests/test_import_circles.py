@@ -1,4 +1,7 @@
-"""Test that no module of arena imports itself through others, not even for type checking or inside a function."""
+"""Test that no module of arena or of the contract's cases imports itself through others.
+
+Imports for type checking and imports inside a function count, too.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +10,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-FILES = sorted((ROOT / "arena").rglob("*.py"))
+PACKAGES = (ROOT / "arena", ROOT / "benchmarks" / "px4_contract")
 
 
-def module_name(path: Path) -> str:
-    """Return the dotted name of a file; a package is named by its folder."""
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+def module_name(path: Path, package: Path) -> str:
+    """Return the dotted name of a file of a package; a package is named by its folder."""
+    return ".".join(path.relative_to(package.parent).with_suffix("").parts).removesuffix(".__init__")
 
 
-MODULES = {module_name(path): path for path in FILES}
+MODULES = {module_name(path, p): path for p in PACKAGES for path in sorted(p.rglob("*.py"))}
 
 
 def imported(path: Path) -> Iterator[str]:
-    """Yield the modules of arena that a file imports anywhere."""
+    """Yield the modules of these packages that a file imports anywhere."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in MODULES)

@@ -6,8 +6,8 @@ import math
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from px4_contract.cases import case
 from px4_contract.flying import complaint, state
+from px4_contract.registry import case
 from px4_contract.rig import Rig, Setup
 from px4_contract.transcript import Transcript
 

@@ -10,8 +10,8 @@ import math
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from px4_contract.cases import case
 from px4_contract.flying import hover, state
+from px4_contract.registry import case
 from px4_contract.rig import Rig
 from px4_contract.transcript import Transcript
 

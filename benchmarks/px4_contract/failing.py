@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from arena.wire.px4_mode import mode_words
-from px4_contract.cases import case
 from px4_contract.flying import hover, watch_modes
 from px4_contract.params import FLOAT, INT, packed, write
+from px4_contract.registry import case
 from px4_contract.rig import Rig, Setup
 from px4_contract.transcript import Transcript
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from px4_contract.cases import case
 from px4_contract.link import RATES_S, contents, rates
+from px4_contract.registry import case
 from px4_contract.rig import Rig, Setup, Unfit
 from px4_contract.transcript import Transcript
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from px4_contract.cases import case
 from px4_contract.flying import come_down, hover
 from px4_contract.link import rate
+from px4_contract.registry import case
 from px4_contract.rig import RESULTS, Received, Rig
 from px4_contract.transcript import Transcript
 

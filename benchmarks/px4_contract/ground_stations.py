@@ -11,8 +11,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_frame import pack_frame
 from arena.wire.px4_messages import px4_crc32
-from px4_contract.cases import case
 from px4_contract.flying import hover, state
+from px4_contract.registry import case
 from px4_contract.rig import Rig
 from px4_contract.transcript import Transcript
 

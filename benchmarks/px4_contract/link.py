@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from px4_contract.cases import case
+from px4_contract.registry import case
 from px4_contract.rig import Rig, Setup
 from px4_contract.transcript import Transcript
 

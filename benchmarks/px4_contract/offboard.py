@@ -9,8 +9,8 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.geometry import quat_from_euler
-from px4_contract.cases import case
 from px4_contract.flying import come_down, hover, state
+from px4_contract.registry import case
 from px4_contract.rig import Each, Rig, Setup
 from px4_contract.transcript import Transcript
 

@@ -9,7 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.builtin_parameters import SPECS
-from px4_contract.cases import case
+from px4_contract.registry import case
 from px4_contract.rig import Rig
 from px4_contract.transcript import Transcript
 

@@ -8,9 +8,9 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.geometry import yaw_from_quat
-from px4_contract.cases import case
 from px4_contract.failing import outcome
 from px4_contract.flying import come_down, complaint, hover, state
+from px4_contract.registry import case
 from px4_contract.rig import Each, Rig, Setup, Unfit
 from px4_contract.transcript import Transcript
 
