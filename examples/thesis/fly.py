@@ -16,7 +16,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from expectations import HERE, Expected, measure, read_expected, table
 
 TIME_LIMIT_S = 1500.0
 WALL_LIMIT_S = 1800.0
+STOP_LIMIT_S = 120.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,14 +69,34 @@ def fly(flight: Expected, variant: Variant, runs: Path) -> Path | None:
     command = [sys.executable, "-m", "arena.cli", "up", str(flight.arena), "--headless", "--until-done"]
     command += ["--speed", "max", "--time-limit", str(TIME_LIMIT_S), "--no-report", "--runs", str(runs)]
     command += [word for override in overrides for word in ("--set", override)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=WALL_LIMIT_S, check=False)
-    if done.returncode != 0:
-        if (reason := refusal(done.stdout + done.stderr, variant)) is not None:
+    code, output = run_within(command, WALL_LIMIT_S)
+    if code != 0:
+        if (reason := refusal(output, variant)) is not None:
             raise RefusedError(reason)
-        print(done.stdout + done.stderr)
+        print(output)
         return None
     (run,) = runs.iterdir()
     return run
+
+
+def run_within(command: Sequence[str], limit_s: float) -> tuple[int, str]:
+    """Run a command and return its exit code and its output.
+
+    After limit_s [s] of wall time the command gets SIGTERM, on which `arena up` stops all its processes, and after STOP_LIMIT_S
+    more SIGKILL. Such a command has failed.
+    """
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as child:
+        try:
+            output, _ = child.communicate(timeout=limit_s)
+        except subprocess.TimeoutExpired:
+            child.terminate()
+            try:
+                output, _ = child.communicate(timeout=STOP_LIMIT_S)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                output, _ = child.communicate()
+            return child.returncode or 1, f"{output}not finished after {limit_s:g} s of wall time\n"
+        return child.returncode, output
 
 
 def refusal(output: str, variant: Variant) -> str | None:

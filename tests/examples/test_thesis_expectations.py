@@ -136,3 +136,10 @@ def test_figures_of_the_thesis_come_from_its_logs_by_the_same_function(thesis: M
         (log,) = thesis.read_flights(THESIS / f"formation_gazebo_{row.vehicle}.csv")
         window = (log.t >= row.from_s) & (log.t <= row.to_s)
         assert thesis.FIGURES[row.figure](log, window) == pytest.approx(row.thesis, abs=5e-4)
+
+
+def test_flight_that_exceeds_its_time_limit_has_failed_and_is_stopped() -> None:
+    fly = load("fly")
+    code, output = fly.run_within([sys.executable, "-c", "import time; time.sleep(600)"], 0.2)
+    assert code != 0
+    assert output.endswith("not finished after 0.2 s of wall time\n")
