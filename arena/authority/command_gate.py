@@ -16,6 +16,7 @@ from arena.authority.requests import COMMANDS, SET_MODE, Kind, Request, command_
 from arena.authority.roles import Role
 from arena.transport import Source
 from arena.wire.mavlink_frame import Buffer, Frame
+from arena.wire.mavlink_ids import COPILOT, EMERGENCY, GROUND_TOOLS_SYSTEM
 
 TEXT_BYTES = 50
 """Length of one STATUSTEXT."""
@@ -26,7 +27,11 @@ _ERROR = 3  # MAV_SEVERITY
 TEMPORARILY_REJECTED, DENIED = 1, 2
 """MAV_RESULT of a refusal: the sender may repeat the same request; only a new decision of a person can change the refusal."""
 _ACK, _TEXT = struct.Struct("<HBBiBB"), struct.Struct("<B50sHB")
-_TOOLS = {253: Role.EMERGENCY, 251: Role.COPILOT, 250: Role.GROUND_STATION}
+_TOOLS = {
+    EMERGENCY.system: Role.EMERGENCY,
+    COPILOT.system: Role.COPILOT,
+    GROUND_TOOLS_SYSTEM: Role.GROUND_STATION,
+}
 
 
 class _Codec(Protocol):
@@ -55,7 +60,7 @@ def role_on_link(link: str, system: int, vehicle: int) -> Role:
     system, vehicle: MAVLink system ids of the sender and of the vehicle.
     """
     if link == "panic":
-        return Role.COPILOT if system == 251 else Role.EMERGENCY
+        return Role.COPILOT if system == COPILOT.system else Role.EMERGENCY
     if link == "ground":
         return Role.GROUND_STATION
     if system in _TOOLS:

@@ -1,7 +1,7 @@
 """Generator of the pages in docs/reference: `python -m arena.cli.reference [FOLDER]`.
 
 Pages: keys of the YAML, ports, processes, exit codes, the command line, words of scenarios, columns of the log, channels
-of a record. Do not edit these pages by hand: a test generates them again and compares.
+of a record, MAVLink ids. Do not edit these pages by hand: a test generates them again and compares.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import typer.main
 from arena import errors
 from arena.cli import VERBS, build_complete
 from arena.cli.reference_channels import channels_page
+from arena.cli.reference_mavlink_ids import mavlink_ids_page
 from arena.cli.reference_placeholders import placeholders_page
 from arena.cli.reference_ros2 import ros2_page
 from arena.flight_log import columns
@@ -50,6 +51,7 @@ def pages() -> dict[str, str]:
         "scenarios.md": scenarios_page(),
         "log-columns.md": log_columns_page(),
         "channels.md": channels_page(table),
+        "mavlink-ids.md": mavlink_ids_page(table),
     }
     return {name: _HEAD + text.rstrip() + "\n" for name, text in made.items()}
 

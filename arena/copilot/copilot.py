@@ -21,10 +21,11 @@ from arena.copilot.fleet_state import FleetState, Mask, Violation
 from arena.copilot.rules import RuleChecker
 from arena.copilot.settings import Rules, Step, Vehicle
 from arena.copilot.tracks import LATE_S, Tracks
-from arena.copilot.vehicle_state import COMPONENT, SYSTEM, VehicleStates
+from arena.copilot.vehicle_state import VehicleStates
 from arena.mocap.client import CapturedFrame, StreamLateness
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Buffer
+from arena.wire.mavlink_ids import COPILOT
 from arena.wire.mavlink_minimal import result_words
 from arena.wire.px4_mode import mode_numbers
 
@@ -67,7 +68,7 @@ class Copilot:
         self.escalations = [Escalation(name=v.name, rules=rules) for v in vehicles]
         self.orders: Counter[str] = Counter()
         self.closest_m = math.inf
-        self._codec = Codec(SYSTEM, COMPONENT)
+        self._codec = Codec(COPILOT.system, COPILOT.component)
         self._limits = _limits(vehicles)
         self._began = now
         self._streams: dict[int, StreamLateness] = {}  # by motion-capture server

@@ -15,13 +15,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.wire.mavlink_frame import Buffer, Frame, byte_at, parse_frames, uint_at
+from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, byte_at, parse_frames, uint_at
+from arena.wire.mavlink_ids import COPILOT
 from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
 
-SYSTEM, COMPONENT = 251, 190
-_AUTOPILOT, _PROGRAM = 1, 191
 HEARTBEAT, SYS_STATUS, LOCAL, TARGET, ACK, EXTENDED = 0, 1, 32, 85, 77, 245
 _ARMED = 128
 _NONE, _IN_PROGRESS = 0, 5
@@ -68,9 +67,9 @@ class VehicleStates:
             vehicle = self._rows.get(frame.sysid)
             if vehicle is None:
                 continue
-            if frame.compid == _AUTOPILOT and vehicle == row:
+            if frame.compid == AUTOPILOT and vehicle == row:
                 self._autopilot(vehicle, data, frame, now)
-            elif row is None and frame.msgid == HEARTBEAT and frame.compid != _AUTOPILOT:
+            elif row is None and frame.msgid == HEARTBEAT and frame.compid != AUTOPILOT:
                 self.counts["program heartbeats"] += 1
                 self.program_heartbeat_at[vehicle] = now
 
@@ -89,7 +88,7 @@ class VehicleStates:
                 state = byte_at(data, frame, 1)
                 if state != _UNDEFINED:  # an undefined state does not replace the last one
                     self.landed[i] = state == _ON_GROUND
-            case 77 if frame.target_sys == SYSTEM and frame.target_comp == COMPONENT:
+            case 77 if (frame.target_sys, frame.target_comp) == (COPILOT.system, COPILOT.component):
                 result = byte_at(data, frame, 2)
                 if result not in (_NONE, _IN_PROGRESS):
                     self.refusals.append((i, uint_at(data, frame, 0, 2), result))

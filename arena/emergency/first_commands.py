@@ -15,15 +15,12 @@ from collections.abc import Sequence
 
 from arena.emergency.landing_sequence import Action, LandingSequence
 from arena.emergency.targets import Target
-from arena.wire.mavlink_minimal import own_component
-
-# A vehicle that signs knows at most 16 senders until its next start, so each land-all must be the same sender.
-SIGNED_COMPONENT = 190
+from arena.wire.mavlink_ids import EMERGENCY
 
 
 def component_for(target: Target) -> int:
     """Return the MAVLink component id from which land-all commands a vehicle."""
-    return SIGNED_COMPONENT if target.direct is not None and target.direct.key_file else own_component()
+    return EMERGENCY.component_at(signs=target.direct is not None and bool(target.direct.key_file))
 
 
 def send_first_commands(targets: Sequence[Target], action: Action) -> None:

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from arena.constants import REORDERED_MS
-from arena.emergency.landing_sequence import SYSTEM
 from arena.transport import Source, source_text
 from arena.wire import mavlink_minimal as mav
 from arena.wire.mavlink_frame import AUTOPILOT, parse_frames
+from arena.wire.mavlink_ids import EMERGENCY
 
 # Times and intervals [s]. After SILENT_S without data, another vehicle may use the same source (a link process waits 3 s).
 SILENT_S = 2.0
@@ -66,7 +66,7 @@ class IdentityCheck:
         say: Callable[[str], None],
     ) -> None:
         self._system, self._uid, self._recorded, self._say = system, uid, recorded, say
-        self._sender = mav.MinimalSender(SYSTEM, component)
+        self._sender = mav.MinimalSender(EMERGENCY.system, component)
         self._sources: dict[Source, _SourceState] = {}
         self._opened_at: float | None = None
 

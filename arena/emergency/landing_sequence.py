@@ -17,9 +17,9 @@ from arena.constants import FORCE_ARM_DISARM, PILOT_HAS_CONTROL
 from arena.emergency.pilot_watch import PilotWatch
 from arena.wire import mavlink_minimal as mav
 from arena.wire.mavlink_frame import AUTOPILOT, Frame, parse_frames
+from arena.wire.mavlink_ids import EMERGENCY
 from arena.wire.px4_mode import AUTO_LAND, mode_words
 
-SYSTEM = 253
 RETRY_S = 0.5
 REQUEST_AFTER_S = 1.0  # time after which missing telemetry is requested
 DISARM_AFTER_S = 3.0  # time on the ground after which an armed vehicle is disarmed
@@ -84,7 +84,7 @@ class LandingSequence:
         self.refusal = ""
         self._reason, self._reason_at = "", -_REASON_S
         self._pilot = PilotWatch(radio=radio)
-        self._sender = mav.MinimalSender(SYSTEM, component)
+        self._sender = mav.MinimalSender(EMERGENCY.system, component)
         self.component = component
         self._began = self._next_send = self._next_heartbeat = now
         self._confirmed_at: float | None = None
@@ -237,7 +237,7 @@ class LandingSequence:
 
     def _on_ack(self, ack: mav.AckFields, now: float) -> None:
         system, component = ack.target
-        if system not in (0, SYSTEM) or component not in (0, self.component):
+        if system not in (0, EMERGENCY.system) or component not in (0, self.component):
             return
         words = _COMMAND_WORDS.get(ack.command)
         if words is None or ack.result == mav.IN_PROGRESS:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from arena.transport import DEFAULT_BAUD, ConnectionUrl, parse_url
+from arena.wire.mavlink_ids import LARGEST_VEHICLE_ID
 
 _MOST_DEPTH = 4
 
@@ -103,7 +104,11 @@ def _key_file(keys: Any) -> str:
 
 def _id(keys: Any) -> int | None:
     number = keys.get("id") if isinstance(keys, dict) else None
-    return number if isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= 250 else None
+    return (
+        number
+        if isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= LARGEST_VEHICLE_ID
+        else None
+    )
 
 
 def _uid(keys: Any) -> Any:

@@ -13,7 +13,8 @@ from arena.emulated_sensors.settings import Settings, Vehicle
 from arena.emulated_sensors.states import States
 from arena.mocap.client import CapturedFrame
 from arena.wire.mavlink_codec import Codec
-from arena.wire.relative_measurements import COMPONENT, DEBUG_FLOAT_ARRAY, Measurement, measurement_payload
+from arena.wire.mavlink_ids import SENSORS_COMPONENT
+from arena.wire.relative_measurements import DEBUG_FLOAT_ARRAY, Measurement, measurement_payload
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +101,7 @@ def _carrier(row: int, v: Vehicle, settings: Settings) -> _Carrier:
     ids = [settings.vehicles[other].id for other in near.rows] if near is not None else []
     return _Carrier(
         row=row,
-        codec=Codec(v.id, COMPONENT),
+        codec=Codec(v.id, SENSORS_COMPONENT),
         neighbours=None if near is None else NeighbourSensor(near, ids, settings.seed, v.id),
         beacons=None if v.beacons is None else BeaconSensor(v.beacons, settings.seed, v.id),
     )

@@ -21,9 +21,9 @@ from arena.mocap.client import CapturedFrame, ChangeReport, open_client
 from arena.process_context import ProcessContext
 from arena.transport import listen_udp
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import SENSORS_PING
 from arena.wire.router_ping import PING_PERIOD_S, ping_router
 
-_SYSTEM, _COMPONENT = 255, 25
 _WAIT_S = 0.01
 """Longest sleep, in wall time [s]: a sensor can be due although nothing arrives."""
 _MAX_DATAGRAMS = 2000  # in one cycle: a flood must not stop the sensors
@@ -38,7 +38,7 @@ class SensorsShell:
         self._process = process
         self._clock = SimTime(s["clock"]) if s["clock"] else WallClock()
         self._core = EmulatedSensors(Settings.of(s))
-        self._codec = Codec(_SYSTEM, _COMPONENT)
+        self._codec = Codec(SENSORS_PING.system, SENSORS_PING.component)
         self._socket = listen_udp((str(s["listen"][0]), int(s["listen"][1])), "the emulated sensors")
         self._captures = [_Capture(process, raw) for raw in s["captures"]]
         vehicles = self._core.settings.vehicles

@@ -39,10 +39,10 @@ from arena.transport import Source
 from arena.wire.age_limits import MANUAL_INPUTS, SHORTEST_LIMIT_S, without_old_frames
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, ParsedFrames, parse_frames
+from arena.wire.mavlink_ids import LINK_COMPONENT
 from arena.wire.mavlink_params import parse_error, parse_value
 from arena.wire.px4_mode import mode_words
 
-COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
 SIMULATOR = "simulator"
 PANIC_TIMEOUT_S = 5.0  # after its last frame, land-all no longer receives telemetry
 _REPEAT_REASONS_S = 0.5
@@ -84,13 +84,13 @@ class FcuLink:
         self.params = ParamCheck(s.params, "/".join(s.params_file.split("/")[-2:]), self.radio.params)
         wide = s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD
         self._streams = StreamRequests(wide=wide, radio=self.radio.required)
-        self._codec, self._autopilot_codec = Codec(s.id, COMPONENT), Codec(s.id, AUTOPILOT)
+        self._codec, self._autopilot_codec = Codec(s.id, LINK_COMPONENT), Codec(s.id, AUTOPILOT)
         self.own = OwnRequests(s.id, self._codec, self.identity, self.params, self._streams, self.axes)
         self._events: list[str] = []
         self._panic_received_at = -math.inf
         self._boot_ms, self._was_armed = 0, False
         self.signing_problem = ""  # why messages of the vehicle are not used, if it has a signing key
-        self._silence = SilenceReport(s.connection, s.id, COMPONENT, self.counts, now)
+        self._silence = SilenceReport(s.connection, s.id, LINK_COMPONENT, self.counts, now)
         self._reasons_sent_at: dict[str, float] = {}
         self._refusal_reported_at = -math.inf
 
@@ -183,7 +183,7 @@ class FcuLink:
         if frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
             self.params.on_value(value := parse_value(data, frame))
             self.axes.on_param(value.name, value.value)
-        elif frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_ERROR and frame.target_comp == COMPONENT:
+        elif frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_ERROR and frame.target_comp == LINK_COMPONENT:
             name, error, _ = parse_error(data, frame)
             self.params.on_error(name, error)
         elif frame.msgid in DECODED and not (frame.msgid == IMU and self.checks.armed):
@@ -198,7 +198,7 @@ class FcuLink:
             self._boot_ms = m.time_boot_ms
             self.axes.on_boot_time(m.time_boot_ms / 1e3, now)
         elif kind == "COMMAND_ACK":
-            ours = (m.target_system, m.target_component) == (self.system, COMPONENT)
+            ours = (m.target_system, m.target_component) == (self.system, LINK_COMPONENT)
             if ours and m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
                 self._streams.on_ack(m.result, now)
         else:

@@ -9,12 +9,12 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from arena.fcu_link.core import COMPONENT
 from arena.fcu_link.settings import Settings
 from arena.signing_key import TimestampFile, read_key
 from arena.transport import Source
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, ParsedFrames, parse_frames
+from arena.wire.mavlink_ids import LINK_COMPONENT
 from arena.wire.mavlink_signing import LINK_PROCESS, SETUP_SIGNING, SignedConnection, Verdict
 
 _HEARTBEAT_S = 1.0
@@ -44,7 +44,7 @@ class LinkSigning:
         self.events: list[str] = []
         self.problem = ""
         self._system, self._file, self._counts, self._wall = settings.id, settings.key_file, counts, wall
-        self._codec = Codec(settings.id, COMPONENT)
+        self._codec = Codec(settings.id, LINK_COMPONENT)
         self._connection: SignedConnection | None = None
         self._timestamps: TimestampFile | None = None
         self._was_valid, self._write_problem = False, ""
@@ -52,7 +52,7 @@ class LinkSigning:
         self._heartbeats_due: list[Source] = []
         if settings.key_file:
             self._timestamps = TimestampFile(settings.key_file)
-            first, own = self._timestamps.first(), (settings.id, COMPONENT)
+            first, own = self._timestamps.first(), (settings.id, LINK_COMPONENT)
             self._connection = SignedConnection(read_key(settings.key_file), LINK_PROCESS, first, own=own)
 
     def accepted(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> ParsedFrames:

@@ -12,6 +12,7 @@ from arena.flight_log.recording import RecordedVehicle
 from arena.geometry import Array
 from arena.wire.flight_record import TRUE_STATE_BYTES
 from arena.wire.mavlink_frame import AUTOPILOT
+from arena.wire.mavlink_ids import PROGRAM_COMPONENT
 
 OF_AUTOPILOT = (
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
@@ -39,7 +40,7 @@ class VehicleRecord:
     def __init__(self, vehicle: RecordedVehicle) -> None:
         self.vehicle = vehicle
         self.down = MessageSeries(vehicle.id, AUTOPILOT, OF_AUTOPILOT)
-        self.program = MessageSeries(vehicle.id, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, OF_PROGRAM)
+        self.program = MessageSeries(vehicle.id, PROGRAM_COMPONENT, OF_PROGRAM)
         self._poses, self._truth, self._truth_s = array("d"), bytearray(), array("d")
         self._end = -np.inf
 

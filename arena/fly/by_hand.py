@@ -22,6 +22,7 @@ from arena.fly.pilot import Pilot
 from arena.fly.running_vehicle import RunningVehicle, lock_pilot
 from arena.transport import open_udp
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import PILOT_PING
 from arena.wire.router_ping import ping_router
 from arena.wire.sticks import Sticks
 
@@ -141,7 +142,7 @@ def fly_by_hand(vehicle: RunningVehicle, gamepad: SticksSource | None = None) ->
                 sock.send(frame)
 
         pilot = Pilot(vehicle.name, vehicle.settings.id)
-        send(Codec(255, 25).pack(ping_router()))
+        send(Codec(PILOT_PING.system, PILOT_PING.component).pack(ping_router()))
         flight = HandFlight(pilot, send, _show, gamepad)
 
         def receive() -> None:

@@ -73,7 +73,7 @@ class Session:
 
     def _flies(self) -> bool:
         with contextlib.suppress(VehicleError):
-            return self.uav.info.is_armed and self.uav.control.flies()
+            return self.uav.info.is_armed and self.uav.control.flies(self.vehicle.settings.offboard_loss_s)
         return False
 
     def __enter__(self) -> Self:

@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import RunError
-from arena.fly.pilot import SYSTEM
 from arena.fly.running_vehicle import RunningVehicle
 from arena.transport import open_udp
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_minimal import own_component
+from arena.wire.mavlink_ids import FLIGHT_TOOL
 
 _TIMEOUT_S, _RETRY_S = 10.0, 0.5
 
@@ -23,7 +22,7 @@ _TIMEOUT_S, _RETRY_S = 10.0, 0.5
 def read_parameters(vehicle: RunningVehicle, names: Sequence[str]) -> dict[str, float]:
     """Return parameters of a vehicle by name. Raises RunError if the vehicle does not report all of them within 10 s."""
     assert vehicle.settings.tools is not None
-    codec, found = Codec(SYSTEM, own_component()), dict[str, float]()
+    codec, found = Codec(FLIGHT_TOOL.system, FLIGHT_TOOL.component), dict[str, float]()
     with contextlib.closing(open_udp((vehicle.settings.tools[0], 0))) as sock:
         sock.connect(vehicle.settings.tools)
         end, next_try = time.monotonic() + _TIMEOUT_S, 0.0

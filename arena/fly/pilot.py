@@ -11,13 +11,12 @@ import struct
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_minimal import own_component, result_words
+from arena.wire.mavlink_ids import PILOT
+from arena.wire.mavlink_minimal import result_words
 from arena.wire.px4_mode import MANUAL_MODES, mode_numbers
 from arena.wire.sticks import Sticks, manual_control_fields
 from arena.wire.telemetry import Telemetry
 
-SYSTEM = 250
-"""MAVLink system id with which the tools port gives the role of a ground station."""
 SOURCE_PARAMETER = "COM_RC_IN_MODE"
 _JOYSTICK_SOURCES = (1, 2, 3)
 _TRIES, _RETRY_S = 4, 0.5
@@ -45,7 +44,7 @@ class Pilot:
 
     def __init__(self, name: str, system: int) -> None:
         self.name, self._system = name, system
-        self._codec = Codec(SYSTEM, own_component())
+        self._codec = Codec(PILOT.system, PILOT.component)
         self._telemetry = Telemetry(system, _RECEIVED)
         self.source: int | None = None
         self.flies = False

@@ -17,7 +17,6 @@ uav is {name}, {state}. Examples:
   uav.auto_land()
 Setpoints are sent only during a call: after {limit:g} s without one, the offboard failsafe of the autopilot lands the vehicle.
 Ctrl-D leaves the shell, and lands a vehicle that this shell flies."""
-_OFFBOARD_LOSS_S = 1.0
 
 
 def interact(session: Session) -> None:
@@ -27,7 +26,9 @@ def interact(session: Session) -> None:
     names: dict[str, Any] = {"uav": uav, "arena": importlib.import_module("arena")}
     names["np"] = importlib.import_module("numpy")
     state = "connected" if uav.info.is_connected else "NOT CONNECTED: no heartbeat yet"
-    banner = _HELP.format(name=session.vehicle.name, state=state, limit=_OFFBOARD_LOSS_S)
+    banner = _HELP.format(
+        name=session.vehicle.name, state=state, limit=session.vehicle.settings.offboard_loss_s
+    )
     try:
         embed = importlib.import_module("IPython").embed
     except ImportError:

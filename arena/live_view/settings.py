@@ -46,6 +46,7 @@ class VehicleSettings:
     tools: address of the router's tools port, from which the telemetry comes; None if the arena has no router.
     start_n: lowest point of the vehicle at the start [m] [NED] (3,).
     radius_m: horizontal distance from the body origin to the farthest point of the vehicle [m].
+    offboard_loss_s: time without setpoints in OFFBOARD after which the failsafe acts, COM_OF_LOSS_T [s].
     """
 
     name: str
@@ -60,6 +61,7 @@ class VehicleSettings:
     height_m: float
     rotors: tuple[Rotor, ...]
     start_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offboard_loss_s: float = 1.0
 
     @classmethod
     def of(cls, raw: Mapping[str, Any]) -> VehicleSettings:
@@ -82,6 +84,7 @@ class VehicleSettings:
             radius_m=float(raw["radius_m"]),
             height_m=float(raw["height_m"]),
             rotors=rotors,
+            offboard_loss_s=float(raw.get("offboard_loss_s", 1.0)),
         )
 
 

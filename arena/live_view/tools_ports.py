@@ -7,17 +7,14 @@ the receiver cannot count as ground station, program or pilot, and it cannot cha
 
 from __future__ import annotations
 
-import os
 import socket
 from collections.abc import Callable, Sequence
 
 from arena.transport import Address, open_udp
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import VIEWER
 from arena.wire.router_ping import PING_PERIOD_S, ping_router
 
-SYSTEM = 255
-FIRST_COMPONENT = 25
-"""MAVLink ids of viewers: the components from 25 are free for private use, and no vehicle sends to them."""
 _DATAGRAM_BYTES = 1 << 16
 _MAX_DATAGRAMS = 500  # per vehicle and call: a flood must not delay the viewer
 
@@ -32,7 +29,7 @@ class ToolsPorts:
     def __init__(
         self, addresses: Sequence[Address | None], on_datagram: Callable[[int, bytes, float], None]
     ) -> None:
-        self._codec = Codec(SYSTEM, FIRST_COMPONENT + os.getpid() % 60)
+        self._codec = Codec(VIEWER.system, VIEWER.component)
         self._sockets: list[tuple[int, socket.socket]] = []
         self._on_datagram = on_datagram
         self._next_ping = float("-inf")

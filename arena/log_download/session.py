@@ -14,12 +14,11 @@ from pathlib import Path
 from arena.errors import RunError
 from arena.log_download.download import LogDownload
 from arena.log_download.partial_file import PartialFile
-from arena.params.transfer.session import SIGNED_COMPONENT
 from arena.params.transfer.transfer import Ending, Progress
 from arena.params.transfer.transports import ParamTarget, ParamTransport, open_transport
 from arena.params.transfer.uid_check import UidCheck
+from arena.wire.mavlink_ids import LOG_DOWNLOAD
 from arena.wire.mavlink_logs import LogEntry
-from arena.wire.mavlink_minimal import own_component
 
 _POLL_PERIOD_S = 0.02
 _PROGRESS_PERIOD_S = 0.1
@@ -61,7 +60,7 @@ class _Connection:
         now = time.monotonic()
         self.download = LogDownload(
             system=target.system,
-            component=SIGNED_COMPONENT if target.key_file else own_component(),
+            component=LOG_DOWNLOAD.component_at(signs=bool(target.key_file)),
             now=now,
             uid=UidCheck(target.uid) if target.uid else None,
             number=number,

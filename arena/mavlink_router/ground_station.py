@@ -1,13 +1,12 @@
-"""MAVLink identity of the router, and the heartbeat of a ground station that it sends to the vehicles."""
+"""Heartbeat of a ground station that the router sends to the vehicles."""
 
 from __future__ import annotations
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import ROUTER
 
-SYSTEM, COMPONENT = 254, 190
-"""MAVLink system and component id of the router."""
 _MAVLINK_2 = 3
 _HEARTBEAT = mavlink.MAVLink_heartbeat_message(
     mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, _MAVLINK_2
@@ -21,7 +20,7 @@ class GroundStation:
     """
 
     def __init__(self) -> None:
-        self._codec = Codec(SYSTEM, COMPONENT)
+        self._codec = Codec(ROUTER.system, ROUTER.component)
 
     def heartbeat(self) -> bytes:
         """Return the next ground station heartbeat as a MAVLink frame."""

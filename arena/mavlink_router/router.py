@@ -42,8 +42,8 @@ from arena.mavlink_router.vehicle_status import Fact, VehicleStatus
 from arena.mavlink_router.vehicle_telemetry import LOCAL_POSITION_NED, STATUSTEXT, SYS_STATUS
 from arena.transport import Address
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, parse_frames
+from arena.wire.mavlink_ids import SENSORS_COMPONENT as SENSORS
 from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT, TIMESYNC
-from arena.wire.relative_measurements import COMPONENT as SENSORS
 from arena.wire.relative_measurements import DEBUG_FLOAT_ARRAY
 
 TOOL_TIMEOUT_S = 10.0  # a tool's address is removed this long after its last frame

@@ -22,12 +22,11 @@ from arena.emergency.targets import Target, choose, find
 from arena.errors import EXIT_FAILED, EXIT_OK, ArenaError
 from arena.transport import open_udp
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_minimal import own_component, result_words
+from arena.wire.mavlink_ids import HOLD
+from arena.wire.mavlink_minimal import result_words
 from arena.wire.px4_mode import MANUAL_MODES
 from arena.wire.telemetry import Telemetry
 
-SYSTEM = 250
-"""MAVLink system id with which the tools port gives the role of a ground station."""
 MODE, OFFBOARD = "AUTO.LOITER", "OFFBOARD"
 _MAIN_AND_SUB = (4.0, 3.0)
 TIMEOUT_S = 5.0
@@ -48,7 +47,7 @@ class Hold:
 
     def __init__(self, name: str, system: int, now: float, *, simulated: bool) -> None:
         self.name, self._system, self._simulated = name, system, simulated
-        self._codec = Codec(SYSTEM, own_component())
+        self._codec = Codec(HOLD.system, HOLD.component)
         self._telemetry = Telemetry(system, _RECEIVED)
         self._began, self._next_send = now, now
         self._commanded_in = ""  # mode of the vehicle when it was commanded first

@@ -39,6 +39,7 @@ def _vehicle(arena: Arena, v: Vehicle) -> Json:
         "body": v.mocap_body,
         "tools": [arena.address, v.ports.tools],
         "start": list(v.position),
+        "offboard_loss_s": v.own_params.get("COM_OF_LOSS_T", arena.failsafe.offboard_loss.after_s),
         "profile": v.profile.name,
         "radius_m": v.profile.radius_m,
         "height_m": v.profile.height_m,

@@ -23,9 +23,9 @@ from arena.geometry import globe_from_local
 from arena.mocap.client import CapturedFrame, Lateness, Pose
 from arena.mocap.client.frame_order import FrameOrder
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import FORWARDER_COMPONENT
 from arena.wire.px4_mode import mode_words
 
-COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 _NAN = math.nan
 _UNKNOWN = [_NAN] * 21
 _MAX_DISTANCE_M = 1e4
@@ -79,7 +79,7 @@ class Forwarder:
         self._covariance = [0.0] * 21
         for place, variance in zip(_DIAGONAL, (var_p,) * 3 + (var_a,) * 3, strict=True):
             self._covariance[place] = variance
-        self._codec = Codec(self.system, COMPONENT)
+        self._codec = Codec(self.system, FORWARDER_COMPONENT)
         self.autopilot = Autopilot()
         self.counts: Counter[str] = Counter()
         self.garbled = self._codec.counts
@@ -243,7 +243,7 @@ class Forwarder:
             a.on_ground = m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
         elif kind == "COMMAND_ACK":
             a.has_position = a.has_position or (
-                m.command == _POSITION_ESTIMATE and m.target_component in (0, COMPONENT)
+                m.command == _POSITION_ESTIMATE and m.target_component in (0, FORWARDER_COMPONENT)
             )
         elif kind == "HOME_POSITION" or (kind == "GPS_GLOBAL_ORIGIN" and self._is_own_origin(m)):
             a.has_origin = self._origin_tries > 0  # an origin reported before the request may be another one

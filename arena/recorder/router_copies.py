@@ -20,6 +20,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.transport import Address, enable_stamps, listen_udp, receive_stamped
 from arena.wire.mavlink_frame import parse_frames
+from arena.wire.mavlink_ids import PROGRAM_COMPONENT
 from arena.wire.planned_path import PATH_MESSAGE
 
 RECEIVE_BUFFER_BYTES = 8 << 20
@@ -27,7 +28,6 @@ MAX_DATAGRAMS = 20_000  # read at a time, so that a flood of datagrams does not 
 _SO_RCVBUFFORCE, _SO_MEMINFO, _DROPS = 33, 55, 8  # asm-generic/socket.h and linux/sock_diag.h
 _MEMINFO = struct.Struct("=9I")
 _PUBLISHED = (mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED, PATH_MESSAGE)  # by programs, to the recorder
-_PROGRAM = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 
 
 class CopySenders:
@@ -59,7 +59,7 @@ class CopySenders:
         frames, garbage, _, _ = parse_frames(data)
         if not frames or garbage:
             return None
-        systems = {f.sysid for f in frames if f.msgid in _PUBLISHED and f.compid == _PROGRAM}
+        systems = {f.sysid for f in frames if f.msgid in _PUBLISHED and f.compid == PROGRAM_COMPONENT}
         if len(systems) != 1 or any(f.msgid not in _PUBLISHED for f in frames):
             return None
         name = self._names.get(systems.pop())

@@ -23,6 +23,7 @@ from arena.recorder.viewer_output import Output
 from arena.recorder.viewer_poses import nanoseconds, pose_and_transform, pose_in_arena
 from arena.recorder.viewer_scene import VehicleShape, path_piece, planned_path, vehicle_model
 from arena.wire.mavlink_frame import AUTOPILOT, Frame, parse_frames
+from arena.wire.mavlink_ids import PROGRAM_COMPONENT
 from arena.wire.mavlink_layout import decoder, layout
 from arena.wire.mavlink_pressure import pressure_pa
 from arena.wire.planned_path import PathAssembler, may_contain_path
@@ -30,7 +31,6 @@ from arena.wire.px4_mode import mode_words
 from arena.wire.viewer_messages import pack_state
 from arena.wire.viewer_topics import VEHICLE_TOPICS, Content
 
-_PROGRAM = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 _MAGIC, _SHORTEST = 0xFD, 12  # bytes of a frame without payload
 _REFERENCE = mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
 _NAN = math.nan
@@ -123,7 +123,7 @@ class VehicleChannels:
         if only_message(data) not in (None, _REFERENCE):
             return
         for frame in parse_frames(data).frames:
-            if (frame.msgid, frame.compid, frame.sysid) != (_REFERENCE, _PROGRAM, self._system):
+            if (frame.msgid, frame.compid, frame.sysid) != (_REFERENCE, PROGRAM_COMPONENT, self._system):
                 continue
             if self._out[Content.PROGRAM_REFERENCE].due(time_s):
                 self._reference(decoder(_REFERENCE)(data, frame), time_s, Content.PROGRAM_REFERENCE)

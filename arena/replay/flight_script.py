@@ -22,9 +22,9 @@ from arena.replay.parameters import ParameterHistory, Stored
 from arena.replay.script import Item, Kind, ScriptVehicle, TrueState, nanoseconds
 from arena.replay.synthetic_telemetry import SyntheticTelemetry
 from arena.wire.flight_record import RecordedBody, RecordedFrame
+from arena.wire.mavlink_ids import LARGEST_VEHICLE_ID
 
 _MAX_GAP_S = 0.5
-_MAX_ID = 250  # largest MAVLink system id of a vehicle; tools of arena have larger ids
 _UNTRACKED = (math.nan,) * 3, (math.nan,) * 4
 
 
@@ -137,9 +137,9 @@ def vehicle_ids(names: Sequence[str]) -> dict[str, int]:
     for name in unique:
         digits = re.search(r"(\d{1,3})$", name)
         number = int(digits.group()) if digits else 0
-        if 1 <= number <= _MAX_ID and number not in found.values():
+        if 1 <= number <= LARGEST_VEHICLE_ID and number not in found.values():
             found[name] = number
-    free = (k for k in range(1, _MAX_ID + 1) if k not in found.values())
+    free = (k for k in range(1, LARGEST_VEHICLE_ID + 1) if k not in found.values())
     return {name: found[name] if name in found else next(free) for name in unique}
 
 

@@ -24,11 +24,10 @@ from arena.ros2.messages import Message
 from arena.ros2.outgoing import TOPICS, Outgoing, clock_message
 from arena.transport import open_udp
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import ROS2_BRIDGE
 from arena.wire.router_ping import PING_PERIOD_S, ping_router
 from arena.wire.telemetry import Telemetry
 
-SYSTEM, COMPONENT = 252, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-"""MAVLink ids of the bridge. No vehicle has an id above 250."""
 SETPOINTS = {
     "setpoint/pose": (
         "geometry_msgs/PoseStamped",
@@ -65,7 +64,7 @@ class VehicleBridge:
         self.published: Counter[str] = Counter()
         self.incoming = Incoming(self.name, int(row["id"]))
         self._telemetry = Telemetry(int(row["id"]))
-        self._codec = Codec(SYSTEM, COMPONENT)
+        self._codec = Codec(ROS2_BRIDGE.system, ROS2_BRIDGE.component)
         tools = str(row["tools"][0]), int(row["tools"][1])
         self._socket = open_udp((tools[0], 0))
         self._socket.connect(tools)
@@ -110,7 +109,10 @@ class VehicleBridge:
     def _acks(self, ros_now: float) -> None:
         while self._telemetry.acks:
             ack = self._telemetry.acks.popleft()
-            if ack.target == (SYSTEM, COMPONENT) and ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
+            if (
+                ack.target == (ROS2_BRIDGE.system, ROS2_BRIDGE.component)
+                and ack.result != mavlink.MAV_RESULT_IN_PROGRESS
+            ):
                 self.outgoing.on_ack(ack.command, ack.result, ack.target, ros_now)
 
     def _publish(self, topic: str, message: Message) -> None:

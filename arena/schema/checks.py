@@ -25,6 +25,7 @@ from arena.schema.loader import YamlPath
 from arena.schema.mocap import keys_of_other_vendors
 from arena.schema.models import NOT_YET
 from arena.schema.ports import PORTS, SDK_ABOVE
+from arena.wire.mavlink_ids import LARGEST_VEHICLE_ID
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _LEAST_POSE_RATE_HZ = 10.0  # PX4's estimator stops fusing after gaps of 0.2 s
@@ -113,9 +114,11 @@ def _ids(c: Check) -> Iterator[Problem]:
                 f"got {b.id}, which {a.name} ({c.place_of(a, 'id')}) has too. Try {_free_id(c.arena)}.",
             )
     for vehicle in c.arena.vehicles:
-        if vehicle.id > 250:
+        if vehicle.id > LARGEST_VEHICLE_ID:
             yield c.source.problem(
-                ("vehicles", vehicle.name), "would get an id above 250. An arena has at most 250 vehicles."
+                ("vehicles", vehicle.name),
+                f"would get an id above {LARGEST_VEHICLE_ID}. "
+                f"An arena has at most {LARGEST_VEHICLE_ID} vehicles.",
             )
 
 

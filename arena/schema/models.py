@@ -26,6 +26,7 @@ from arena.schema.obstacle import Obstacle
 from arena.schema.relative_sensors import BeaconSensor, Neighbours, neighbours_value
 from arena.schema.signing import Signing
 from arena.schema.tools import RestartMode, Tool, Words
+from arena.wire.mavlink_ids import LARGEST_VEHICLE_ID
 
 
 def _speed(value: Any) -> float | Literal["max"]:
@@ -242,7 +243,7 @@ class VehicleDefaults(Strict):
 class VehicleKeys(VehicleDefaults):
     """All keys of one vehicle: those of `defaults`, and keys such as `id` that differ for each vehicle."""
 
-    id: Annotated[int | None, Field(ge=1, le=250)] = None
+    id: Annotated[int | None, Field(ge=1, le=LARGEST_VEHICLE_ID)] = None
     """MAVLink system id (MAV_SYS_ID). Default: the lowest free id, in the order of the YAML."""
     port: Port | None = None
     """UDP port that receives the vehicle's MAVLink in the program. The SDK's port is this number + 6000. Default: 16000 + id."""

@@ -11,9 +11,9 @@ from typing import Any
 from arena.errors import InputError, Problem
 from arena.schema.loader import Document, YamlPath
 from arena.schema.models import Grid
+from arena.wire.mavlink_ids import LARGEST_VEHICLE_ID
 
 _RANGE = re.compile(r"([A-Za-z][A-Za-z0-9_-]*?)(\d+)\.\.([A-Za-z][A-Za-z0-9_-]*?)?(\d+)")
-_MOST = 250
 
 Place = tuple[float, float, float]
 
@@ -46,7 +46,10 @@ def expand_ranges(document: Document) -> tuple[Any, dict[str, RangeMember]]:
     for key, value in vehicles.items():
         names = list(_names(key)) if isinstance(key, str) and ".." in key else None
         if names == []:
-            said = f"got {key!r}, expected a range such as uav1..uav48: one name, two rising numbers, at most {_MOST} vehicles."
+            said = (
+                f"got {key!r}, expected a range such as uav1..uav48: one name, two rising numbers, "
+                f"at most {LARGEST_VEHICLE_ID} vehicles."
+            )
             problems.append(_problem(document, key, said))
         for index, name in enumerate([key] if names is None else names):
             if name in found:
@@ -77,7 +80,7 @@ def _names(key: str) -> Iterator[str]:
     if found is None or found[3] not in (None, "", found[1]):
         return
     first, last = int(found[2]), int(found[4])
-    if first < last < first + _MOST:
+    if first < last < first + LARGEST_VEHICLE_ID:
         yield from (f"{found[1]}{number}" for number in range(first, last + 1))
 
 

@@ -17,7 +17,7 @@ from arena.schema.base import Strict
 from arena.schema.library import with_overrides
 from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Sim, Start, VehicleKeys
-from arena.schema.ports import MOST_ID, vehicle_ports
+from arena.schema.ports import vehicle_ports
 from arena.schema.profile import Profile
 from arena.schema.px4 import STAND_IN
 from arena.schema.ranges import place_in_grid
@@ -25,6 +25,7 @@ from arena.schema.relative_sensors import BeaconSensor, Neighbours
 from arena.schema.source import Source
 from arena.schema.tools import Tool
 from arena.transport import DEFAULT_BAUD, ConnectionUrl, parse_url
+from arena.wire.mavlink_ids import LARGEST_VEHICLE_ID
 
 Section = TypeVar("Section", bound=Strict)
 
@@ -140,7 +141,7 @@ def _name_from(folder: str) -> str:
 
 def _ids(vehicles: Mapping[str, VehicleKeys]) -> dict[str, int]:
     taken = {v.id for v in vehicles.values() if v.id is not None}
-    free = iter(i for i in range(1, MOST_ID + len(vehicles) + 1) if i not in taken)
+    free = iter(i for i in range(1, LARGEST_VEHICLE_ID + len(vehicles) + 1) if i not in taken)
     return {name: v.id if v.id is not None else next(free) for name, v in vehicles.items()}
 
 

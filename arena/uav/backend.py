@@ -12,9 +12,9 @@ from typing import Literal, Protocol
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.wire.mavlink_ids import PROGRAM_COMPONENT
 from arena.wire.telemetry import Telemetry
 
-COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 BackendName = Literal["mavlink", "mavsdk"]
 
 
@@ -36,7 +36,7 @@ class Wire:
     @property
     def own_address(self) -> tuple[int, int]:
         """System and component id of the program."""
-        return self.system_id, COMPONENT
+        return self.system_id, PROGRAM_COMPONENT
 
     def acknowledged(self, number: int) -> int | None:
         """Return the MAV_RESULT of the received acknowledgement of a command; None before the final one has arrived.

@@ -20,11 +20,12 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.clock import Clock, LockstepClock
 from arena.errors import ArenaError, InputError, NotConfirmedError
 from arena.transport import Address, open_udp, parse_url, receive_datagrams
-from arena.uav.backend import COMPONENT, Backend, BackendName, Command, MavlinkBackend, Wire
+from arena.uav.backend import Backend, BackendName, Command, MavlinkBackend, Wire
 from arena.uav.measurements import Measurements
 from arena.uav.poses import Poses
 from arena.uav.receiver import Receiver
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import PROGRAM_COMPONENT
 from arena.wire.telemetry import Telemetry
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class Connection:
         self.unsent, self.setpoint_at = 0, -math.inf
         self.fault = ""
         self._clock = clock
-        self._codec = Codec(system_id, COMPONENT)
+        self._codec = Codec(system_id, PROGRAM_COMPONENT)
         self._socket, self._vehicle = _open(url)
         self._capture = _open_capture(capture, poses.bodies)
         self._receiving, self._sending = threading.Lock(), threading.Lock()

@@ -9,11 +9,10 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 
-from pymavlink.dialects.v20 import common as mavlink
-
 from arena.clock import Clock, WallClock
 from arena.transport import open_udp
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import PROGRAM_COMPONENT
 
 _PERIOD_S = 0.1
 
@@ -34,7 +33,7 @@ class Heartbeat:
 
     def __init__(self, address: tuple[str, int] | None, system_id: int, clock: Clock | None = None) -> None:
         self._address, self._clock = address, WallClock() if clock is None else clock
-        self._codec = Codec(system_id, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
+        self._codec = Codec(system_id, PROGRAM_COMPONENT)
         self._socket = open_udp(receive_buffer_bytes=None)
         self._due = -1e18
 

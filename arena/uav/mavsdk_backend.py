@@ -7,6 +7,7 @@ and the copilot react to a program that hangs, crashes or is slow as with pymavl
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import threading
@@ -17,8 +18,9 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import InputError, NotConfirmedError, NotInstalledError
-from arena.uav.backend import COMPONENT, Command, Wire
+from arena.uav.backend import Command, Wire
 from arena.wire.mavlink_frame import parse_frames
+from arena.wire.mavlink_ids import PROGRAM_COMPONENT
 from arena.wire.mavlink_layout import decoder
 
 try:
@@ -179,10 +181,18 @@ class MavsdkBackend:
     def __init__(self, wire: Wire) -> None:
         self._wire, self._gate = wire, _Gate(wire)
         _CHANNELS.take()
-        _subscribe_to_errors()
-        self._mavsdk = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(wire.system_id, COMPONENT, False))
-        self._mavsdk.add_any_connection("raw://")
-        self._mavsdk.subscribe_raw_bytes_to_be_sent(self._gate.on_bytes)
+        with (
+            contextlib.ExitStack() as undo
+        ):  # if MAVSDK raises, its threads end and the channel is free again
+            undo.callback(_CHANNELS.release)
+            _subscribe_to_errors()
+            self._mavsdk = mavsdk.Mavsdk(
+                mavsdk.Configuration.create_manual(wire.system_id, PROGRAM_COMPONENT, False)
+            )
+            undo.callback(self._mavsdk.destroy)
+            self._mavsdk.add_any_connection("raw://")
+            self._mavsdk.subscribe_raw_bytes_to_be_sent(self._gate.on_bytes)
+            undo.pop_all()
         self._plugins: tuple[Offboard, MavlinkDirect] | None = None
         self._is_closed = False
 

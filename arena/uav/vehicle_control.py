@@ -44,6 +44,9 @@ _REOFFBOARD_S = 0.3  # from a rejected OFFBOARD until the next request
 _STREAM_FIRST_S = 0.5  # PX4 enters OFFBOARD only where setpoints already flow
 _TEXTS_S = 10.0
 _RECORD_S, _RECORD_POLL_S = 0.5, 0.05  # wall time: the router records a takeover when the program sees it
+_HEARTBEAT_S = (
+    1.0  # period of heartbeats: the mode in a heartbeat may be as old as this, even if it is read late
+)
 _MAX_SILENCE = 2.0  # in multiples of stale_s: 1 s by default, as the autopilot's limit for a silent program
 
 
@@ -105,12 +108,21 @@ class VehicleControl:
         self.guard()
         return self._offboard and self._has_state(mode="OFFBOARD", armed=True)
 
-    def flies(self) -> bool:
-        """Return whether the vehicle follows this program's setpoints: it is armed in OFFBOARD, and this program has sent a setpoint
-        since the vehicle was last in another mode or disarmed. The setpoints of other programs do not count.
+    def flies(self, offboard_loss_s: float = 1.0) -> bool:
+        """Return whether the vehicle follows this program's setpoints. The setpoints of other programs do not count.
+
+        The vehicle must be armed in OFFBOARD, and this program must have sent a setpoint since the vehicle was last in another mode
+        or disarmed. A vehicle that is still in OFFBOARD long after that setpoint follows another program: without setpoints, its
+        failsafe would have ended OFFBOARD.
+
+        offboard_loss_s: time without setpoints after which the autopilot's failsafe acts, COM_OF_LOSS_T [s]
         """
-        in_offboard = self._has_state(mode="OFFBOARD", armed=True)
-        return in_offboard and self._connection.setpoint_at > self._source.telemetry.outside_offboard_at
+        if not self._has_state(mode="OFFBOARD", armed=True):
+            return False
+        sent_at, telemetry = self._connection.setpoint_at, self._source.telemetry
+        heart = telemetry.heartbeat
+        silent_s = math.inf if heart is None else heart.received_at - sent_at
+        return sent_at > telemetry.outside_offboard_at and silent_s <= offboard_loss_s + _HEARTBEAT_S
 
     def send(self, message: mavlink.MAVLink_message) -> None:
         """Send a setpoint. Raises OffboardLostError if the program no longer controls the vehicle."""

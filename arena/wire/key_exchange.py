@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from arena.wire import mavlink_minimal as mav
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame
+from arena.wire.mavlink_ids import KEY_EXCHANGE
 from arena.wire.mavlink_signing import (
     SETUP,
     FrameSigner,
@@ -16,7 +17,6 @@ from arena.wire.mavlink_signing import (
 )
 
 _REPEAT_S = 1.0
-_OWN = (252, 190)  # system and component of the tools that set up a vehicle
 
 
 class KeyExchange:
@@ -35,7 +35,7 @@ class KeyExchange:
         self.done, self.changed, self.problem = False, False, ""
         self.seen = False
         self._system, self._key, self._old_key = system, key, old_key
-        self._sender = mav.MinimalSender(*_OWN)
+        self._sender = mav.MinimalSender(KEY_EXCHANGE.system, KEY_EXCHANGE.component)
         self._old_signer = FrameSigner(old_key, SETUP) if old_key is not None else None
         self._uses_old_key = self._disarmed = False
         self._next = 0.0

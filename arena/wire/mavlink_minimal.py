@@ -7,7 +7,6 @@ this module, for all processes that need them.
 
 from __future__ import annotations
 
-import os
 import struct
 from typing import NamedTuple
 
@@ -100,14 +99,6 @@ class MinimalSender:
         """
         filled = (*params, *(0.0,) * (7 - len(params)))
         return _pack(self, COMMAND_LONG, _COMMAND.pack(*filled, number, system, component, 0))
-
-
-def own_component() -> int:
-    """Return a MAVLink component id for this process, 190 to 249, from its process id.
-
-    Two processes that run at the same time usually get different ids.
-    """
-    return 190 + os.getpid() % 60
 
 
 def pack_onboard_heartbeat(sender: MavlinkSender) -> bytes:

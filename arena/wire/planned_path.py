@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_frame import parse_frames
+from arena.wire.mavlink_ids import PROGRAM_COMPONENT
 from arena.wire.mavlink_layout import decoder
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class PathAssembler:
         for frame in parse_frames(data).frames:
             if (frame.msgid, frame.compid, frame.sysid) == (
                 PATH_MESSAGE,
-                mavlink.MAV_COMP_ID_ONBOARD_COMPUTER,
+                PROGRAM_COMPONENT,
                 self._system,
             ):
                 self._add(decoder(PATH_MESSAGE)(data, frame))

@@ -22,9 +22,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from arena.wire.mavlink_frame import Buffer, Frame, parse_frames
+from arena.wire.mavlink_ids import SENSORS_COMPONENT
 
-COMPONENT = 158
-"""MAV_COMP_ID_PERIPHERAL: component id of the emulated sensors of a vehicle."""
 DEBUG_FLOAT_ARRAY = 350
 _NEIGHBOUR, _BEACON = b"neighbour", b"beacon"
 _PAYLOAD = struct.Struct("<QH10s8f")
@@ -85,7 +84,7 @@ def measurement_payload(measurement: Measurement) -> bytes:
 
 def is_sensor_datagram(data: Buffer) -> bool:
     """Return whether a datagram begins with a frame of the emulated sensors. Other datagrams need not be parsed."""
-    return len(data) > _COMPID_PLACE and data[0] == 0xFD and data[_COMPID_PLACE] == COMPONENT
+    return len(data) > _COMPID_PLACE and data[0] == 0xFD and data[_COMPID_PLACE] == SENSORS_COMPONENT
 
 
 def measurements(datagram: Buffer, system_id: int) -> Iterator[Measurement]:
@@ -96,7 +95,7 @@ def measurements(datagram: Buffer, system_id: int) -> Iterator[Measurement]:
     A frame with a value that is not finite is ignored.
     """
     for frame in parse_frames(datagram).frames:
-        if frame.msgid != DEBUG_FLOAT_ARRAY or (frame.sysid, frame.compid) != (system_id, COMPONENT):
+        if frame.msgid != DEBUG_FLOAT_ARRAY or (frame.sysid, frame.compid) != (system_id, SENSORS_COMPONENT):
             continue
         found = _decode(datagram, frame)
         if found is not None:

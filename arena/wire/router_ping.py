@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import common as mavlink
 
-ROUTER_SYSTEM, ROUTER_COMPONENT = 254, 190
+from arena.wire.mavlink_ids import ROUTER
+
 PING_PERIOD_S = 2.0
 """Time between two PINGs [s]. The router forgets a tool that is silent for 10 s."""
 
 
 def ping_router() -> mavlink.MAVLink_ping_message:
     """Return a PING that is addressed to the router."""
-    return mavlink.MAVLink_ping_message(0, 0, ROUTER_SYSTEM, ROUTER_COMPONENT)
+    return mavlink.MAVLink_ping_message(0, 0, ROUTER.system, ROUTER.component)

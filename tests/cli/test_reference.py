@@ -17,6 +17,7 @@ PAGES = (
     "placeholders.md",
     "ros2-topics.md",
     "channels.md",
+    "mavlink-ids.md",
 )
 
 

@@ -12,9 +12,10 @@ from emergency_fleet import target
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.emergency import land_all as command_line
-from arena.emergency.first_commands import SIGNED_COMPONENT, send_first_commands
+from arena.emergency.first_commands import send_first_commands
 from arena.emergency.run_record import DirectAddress
 from arena.transport import ConnectionUrl
+from arena.wire.mavlink_ids import EMERGENCY
 
 HOST = "127.54.21.1"
 
@@ -61,7 +62,7 @@ def test_vehicle_that_signs_gets_commands_of_one_sender(ends):
         DirectAddress.of(ConnectionUrl(kind="udp", host=HOST, port=1)), key_file="uav1.key"
     )
     send_first_commands([dataclasses.replace(target(1, HOST), direct=direct)], "land")
-    assert {m.get_srcComponent() for m in commands(ends[0])} == {SIGNED_COMPONENT}
+    assert {m.get_srcComponent() for m in commands(ends[0])} == {EMERGENCY.signed}
 
 
 def test_first_command_is_sent_before_anything_is_printed(ends, monkeypatch, tmp_path):

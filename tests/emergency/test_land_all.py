@@ -23,7 +23,7 @@ from arena.emergency import dispatch, land_all, landing_sequence
 from arena.emergency.dispatch import TargetConnections, bring_down
 from arena.emergency.run_record import recorded_down
 from arena.emergency.targets import Found, Target
-from arena.wire.mavlink_minimal import own_component
+from arena.wire.mavlink_ids import EMERGENCY
 
 
 def land(targets, timeout_s=20.0, action="land"):
@@ -44,7 +44,7 @@ def test_all_are_landed_and_confirmed():
         "uav2: landed and disarmed",
     ]
     assert all(a.mode == "AUTO.LAND" and not a.armed and a.landed for a in fleet.autopilots.values())
-    assert senders(m for a in fleet.autopilots.values() for m in a.received) == {(253, own_component())}
+    assert senders(m for a in fleet.autopilots.values() for m in a.received) == {(253, EMERGENCY.component)}
 
 
 @pytest.mark.parametrize("path", ["panic", "tools"])
@@ -299,7 +299,7 @@ def test_all_are_landed_and_confirmed_through_a_real_router(tmp_path):
             router.terminate()
             assert router.wait(20) == 0
     assert code == 0, lines
-    assert senders(c for a in fleet.autopilots.values() for c in a.commands) == {(253, own_component())}
+    assert senders(c for a in fleet.autopilots.values() for c in a.commands) == {(253, EMERGENCY.component)}
 
 
 # the commands

@@ -8,9 +8,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.authority import parse_request
 from arena.clock import WallClock
 from arena.fcu_link import harmless_commands
-from arena.uav.connection import COMPONENT as PROGRAM
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import parse_frames
+from arena.wire.mavlink_ids import PROGRAM_COMPONENT as PROGRAM
 from arena.wire.telemetry import Telemetry
 
 from .link_rig import ENDS, ID, POSE, Rig, arm

@@ -15,7 +15,7 @@ class Vehicle:
 
     def __init__(self, *, armed: bool, flies: bool) -> None:
         self.info = SimpleNamespace(is_armed=armed, flight_mode="OFFBOARD")
-        self.control = SimpleNamespace(flies=lambda: flies)
+        self.control = SimpleNamespace(flies=lambda offboard_loss_s: flies and offboard_loss_s == 2.5)
         self.done: list[str] = []
 
     def auto_land(self) -> None:
@@ -27,7 +27,8 @@ class Vehicle:
 
 def ended(uav: Vehicle) -> list[str]:
     session = Session.__new__(Session)
-    session.vehicle, session.uav = SimpleNamespace(name="uav1"), uav
+    session.uav = uav
+    session.vehicle = SimpleNamespace(name="uav1", settings=SimpleNamespace(offboard_loss_s=2.5))
     session.end(say=lambda text: None)
     return uav.done
 

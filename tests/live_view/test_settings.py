@@ -35,6 +35,15 @@ def test_slice_of_the_plan_gives_room_fence_and_vehicles(tmp_path):
     assert len(simulated.rotors) == 4 and {r.clockwise for r in simulated.rotors} == {True, False}
 
 
+def test_offboard_loss_time_is_that_of_the_autopilot_of_the_vehicle(tmp_path):
+    text = YAML.replace("start: {position: [1, 0, 0]}", "params: {COM_OF_LOSS_T: 2.5}")
+    (tmp_path / "arena.yaml").write_text(f"{text}failsafe: {{offboard_loss: {{after_s: 1.5}}}}\n")
+    raw = make_plan(load_arena(tmp_path / "arena.yaml")).slices["view.json"]
+    assert [v.offboard_loss_s for v in Settings.from_slice(raw).vehicles] == [1.5, 2.5]
+    del raw["vehicles"][0]["offboard_loss_s"]  # a run of an older version
+    assert Settings.from_slice(raw).vehicles[0].offboard_loss_s == 1.0
+
+
 def test_only_the_capture_of_real_vehicles_is_received(tmp_path):
     (capture,) = Settings.from_slice(slice_of(tmp_path)).captures
     assert (capture["server"], capture["bodies"]) == ("127.0.0.3", ["uav2"])

@@ -9,8 +9,8 @@ from arena.live_view.tools_ports import ping_router
 from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import SENSORS_COMPONENT
 from arena.wire.relative_measurements import (
-    COMPONENT,
     DEBUG_FLOAT_ARRAY,
     NeighbourMeasurement,
     measurement_payload,
@@ -54,7 +54,7 @@ def router() -> Router:
     )
 
 
-def measurement(system: int = 1, component: int = COMPONENT) -> bytes:
+def measurement(system: int = 1, component: int = SENSORS_COMPONENT) -> bytes:
     return Codec(system, component).frame(DEBUG_FLOAT_ARRAY, measurement_payload(MEASURED))
 
 
@@ -91,7 +91,9 @@ def test_only_the_process_sensors_may_send(router: Router) -> None:
         measurement(system=2),
         measurement(component=1),
         measurement() + Codec(1, 1).pack(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)),
-        Codec(1, COMPONENT).pack(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)),
+        Codec(1, SENSORS_COMPONENT).pack(
+            mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+        ),
         b"no frame",
         b"",
     ],

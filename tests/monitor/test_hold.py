@@ -7,9 +7,10 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.authority import Authority, CommandGate, Role
 from arena.authority.command_gate import role_of_tool
 from arena.authority.requests import Kind, parse_request
-from arena.monitor.hold import RETRY_S, SYSTEM, TIMEOUT_S, Hold
+from arena.monitor.hold import RETRY_S, TIMEOUT_S, Hold
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import parse_frames
+from arena.wire.mavlink_ids import HOLD
 
 OFFBOARD, LOITER, POSCTL = 6 << 16, 4 << 16 | 3 << 24, 3 << 16
 ARMED = 128
@@ -41,7 +42,7 @@ def test_command_is_a_ground_stations_request_for_loiter():
     data = one.due(0.0)[0]
     request = parse_request(data, parse_frames(data).frames[0])
     assert request is not None and (request.kind, request.mode) == (Kind.MODE, "AUTO.LOITER")
-    assert role_of_tool(SYSTEM) is Role.GROUND_STATION
+    assert role_of_tool(HOLD.system) is Role.GROUND_STATION
 
 
 def test_programs_cannot_fly_the_vehicle_after_a_hold():

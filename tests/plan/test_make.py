@@ -10,6 +10,7 @@ import pytest
 from arena.plan import Plan, ProcessSpec, make_plan
 from arena.plan.make import process_names
 from arena.schema import Arena, load_arena
+from arena.wire.mavlink_ids import LARGEST_VEHICLE_ID
 
 FLEET = """\
 tools: {rec: {argv: [sleep, "1e3"], env: {B: "2", A: "1"}, restart: always}}
@@ -184,12 +185,14 @@ def test_ports_are_those_of_the_architecture_page(plan: Plan) -> None:
 
 
 def test_no_port_has_two_owners_in_the_largest_arena(tmp_path: Path) -> None:
-    rows = [f"  v{i}: {{id: {i}, start: {{position: [{i}, 0, 0]}}}}\n" for i in range(1, 251)]
+    rows = [
+        f"  v{i}: {{id: {i}, start: {{position: [{i}, 0, 0]}}}}\n" for i in range(1, LARGEST_VEHICLE_ID + 1)
+    ]
     (tmp_path / "a.yaml").write_text("world: {size: [600, 4, 3]}\nvehicles:\n" + "".join(rows))
     plan = make_plan(load_arena(tmp_path / "a.yaml", ["sim.processes=many"]), "py")
     claimed = [x.port for p in (*plan.processes, plan.land) if p for x in p.listens]
     claimed += [p for v in plan.vehicles for p in (v.port, v.sdk_port)] + [1511, 14550]
-    assert len(claimed) == len(set(claimed)) == 250 * 12 + 5
+    assert len(claimed) == len(set(claimed)) == LARGEST_VEHICLE_ID * 12 + 5
 
 
 def test_two_ends_of_a_link_match(plan: Plan) -> None:

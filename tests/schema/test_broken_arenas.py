@@ -231,7 +231,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "1: world.size[1]: ",
         "got -4, expected more than 0",
     ),
-    "id out of range": ("vehicles:\n  uav1: {id: 251}\n", "2: vehicles.uav1.id: ", "at most 250"),
+    "id out of range": ("vehicles:\n  uav1: {id: 250}\n", "2: vehicles.uav1.id: ", "at most 249"),
     "a host name for an address": (
         "address: localhost\nvehicles:\n" + V1,
         "1: address: ",

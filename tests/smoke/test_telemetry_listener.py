@@ -8,7 +8,8 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.plan import Plan
-from arena.smoke.flying.telemetry_listener import SYSTEM, TelemetryListener
+from arena.smoke.flying.telemetry_listener import TelemetryListener
+from arena.wire.mavlink_ids import REFEREE
 
 
 def test_heartbeats_and_missing_rates_are_requested(plan: Plan):
@@ -24,7 +25,9 @@ def test_heartbeats_and_missing_rates_are_requested(plan: Plan):
         listener.listen(1.0)
         asked, sender = _asked(tools[0], 3)
         assert {(m.command, m.param1) for m in asked} == {(512, 0), (511, 245), (511, 85)}
-        assert {m.get_srcSystem() for m in asked} == {SYSTEM} and all(m.target_system == 1 for m in asked)
+        assert {m.get_srcSystem() for m in asked} == {REFEREE.system} and all(
+            m.target_system == 1 for m in asked
+        )
         messages = [
             mavlink.MAVLink_heartbeat_message(2, 12, 128 | 1, 6 << 16, 3, 3),
             mavlink.MAVLink_extended_sys_state_message(0, 2),

@@ -15,9 +15,9 @@ from arena.uav.data_source import Body, Source
 from arena.uav.measurements import Measurements, RelativeSensors
 from arena.uav.poses import Poses
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import SENSORS_COMPONENT
 from arena.wire.px4_mode import mode_numbers, mode_words
 from arena.wire.relative_measurements import (
-    COMPONENT,
     DEBUG_FLOAT_ARRAY,
     BeaconMeasurement,
     Measurement,
@@ -55,7 +55,8 @@ class Bench:
 
     def measure(self, measurement: Measurement, system: int = 1) -> None:
         self.relative.on_datagram(
-            Codec(system, COMPONENT).frame(DEBUG_FLOAT_ARRAY, measurement_payload(measurement)), self.now
+            Codec(system, SENSORS_COMPONENT).frame(DEBUG_FLOAT_ARRAY, measurement_payload(measurement)),
+            self.now,
         )
 
     def receive(self, *messages: mavlink.MAVLink_message, prefix: bytes = b"") -> None:

@@ -99,6 +99,21 @@ def test_backends_without_a_channel_of_their_own_are_refused():
             one.backend.close()
 
 
+@pytest.mark.parametrize("name", ["Mavsdk", "add_any_connection", "subscribe_raw_bytes_to_be_sent"])
+def test_backend_that_cannot_be_made_gives_its_channel_back(monkeypatch, name):
+    def refuse(*_: object) -> None:
+        raise RuntimeError("no connection")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            mavsdk_backend.mavsdk if name == "Mavsdk" else mavsdk_backend.mavsdk.Mavsdk, name, refuse
+        )
+        for _ in range(mavsdk_backend._CHANNELS.LIMIT + 1):
+            with pytest.raises(RuntimeError, match="no connection"):
+                Sent(heartbeat=False)
+    Sent(heartbeat=False).backend.close()
+
+
 def test_errors_of_mavsdk_are_subscribed_once_per_process(monkeypatch):
     """A second subscription frees the function of the first one, which a thread of MAVSDK may call at this moment."""
     calls = []

@@ -85,6 +85,18 @@ def test_vehicle_is_flown_by_the_program_that_sends_its_setpoints(autopilot, uav
     assert not uav.control.flies()
 
 
+def test_silent_program_does_not_fly_a_vehicle_that_stays_in_offboard(autopilot, uav):
+    """A ROS 2 program takes over in OFFBOARD: its setpoints are the only reason why the failsafe does not act."""
+    autopilot.mode, autopilot.armed = "OFFBOARD", True
+    until(lambda: uav.info.is_armed and uav.info.flight_mode == "OFFBOARD")
+    uav.set_vel_yaw([0, 0, -1], 0.0, 50)
+    assert uav.control.flies(offboard_loss_s=0.1)
+    until(lambda: not uav.control.flies(offboard_loss_s=0.1))
+    assert uav.control.flies(offboard_loss_s=60.0)  # this autopilot's failsafe waits longer
+    uav.set_vel_yaw([0, 0, -1], 0.0, 50)
+    assert uav.control.flies(offboard_loss_s=0.1)
+
+
 def test_program_that_only_reads_sends_no_setpoint(autopilot, uav):
     until(lambda: len(autopilot.heartbeats) >= 2)
     assert autopilot.setpoints == []

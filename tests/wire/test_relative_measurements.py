@@ -8,8 +8,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import SENSORS_COMPONENT
 from arena.wire.relative_measurements import (
-    COMPONENT,
     DEBUG_FLOAT_ARRAY,
     BeaconMeasurement,
     Measurement,
@@ -23,7 +23,7 @@ NEAR = NeighbourMeasurement(12.5, 4, (1.5, -2.25, 0.5), (0.125, -0.25, 0.75), 0.
 BEACON = BeaconMeasurement(0.004, 2, 3.5, -1.25, 0.5, 0.25, 0.125, (3.0, -1.5, -2.5))
 
 
-def datagram(*found: Measurement, system: int = 7, component: int = COMPONENT) -> bytes:
+def datagram(*found: Measurement, system: int = 7, component: int = SENSORS_COMPONENT) -> bytes:
     codec = Codec(system, component)
     return b"".join(codec.frame(DEBUG_FLOAT_ARRAY, measurement_payload(m)) for m in found)
 
@@ -52,7 +52,7 @@ def test_measurements_are_read_back_in_order() -> None:
 
 def test_other_systems_components_and_names_are_ignored() -> None:
     other = mavlink.MAVLink_debug_float_array_message(0, b"my array", 1, [1.0] * 58)
-    data = other.pack(mavlink.MAVLink(None, srcSystem=7, srcComponent=COMPONENT))
+    data = other.pack(mavlink.MAVLink(None, srcSystem=7, srcComponent=SENSORS_COMPONENT))
     assert list(measurements(data, 7)) == []
     assert list(measurements(datagram(NEAR), 8)) == []
     assert not is_sensor_datagram(datagram(NEAR, component=1))

@@ -22,12 +22,11 @@ from arena.params.transfer.transfer import Ending, Outcome, ParamResult, Progres
 from arena.params.transfer.transports import ParamTarget, ParamTransport, open_transport
 from arena.params.transfer.uid_check import UidCheck
 from arena.params.transfer.writer import ParamWriter
-from arena.wire.mavlink_minimal import own_component
+from arena.wire.mavlink_ids import PARAMETER_TOOL
 from arena.wire.mavlink_params import VALUE, Value
 
 _POLL_PERIOD_S = 0.02
 _PROGRESS_PERIOD_S = 0.1
-SIGNED_COMPONENT = 190
 _SAVE_PERIOD_S = 0.5  # between two saves of the record, if no old value could be lost
 
 OnProgress = Callable[[Mapping[str, Progress]], None]
@@ -174,11 +173,7 @@ def reboot(targets: Mapping[str, ParamTarget]) -> dict[str, str]:
 
 
 def _component(target: ParamTarget) -> int:
-    """Return the MAVLink component id of this process.
-
-    For a vehicle with message signing the id never changes, because the vehicle accepts at most 16 senders.
-    """
-    return SIGNED_COMPONENT if target.key_file else own_component()
+    return PARAMETER_TOOL.component_at(signs=bool(target.key_file))
 
 
 def _push_report(connection: _Connection[ParamWriter], reboot_names: frozenset[str]) -> PushReport:

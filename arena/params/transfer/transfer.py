@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.params.transfer.uid_check import UidCheck
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, byte_at, uint_at
+from arena.wire.mavlink_ids import PARAMETER_TOOL
 from arena.wire.mavlink_minimal import AUTOPILOT_VERSION, parse_hardware_uid, result_words
 from arena.wire.mavlink_params import (
     ERROR,
@@ -28,7 +29,6 @@ from arena.wire.mavlink_params import (
     request_uid,
 )
 
-SYSTEM = 252
 CONNECT_TIMEOUT_S = 10.0  # for the first message of the vehicle
 VEHICLE_TIMEOUT_S = 3.0  # between two messages of the vehicle
 _HEARTBEAT_PERIOD_S = 1.0
@@ -91,7 +91,7 @@ class Transfer:
         self.system, self.uid = system, uid
         self.ending: Ending = ""
         self.armed: bool | None = None
-        self._codec = Codec(SYSTEM, component)
+        self._codec = Codec(PARAMETER_TOOL.system, component)
         self._component = component
         self._began = self._next_heartbeat = now
         self._received_at: float | None = None
@@ -146,7 +146,7 @@ class Transfer:
             self._on_value(parse_value(data, frame), now)
         elif (
             frame.msgid == ERROR
-            and frame.target_sys in (0, SYSTEM)
+            and frame.target_sys in (0, PARAMETER_TOOL.system)
             and frame.target_comp in (0, self._component)
         ):
             self._on_error(*parse_error(data, frame))
@@ -231,7 +231,7 @@ class Rebooter(Transfer):
     def _on_ack(self, data: Buffer, frame: Frame) -> None:
         if uint_at(data, frame, 0, 2) != REBOOT or self._sent_at is None:
             return
-        if frame.target_sys in (0, SYSTEM) and frame.target_comp in (0, self._component):
+        if frame.target_sys in (0, PARAMETER_TOOL.system) and frame.target_comp in (0, self._component):
             result = byte_at(data, frame, 2)
             self.refusal = "" if result == mavlink.MAV_RESULT_ACCEPTED else f"refused: {result_words(result)}"
             self.ending = "done"

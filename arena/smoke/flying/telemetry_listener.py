@@ -9,7 +9,6 @@ and set again if the messages do not arrive.
 
 from __future__ import annotations
 
-import os
 import select
 import socket
 import time
@@ -21,9 +20,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.plan.model import VehiclePlan
 from arena.transport import open_udp
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_ids import REFEREE
 from arena.wire.telemetry import Telemetry
 
-SYSTEM = 250
 _INTERVAL_US = 50_000  # of each message in _REQUESTED
 _REQUESTED = (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED)
 RECEIVED = {
@@ -48,7 +47,7 @@ class TelemetryListener:
 
     def __init__(self, vehicles: Sequence[VehiclePlan]) -> None:
         self.telemetry: Mapping[str, Telemetry] = {v.name: Telemetry(v.id, RECEIVED) for v in vehicles}
-        self._codec = Codec(SYSTEM, 190 + os.getpid() % 60)
+        self._codec = Codec(REFEREE.system, REFEREE.component)
         self._vehicles = {v.name: v for v in vehicles}
         self._sockets = {v.name: _open(v) for v in vehicles}
         self._next_heartbeat = dict.fromkeys(self._sockets, float("-inf"))
