@@ -1,4 +1,7 @@
-"""Process of the ROS 2 bridge. Run as `python -m arena.ros2 slice.json`. No process of the arena needs it or waits for it."""
+"""Process of the ROS 2 bridge: `python -m arena.ros2 slice.json`.
+
+No process of the arena needs it or waits for it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ _REPORT_PERIOD_S = 1.0
 
 
 class Ros2Process:
-    """Process of the bridge: the loop."""
+    """Process of the ROS 2 bridge with its main loop."""
 
     def __init__(self, room: ProcessContext) -> None:
         self._room = room
@@ -24,7 +27,7 @@ class Ros2Process:
         room.ready()
 
     def run(self) -> None:
-        """Run until a stop signal, or until the supervisor has died."""
+        """Run the bridge until a stop signal arrives or the supervisor has died."""
         due = time.monotonic()
         while not self._room.stopping:
             now = time.monotonic()
@@ -45,7 +48,7 @@ class Ros2Process:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the process and return its exit code."""
+    """Run the bridge process and return its exit code."""
     return run_process("arena:ros2", _make, argv)
 
 

@@ -1,4 +1,4 @@
-"""Bridge between the vehicles of an arena and ROS 2: its sockets, its DDS topics, and one poll of both.
+"""ROS 2 bridge of an arena: opens sockets and DDS topics, and polls both for new messages.
 
 Telemetry comes from the tools ports of the router. Setpoints and commands go the same way, so the router treats them as those of a
 user program.
@@ -51,7 +51,7 @@ _MAX_DATAGRAMS = 500
 
 
 class VehicleBridge:
-    """Bridge of one vehicle. It never blocks.
+    """ROS 2 bridge of one vehicle. It never blocks.
 
     row: entry of the vehicle in the slice. participant: DDS participant of the bridge.
     setpoints: whether ROS 2 may send setpoints and commands. rate_hz: most messages per second and topic [Hz].
@@ -77,7 +77,7 @@ class VehicleBridge:
         self._pinged, self._heart = float("-inf"), float("-inf")
 
     def poll(self, ros_now: float, now: float) -> None:
-        """Publish new telemetry, and send each new setpoint and command once.
+        """Publish new telemetry, and send each new setpoint or command once to the vehicle.
 
         ros_now: ROS time [s].
         now: monotonic [s].
@@ -103,7 +103,10 @@ class VehicleBridge:
         self.outgoing.on_telemetry(self._telemetry, ros_now)
 
     def close(self) -> None:
-        """Close the socket. No command is sent: a vehicle in OFFBOARD enters its offboard failsafe."""
+        """Close the socket without sending a command.
+
+        A vehicle in OFFBOARD then enters its offboard loss failsafe.
+        """
         self._socket.close()
 
     def _acks(self, ros_now: float) -> None:
@@ -149,7 +152,7 @@ class VehicleBridge:
 
 
 class Bridge:
-    """Bridge of all vehicles.
+    """ROS 2 bridge of all vehicles of an arena.
 
     settings: configuration of the process (slice).
     """
@@ -175,7 +178,7 @@ class Bridge:
         self._clock_s = -1.0
 
     def poll(self, now: float) -> None:
-        """Receive from both sides and pass on what is new.
+        """Receive messages from ROS 2 and from the vehicles, and pass on the new messages.
 
         now: monotonic [s].
         """
@@ -205,21 +208,21 @@ class Bridge:
         }
 
     def events(self) -> list[str]:
-        """Return the new events, which the caller reports to the supervisor. Each event is returned once."""
+        """Return the events since the last call. The caller reports them to the supervisor."""
         found = [text for v in self.vehicles for text in v.incoming.events]
         for v in self.vehicles:
             v.incoming.events.clear()
         return found
 
     def close(self) -> None:
-        """Close all sockets. No command is sent."""
+        """Close all sockets without sending a command."""
         for vehicle in self.vehicles:
             vehicle.close()
         for capture in self._captures:
             capture.close()
 
     def _ros_time(self) -> float:
-        """Return the ROS time [s]: simulation time in a simulated arena, else Unix time."""
+        """Return the ROS time [s]: simulation time in a simulated arena, otherwise Unix time."""
         if not self._clock_path:
             return time.time()
         if self._clock is None:

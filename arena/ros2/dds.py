@@ -1,4 +1,4 @@
-"""DDS participant of the bridge: writers and readers of ROS 2 topics, made with Eclipse Cyclone DDS.
+"""DDS participant of the ROS 2 bridge, with writers and readers of topics (Eclipse Cyclone DDS).
 
 Nothing here blocks: a sample that a reader does not accept at once is dropped and counted. A reader keeps only the newest sample.
 """
@@ -21,7 +21,7 @@ CONFIGURATION_VARIABLE = "CYCLONEDDS_URI"
 
 
 def configuration(address: str) -> str:
-    """Return Cyclone DDS's configuration for one network interface.
+    """Return the Cyclone DDS configuration for one network interface.
 
     address: numeric address of the interface. On a loopback address participants are found by unicast on this computer, as
     ROS 2 nodes of every vendor listen there, too.
@@ -40,7 +40,7 @@ def configuration(address: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Sample:
-    """A received message.
+    """Message that was received from a ROS 2 topic.
 
     age_s: time since its sender wrote the message, by the clocks of both computers [s].
     """
@@ -50,7 +50,7 @@ class Sample:
 
 
 class Participant:
-    """Participant in one ROS 2 domain.
+    """DDS participant in one ROS 2 domain.
 
     domain: ROS_DOMAIN_ID. address: numeric address of the network interface.
     dropped: number of samples that could not be written at once.
@@ -96,7 +96,10 @@ class Participant:
         return write
 
     def reader(self, topic: str, name: str) -> Callable[[], Sample | None]:
-        """Return a function that takes the newest message of a topic; None if none has arrived since the last call."""
+        """Return a function that reads the newest message of a topic.
+
+        The function returns None if no message has arrived since its last call.
+        """
         from cyclonedds.core import Policy, Qos
         from cyclonedds.sub import DataReader
 
@@ -130,7 +133,7 @@ def _common(depth: int) -> tuple[Any, ...]:
 
 @cache
 def type_of(name: str) -> Any:
-    """Return Cyclone DDS's class of a ROS 2 message, made from its fields."""
+    """Return the Cyclone DDS class for a ROS 2 message type. The class is built from the fields of the type."""
     from cyclonedds.idl import IdlStruct, make_idl_struct
 
     found = {field: _idl(kind) for field, kind in fields()[name].items()}
@@ -165,5 +168,5 @@ def _mapping(name: str, instance: Any) -> dict[str, Any]:
 
 
 def _array(types: Any, kind: Any, size: int) -> Any:
-    """Return the type of an array with a fixed size, or of a sequence if the size is 0."""
+    """Return the DDS type of an array with a fixed size. Size 0 means a sequence of any length."""
     return types.array[kind, size] if size else types.sequence[kind]

@@ -1,4 +1,4 @@
-"""Decides which setpoints and commands from ROS 2 may reach one vehicle, and converts them to MAVLink. Pure.
+"""Checks which ROS 2 setpoints and commands may reach one vehicle, and converts them to MAVLink. Pure.
 
 Each message from ROS 2 gives at most one MAVLink message, at once: nothing is sent again. The messages pass the router like those
 of a user program, so pilot, land-all and copilot have priority. This module also drops setpoints that are too old or in a frame other
@@ -67,13 +67,13 @@ _NO_VALUE = [0.0, 0.0, 0.0]
 
 @dataclass(frozen=True, kw_only=True)
 class _Flown:
-    """State of the vehicle at the last heartbeat, while ROS 2 flies it."""
+    """State of a vehicle that ROS 2 flies, from its last heartbeat."""
 
     armed: bool
 
 
 class Incoming:
-    """Filter and converter of the messages from ROS 2 to one vehicle.
+    """Filter and converter of ROS 2 messages to one vehicle.
 
     name: name of the vehicle. system_id: MAV_SYS_ID.
     dropped: number of dropped messages by reason. events: texts to report, which the caller removes.
@@ -91,7 +91,7 @@ class Incoming:
         self._mode_at, self._control_mode = -math.inf, frozenset[str]()
 
     def on_heartbeat(self, heart: HeartbeatState, now: float) -> None:
-        """Check whether ROS 2 still controls the vehicle. Call this method with every heartbeat.
+        """Check whether ROS 2 still controls the vehicle. Call it with every heartbeat of the autopilot.
 
         now: [s].
 
@@ -106,7 +106,10 @@ class Incoming:
             self._flown = _Flown(armed=heart.armed)
 
     def _lose(self, what: str, now: float) -> None:
-        """Drop setpoints from now on, unless ROS 2 itself has commanded the vehicle to leave OFFBOARD or to disarm."""
+        """Drop setpoints from now on, because ROS 2 has lost control of the vehicle.
+
+        ROS 2 keeps control if it has itself commanded the vehicle to leave OFFBOARD or to disarm.
+        """
         self._flown = None
         if now - self._left_at <= LEAVING_S:
             return
@@ -116,7 +119,7 @@ class Incoming:
         )
 
     def on_pose(self, sample: Sample, now: float) -> list[mavlink.MAVLink_message]:
-        """Convert a setpoint `geometry_msgs/PoseStamped`: position and yaw [ENU] in the frame `map`.
+        """Convert a `geometry_msgs/PoseStamped` setpoint: position and yaw [ENU] in the frame `map`.
 
         now: [s].
         """
@@ -131,7 +134,7 @@ class Incoming:
         return [self.encoder.pos_yaw(ned_from_world(p_w), yaw, now)]
 
     def on_velocity(self, sample: Sample, now: float) -> list[mavlink.MAVLink_message]:
-        """Convert a setpoint `geometry_msgs/TwistStamped`: velocity [ENU] and yaw rate about the axis up, in the frame `map`."""
+        """Convert a `geometry_msgs/TwistStamped` setpoint: velocity and yaw rate [ENU] in the frame `map`."""
         if not self._takes_setpoint(sample, now) or not self._in_world(sample.message):
             return []
         twist = sample.message["twist"]
@@ -142,13 +145,19 @@ class Incoming:
         return [self._local(now, mask, vel=ned_from_world(v_w).tolist(), yaw_rate=-rate)]
 
     def on_control_mode(self, sample: Sample, now: float) -> None:
-        """Store PX4's `OffboardControlMode`: which fields of the trajectory setpoint are used. The message alone gives no setpoint."""
+        """Store PX4's `OffboardControlMode`, which selects the fields of the trajectory setpoint.
+
+        The message alone is not a setpoint.
+        """
         if self._is_current(sample):
             self._mode_at = now
             self._control_mode = frozenset(key for key, value in sample.message.items() if value is True)
 
     def on_trajectory(self, sample: Sample, now: float) -> list[mavlink.MAVLink_message]:
-        """Convert PX4's `TrajectorySetpoint` [NED]. NaN: the field is not used. Needs an `OffboardControlMode` that is newer than 0.5 s."""
+        """Convert PX4's `TrajectorySetpoint` [NED]. A field with NaN is not used.
+
+        It needs an `OffboardControlMode` that is at most 0.5 s old.
+        """
         if not self._takes_setpoint(sample, now):
             return []
         if now - self._mode_at > CONTROL_MODE_S:
@@ -176,7 +185,10 @@ class Incoming:
         return [self._local(now, mask, **values, yaw=yaw, yaw_rate=rate)]
 
     def on_px4_command(self, sample: Sample, now: float) -> list[mavlink.MAVLink_message]:
-        """Convert PX4's `VehicleCommand` to COMMAND_LONG or COMMAND_INT. A command for another system is dropped."""
+        """Convert PX4's `VehicleCommand` to COMMAND_LONG or COMMAND_INT.
+
+        Commands for another system id are dropped.
+        """
         if not self._is_current(sample):
             return []
         m = sample.message
@@ -186,7 +198,7 @@ class Incoming:
         return self._command(m["command"], params, now)
 
     def on_command(self, sample: Sample, now: float) -> list[mavlink.MAVLink_message]:
-        """Convert a text of the topic `command`: one of COMMANDS."""
+        """Convert a text command from the topic `command`, one of COMMANDS."""
         if not self._is_current(sample):
             return []
         text = sample.message["data"].strip().lower()
@@ -200,7 +212,9 @@ class Incoming:
         return self._command(SET_MODE, (1.0, *map(float, mode_numbers(_MODES[text]))), now)
 
     def _command(self, number: int, params: Sequence[float], now: float) -> list[mavlink.MAVLink_message]:
-        """Return COMMAND_LONG, or COMMAND_INT for a command with a place: as 32-bit floats, latitude and longitude are rounded to 0.4 m.
+        """Return a command as COMMAND_INT if it contains a position, otherwise as COMMAND_LONG.
+
+        COMMAND_LONG has 32-bit floats, which round latitude and longitude to 0.4 m.
 
         A place that is not given (NaN) stays in COMMAND_LONG, because PX4 before v1.13 reads INT32_MAX as a number.
         A request for OFFBOARD takes the vehicle back, if the router allows it.

@@ -1,4 +1,4 @@
-"""ROS 2 messages that the bridge uses: their fields, and messages with all fields as mappings. Pure.
+"""Definitions of the ROS 2 messages that the bridge uses. Messages are dictionaries with all fields. Pure.
 
 `messages.csv` has one row per field. The fields of `px4_msgs` are those of PX4 v1.16. A message is a dict: field -> value.
 """
@@ -17,7 +17,10 @@ Message = Mapping[str, Any]
 
 @cache
 def fields() -> dict[str, dict[str, str]]:
-    """Return message name -> field name -> type, such as `geometry_msgs/Pose` -> `position` -> `geometry_msgs/Point`."""
+    """Return message name -> field name -> field type.
+
+    Example: `geometry_msgs/Pose` -> `position` -> `geometry_msgs/Point`.
+    """
     found: dict[str, dict[str, str]] = {}
     with resources.files(__package__).joinpath("messages.csv").open() as file:
         for row in csv.DictReader(file):
@@ -26,7 +29,9 @@ def fields() -> dict[str, dict[str, str]]:
 
 
 def message(name: str, **given: Any) -> dict[str, Any]:
-    """Return a message with all fields. Fields that are not given are NaN (floating point), 0, false or empty.
+    """Return a ROS 2 message with all its fields. Missing fields get a default.
+
+    The default is NaN for floating point numbers, otherwise 0, false or empty.
 
     Raises KeyError if the message has no such field.
     """
@@ -51,11 +56,11 @@ def _empty(kind: str) -> Any:
 
 
 def dds_type(name: str) -> str:
-    """Return the name of a type in DDS, by the rules of ROS 2: `geometry_msgs::msg::dds_::Pose_`."""
+    """Return the DDS name of a ROS 2 type, such as `geometry_msgs::msg::dds_::Pose_`."""
     package, _, kind = name.partition("/")
     return f"{package}::msg::dds_::{kind}_"
 
 
 def dds_topic(name: str) -> str:
-    """Return the name of a topic in DDS, by the rules of ROS 2: `rt/uav1/pose` for `/uav1/pose`."""
+    """Return the DDS name of a ROS 2 topic, such as `rt/uav1/pose` for `/uav1/pose`."""
     return f"rt/{name.lstrip('/')}"

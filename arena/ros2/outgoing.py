@@ -1,4 +1,4 @@
-"""Makes ROS 2 messages of a vehicle's telemetry and motion-capture poses. Pure.
+"""Converts a vehicle's telemetry and motion capture poses to ROS 2 messages. Pure.
 
 Frames: `map` is the arena's world (ENU), `NAME/base_link` the vehicle's body (FLU), as REP 103 and REP 105 define them. Messages of
 px4_msgs are in NED and FRD, as PX4 publishes them. `arena.geometry` converts. Fields without a source in MAVLink are NaN or 0.
@@ -43,7 +43,7 @@ NAV_STATES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """Topic of a vehicle.
+    """ROS 2 topic of a vehicle.
 
     name: relative to the vehicle's namespace. message: ROS 2 message. px4: message of px4_msgs, with PX4's quality of service.
     """
@@ -111,7 +111,7 @@ Publish = Callable[[str, Message], None]
 
 
 class Outgoing:
-    """Publishes new values of one vehicle's telemetry.
+    """Publisher of one vehicle's telemetry on ROS 2 topics. It publishes new values only.
 
     name: name of the vehicle. system_id: MAV_SYS_ID. publish: called with (topic, message). rate_hz: most messages per second and topic.
     """
@@ -123,7 +123,7 @@ class Outgoing:
         self._due: dict[str, float] = {}
 
     def on_telemetry(self, telemetry: Telemetry, now: float) -> None:
-        """Publish the values that are new since the last call.
+        """Publish the telemetry values that have changed since the last call.
 
         now: ROS time [s].
         """
@@ -141,7 +141,7 @@ class Outgoing:
                     self._publish(name, made)
 
     def on_pose(self, p_n: ArrayLike, q_nb: ArrayLike, time_s: float, now: float) -> None:
-        """Publish a tracked pose of motion capture.
+        """Publish a motion capture pose of the vehicle, if the body is tracked.
 
         p_n: [m] [NED] (3,).
         q_nb: [-] wxyz (4,).
@@ -163,7 +163,10 @@ class Outgoing:
         self._publish(f"{PX4_OUT}/vehicle_command_ack", made)
 
     def _is_new(self, key: str, stamp: float, now: float) -> bool:
-        """Return whether a value has changed and its topic is due. The due times form a grid, so that the rate is exact."""
+        """Return whether a value has changed and its topic is due to be published.
+
+        The due times form a fixed grid, so that the rate is exact.
+        """
         due = self._due.get(key, now)
         if self._seen.get(key) == stamp or now < due - 1e-6:
             return False
@@ -261,7 +264,7 @@ class Outgoing:
 
 
 def clock_message(now: float) -> Message:
-    """Return a message of the topic `/clock`.
+    """Return a message for the ROS 2 topic `/clock`.
 
     now: simulation time [s].
     """

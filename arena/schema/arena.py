@@ -1,4 +1,4 @@
-"""The validated arena that `load_arena` returns: frozen dataclasses in which every default is filled in."""
+"""The validated arena that `load_arena` returns, as frozen dataclasses without missing values."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Autopilot = Literal["builtin", "px4", "hardware", "hitl"]
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """A value of the arena, with its source as text: `arena.yaml:14`, `default`, `profile iris` or `--set`."""
+    """Value of the arena with its source as text: `arena.yaml:14`, `default`, `profile iris` or `--set`."""
 
     value: Value
     source: str
@@ -55,7 +55,7 @@ class Px4:
 
     @property
     def words(self) -> str:
-        """Name for messages: `PX4` with its version, or `arena's stand-in for PX4`.
+        """Name of this PX4 for messages: `PX4` with its version, or `arena's stand-in for PX4`.
 
         The stand-in is the built-in autopilot with PX4's simulator API, for computers without PX4.
         """
@@ -66,7 +66,7 @@ class Px4:
 
 @dataclass(frozen=True, kw_only=True)
 class Fence:
-    """The geofence: the box that the vehicles' centres must stay in, already reduced by the margin.
+    """Geofence box in which the vehicles' centres must stay. The margin is already subtracted.
 
     north, east: lowest and highest coordinate [m] [NED].
     up: height above the floor [m].
@@ -77,7 +77,7 @@ class Fence:
     up: float
 
     def slice(self) -> dict[str, Any]:
-        """Return the box as a JSON object, for the configuration files (slices) of processes."""
+        """Return the geofence as a JSON object for the configuration files (slices) of processes."""
         return {"north": list(self.north), "east": list(self.east), "up": self.up}
 
     def farthest(self, north: float, east: float) -> float:
@@ -106,13 +106,13 @@ class Program:
 
     @property
     def is_python(self) -> bool:
-        """True for a Python file (.py), which arena's Python runs. False for another executable."""
+        """True for a Python file (.py), which arena starts with Python. False for other executables."""
         return self.path.endswith(".py")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """A vehicle, with every default filled in.
+    """Vehicle of the arena, with all default values filled in.
 
     id: MAVLink system id (MAV_SYS_ID).
     profile: vehicle profile, already changed by `overrides`.
@@ -170,7 +170,7 @@ class Vehicle:
     px4_version: str = ""
 
     def port_address(self, port: Port, address: str) -> tuple[str, int] | None:
-        """Return the address (host, port number) of one port of this vehicle; None if this vehicle does not use such a port.
+        """Return (host, port number) of one kind of port, or None if this vehicle does not use such a port.
 
         port: row of the port table. address: the arena's address.
         """
@@ -190,7 +190,10 @@ class Vehicle:
 
     @property
     def has_ground_link(self) -> bool:
-        """True if the autopilot has a second MAVLink link, for ground stations only. A flight controller has one link for everything."""
+        """True if the autopilot has a separate MAVLink link for ground stations.
+
+        A real flight controller has a single link for all messages.
+        """
         return self.autopilot in ("builtin", "px4")
 
     @property
@@ -200,13 +203,15 @@ class Vehicle:
 
     @property
     def simulated(self) -> bool:
-        """True if the vehicle's body is in the simulated world. The autopilot can still be a real flight controller (hitl)."""
+        """True if the vehicle's body is simulated. Its autopilot can still be a real flight controller (hitl)."""
         return self.autopilot != "hardware"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Arena:
-    """A validated arena.yaml with all defaults. PX4 parameters and processes are derived from it later, in `arena.plan`.
+    """A validated arena.yaml with all defaults.
+
+    PX4 parameters and processes are derived from it later, in `arena.plan`.
 
     file: path of the YAML as the user gave it.
     folder: absolute path of the folder of the YAML.
@@ -239,12 +244,12 @@ class Arena:
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
 
     def vehicle(self, name: str) -> Vehicle:
-        """Return a vehicle by its name. Raises KeyError."""
+        """Return the vehicle with a given name. Raises KeyError if there is no such vehicle."""
         return {v.name: v for v in self.vehicles}[name]
 
     @property
     def simulated(self) -> tuple[Vehicle, ...]:
-        """Vehicles with a body in the simulated world. The world's arrays have one row per vehicle in this order."""
+        """Vehicles with a simulated body. Arrays of the world have one row per vehicle in this order."""
         return tuple(v for v in self.vehicles if v.simulated)
 
     @property
@@ -255,7 +260,7 @@ class Arena:
 
     @property
     def groups(self) -> dict[str, tuple[Vehicle, ...]]:
-        """Groups whose programs run in one process: name -> vehicles, in the order of the YAML."""
+        """Groups of vehicles whose programs run in one process: group name -> vehicles in the order of the YAML."""
         names = dict.fromkeys(
             v.program.group for v in self.vehicles if v.program is not None and v.program.group
         )
@@ -269,7 +274,7 @@ class Arena:
         return tuple(v for v in self.vehicles if not v.simulated)
 
     def port_address(self, port: Port, vehicle: Vehicle | None = None) -> tuple[str, int] | None:
-        """Return the address (host, port number) of one kind of port; None if this arena or vehicle does not use such a port.
+        """Return (host, port number) of one kind of port, or None if the arena or vehicle does not use such a port.
 
         port: row of the port table. vehicle: needed if each vehicle has such a port (`port.per_vehicle`).
         """
@@ -291,6 +296,6 @@ class Arena:
 
     @property
     def foxglove(self) -> tuple[str, int] | None:
-        """Address (host, port number) of the WebSocket for Foxglove; None if the YAML has no `log.foxglove`."""
+        """Address (host, port number) of the WebSocket for Foxglove, or None without `log.foxglove` in the YAML."""
         shown = self.log.foxglove
         return None if shown is None else (shown.address or self.address, shown.port)

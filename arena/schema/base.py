@@ -9,7 +9,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 
 class Strict(BaseModel):
-    """Base class of the pydantic models of all YAML sections: frozen and strict. Refuses unknown keys, NaN and infinity.
+    """Strict base class of the pydantic models of all YAML sections.
+
+    The models are frozen. They refuse unknown keys, NaN and infinity.
 
     pydantic builds a validator at the first validation, so that only models of documents get one (`defer_build`).
     Default values that are models themselves are therefore made with `model_construct`, and `as_dict` replaces `model_dump`:
@@ -26,7 +28,7 @@ class Strict(BaseModel):
     )
 
     def as_dict(self, *, json: bool = False, without_none: bool = False) -> dict[str, Any]:
-        """Return the values of the model as {key: value}. Nested models become dicts, too.
+        """Return the values of a model as a dictionary. Nested models become dictionaries, too.
 
         json: tuples become lists. without_none: keys whose value is None are omitted.
         """

@@ -1,4 +1,7 @@
-"""Input of the cross-checks (checks that involve several YAML keys): the arena, line numbers, and access to files."""
+"""Input of the cross-checks: the arena, its line numbers, and file access.
+
+A cross-check involves several YAML keys.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,10 @@ from arena.schema.source import Source
 
 
 class Files(Protocol):
-    """Interface to the file system for the checks, so that tests can replace the real files. Paths are absolute."""
+    """Interface to the file system for the cross-checks. Tests can replace the real files.
+
+    All paths are absolute.
+    """
 
     def is_file(self, path: str) -> bool: ...
 
@@ -29,7 +35,7 @@ class Files(Protocol):
 
 
 class RealFiles:
-    """Implementation of `Files` that reads the file system of this computer."""
+    """File system of this computer, for the cross-checks."""
 
     def is_file(self, path: str) -> bool:
         return Path(path).is_file()
@@ -52,8 +58,9 @@ class RealFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """Input of a cross-check (a check that involves several YAML keys), with methods that find the line of a value and describe
-    a problem.
+    """Input of a cross-check, with methods that find the line of a value and report a problem.
+
+    A cross-check involves several YAML keys.
 
     pruned: paths of values that are already reported as wrong; checks skip them.
     """
@@ -64,13 +71,11 @@ class Check:
     files: Files
 
     def where(self, vehicle: str, *key: str) -> YamlPath:
-        """Return the YAML path of a vehicle's key: the path under the vehicle if the YAML gives the key there, else the path
-        under `defaults`.
-        """
+        """Return the YAML path of a vehicle's key: under the vehicle if it is there, else under `defaults`."""
         return self.source.layer(vehicle, *key)
 
     def place_of(self, vehicle: Vehicle, key: str) -> str:
-        """Return file and line of a vehicle's key as text: `arena.yaml:14`."""
+        """Return file and line of a vehicle's key as text, such as `arena.yaml:14`."""
         file, line = self.source.place(self.where(vehicle.name, key))
         return f"{file}:{line}" if line else file
 
@@ -79,6 +84,6 @@ class Check:
         return self.source.problem(("vehicles", vehicle, *key), message, at=self.where(vehicle, *words))
 
     def sound(self, vehicle: Vehicle, *keys: str) -> bool:
-        """Return whether no problem has been reported for these keys of a vehicle, so that a check can use their values."""
+        """Return whether these keys of a vehicle have no reported problem. Then a check can use their values."""
         roots = [("vehicles", vehicle.name, key) for key in keys] + [("defaults", key) for key in keys]
         return not any(path[: len(root)] == root for path in self.pruned for root in roots)

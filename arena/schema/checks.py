@@ -32,13 +32,13 @@ _LEAST_POSE_RATE_HZ = 10.0  # PX4's estimator stops fusing after gaps of 0.2 s
 
 
 def check(c: Check) -> list[Problem]:
-    """Run all cross-checks (checks that involve several YAML keys) and return every problem of the arena."""
+    """Run all cross-checks of an arena and return every problem that they find."""
     found = [p for one in _CHECKS for p in one(c)]
     return list(dict.fromkeys(p for p in found if p is not None))
 
 
 def _names(c: Check) -> Iterator[Problem]:
-    """Check the names of vehicles and tools.
+    """Check that the names of vehicles and tools are valid.
 
     Only some characters are allowed, because arena also uses these names for files, processes and rigid bodies.
     """
@@ -73,7 +73,10 @@ def _not_yet(c: Check) -> Iterator[Problem]:
 
 
 def _empty_sections(c: Check) -> Iterator[Problem]:
-    """Refuse an empty section `copilot:` or `geofence:`, because it looks enabled but has no effect. `--set copilot=null` is allowed."""
+    """Refuse an empty section `copilot:` or `geofence:`. It looks enabled but has no effect.
+
+    `--set copilot=null` is allowed.
+    """
     written = c.source.document.data
     for key, meaning in (("copilot", "all its defaults"), ("geofence", "the whole room")):
         if (
@@ -128,7 +131,10 @@ def _free_id(arena: Arena) -> int:
 
 
 def _ports(c: Check) -> Iterator[Problem]:
-    """Check that every port number is used only once in the arena. Vehicles with the same id are skipped, because `_ids` reports them."""
+    """Check that every port number is used only once in the arena.
+
+    Vehicles with the same id are skipped, because `_ids` reports them.
+    """
     owners: dict[int, tuple[str, YamlPath]] = {}
     reported: set[tuple[str, ...]] = set()
     for port, words, path in _claims(c):
@@ -143,7 +149,7 @@ def _ports(c: Check) -> Iterator[Problem]:
 
 
 def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlPath]) -> Problem:
-    """Return a problem that names two YAML keys or processes with the same port number.
+    """Return a problem that names the two YAML keys or processes that use the same port number.
 
     The problem is reported at the YAML key of `one`. If the user wrote only the key of `two`, it is reported
     at the key of `two`.
@@ -158,7 +164,7 @@ def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlP
 
 
 def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
-    """Yield each port number of the arena with its use: (number, use as text, path of the YAML key that sets the number)."""
+    """Yield (port number, use as text, YAML path of the key) for each port number of the arena."""
     for port in PORTS:
         place = c.arena.port_address(port)
         if place is not None:
@@ -193,7 +199,7 @@ def _port_range(c: Check) -> Iterator[Problem]:
 
 
 def _start(c: Check) -> Iterator[Problem]:
-    """Check that the whole body of every simulated vehicle starts inside the room."""
+    """Check that every simulated vehicle starts completely inside the room."""
     north, east, height = c.arena.world.size
     for v in c.arena.simulated:
         if not c.sound(v, "start", "profile") or ("world", "size") in c.pruned:
@@ -210,8 +216,9 @@ def _start(c: Check) -> Iterator[Problem]:
 
 
 def _beside(c: Check, v: Vehicle, axis: str, value: float, room: float) -> Iterator[Problem]:
-    """Check on one horizontal axis that a simulated vehicle starts inside the room, at least its own radius away from the
-    walls.
+    """Check on one horizontal axis that a simulated vehicle starts inside the room.
+
+    Its centre must be at least its own radius away from the walls.
 
     room: largest allowed distance from the room's middle [m].
     """

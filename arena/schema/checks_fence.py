@@ -27,8 +27,7 @@ def fence(c: Check) -> Iterator[Problem]:
 
 
 def _span(c: Check, axis: str, kept: tuple[float, float]) -> Iterator[Problem]:
-    """Check the fence's limits on one horizontal axis: they must be in order, leave space after the margin,
-    and lie inside the room's walls.
+    """Check the fence's limits on one horizontal axis: order, space after the margin, inside the walls.
 
     kept: lowest and highest coordinate [m], already reduced by the margin.
     """
@@ -59,7 +58,7 @@ def _up(c: Check, kept: float) -> Iterator[Problem]:
 
 
 def _start(c: Check, v: Vehicle) -> Iterator[Problem]:
-    """Check that a vehicle's centre starts inside the fence."""
+    """Check that a vehicle's centre is inside the geofence at the start."""
     box, (n, e, d) = c.arena.geofence, v.position
     if box is None:
         return

@@ -1,4 +1,7 @@
-"""Cross-checks of groups, whose programs run in one process, and of ranges of vehicles. Pure."""
+"""Cross-checks of groups and of ranges of vehicles. Pure.
+
+The programs of a group run in one process.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from arena.schema.checking import Check
 
 
 def _groups(c: Check) -> Iterator[Problem]:
-    """Check that all vehicles of a group have the same program, and that all are simulated or all are real."""
+    """Check that all vehicles of a group have the same program, and are all simulated or all real."""
     for v in c.arena.vehicles:
         if v.program is not None and v.program.once and not v.program.group and c.sound(v, "program"):
             said = "got once, but the program has no group. Add `group`, or remove `run`."
@@ -57,9 +60,7 @@ def _differences(c: Check, group: str, first: Vehicle, other: Vehicle) -> Iterat
 
 
 def _settings(one: Program, two: Program) -> Iterator[tuple[str, str, str]]:
-    """Yield (key, value of the first program, value of the second) for each setting that the programs of a group must have in
-    common.
-    """
+    """Yield each setting that two programs of a group must share: (key, first value, second value)."""
     yield "path", one.path, two.path
     yield "restart", one.restart, two.restart
     yield "run", "once" if one.once else "each", "once" if two.once else "each"
@@ -68,7 +69,10 @@ def _settings(one: Program, two: Program) -> Iterator[tuple[str, str, str]]:
 
 
 def _grids(c: Check) -> Iterator[Problem]:
-    """Check that `start.grid`, which places vehicles in rows, is used only for ranges of vehicles such as `uav1..uav48`."""
+    """Check that `start.grid` is used only for ranges of vehicles, such as `uav1..uav48`.
+
+    It places the vehicles in rows.
+    """
     for v in c.arena.vehicles:
         path = c.where(v.name, "start", "grid")
         if c.source.given(path) and c.source.range_of(v.name) is None and c.sound(v, "start"):

@@ -17,7 +17,7 @@ _ROUNDING_M = 1e-6
 
 
 def obstacles(c: Check) -> Iterator[Problem]:
-    """Check that each obstacle has the numbers of its shape, is inside the room, and is not at the start of a vehicle."""
+    """Check the size and place of each obstacle: right number of values, inside the room, away from starts."""
     if any(path[:2] in (("world", "obstacles"), ("world", "size")) for path in c.pruned):
         return
     for name, given in c.arena.world.obstacles.items():

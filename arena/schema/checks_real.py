@@ -1,4 +1,4 @@
-"""Cross-checks for real devices: hardware vehicles, flight controllers in the loop, the vendor's motion capture. Pure."""
+"""Cross-checks for real devices: hardware vehicles, flight controllers in the loop, motion capture. Pure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ _USUAL_BAUD = (57_600, 115_200, 230_400, 460_800, 921_600, 1_500_000, 3_000_000)
 
 
 def _wires(c: Check) -> Iterator[Problem]:
-    """Check that hardware vehicles have `url` and hitl vehicles `serial`. Refuse connection keys that a vehicle cannot use."""
+    """Check that hardware vehicles have `url` and hitl vehicles have `serial`.
+
+    Connection keys that a vehicle cannot use are refused.
+    """
     for v in c.arena.vehicles:
         keys = {"hardware": "url", "hitl": "serial"}
         wanted = keys.get(v.autopilot)
@@ -60,7 +63,7 @@ def _no_wire(c: Check, v: Vehicle, key: str) -> Iterator[Problem]:
 
 
 def _baud(c: Check, v: Vehicle, baud: int) -> Iterator[Problem]:
-    """Check that the baud rate of the serial link is high enough for the poses and, with hitl, for the sensor values.
+    """Check that the serial baud rate is high enough for the poses and, with hitl, for the sensor values.
 
     At a lower rate, these messages would arrive too late.
     """
@@ -97,7 +100,10 @@ def _shared_wires(c: Check) -> Iterator[Problem]:
 
 
 def _profiles(c: Check) -> Iterator[Problem]:
-    """Check that hardware vehicles have the key `profile`, because the default profile has the mass and thrust of another type."""
+    """Check that hardware vehicles have the key `profile`.
+
+    The default profile has the mass and thrust of another vehicle type.
+    """
     for v in c.arena.hardware:
         if not c.source.given(c.where(v.name, "profile")) and c.sound(v, "autopilot", "profile"):
             said = (
@@ -108,8 +114,9 @@ def _profiles(c: Check) -> Iterator[Problem]:
 
 
 def _hardware_only(c: Check) -> Iterator[Problem]:
-    """Check that `radio`, `measured` and `signing` are used only for hardware vehicles, and that no parameter has different
-    values in `measured` and in `params`.
+    """Check the keys `radio`, `measured` and `signing`, which are for hardware vehicles only.
+
+    A parameter must not have different values in `measured` and in `params`.
     """
     for v in c.arena.vehicles:
         for key in ("radio", "measured", "signing"):
@@ -123,7 +130,10 @@ def _hardware_only(c: Check) -> Iterator[Problem]:
 
 
 def _restarted_programs(c: Check) -> Iterator[Problem]:
-    """Refuse `restart: always` for programs of hardware vehicles, because such a program would fly again without a person."""
+    """Refuse `restart: always` for programs of hardware vehicles.
+
+    Such a program would fly again without a person.
+    """
     for v in c.arena.hardware:
         if v.program is not None and v.program.restart == "always" and c.sound(v, "program"):
             said = "got always, but a program of a real vehicle must not take off again by itself. Use never or on_failure."
@@ -143,7 +153,10 @@ def _shared_uids(c: Check) -> Iterator[Problem]:
 
 
 def _speed(c: Check) -> Iterator[Problem]:
-    """Refuse a `sim.speed` other than 1 if a vehicle has a real flight controller, because flight controllers run in real time only."""
+    """Refuse a `sim.speed` other than 1 if a vehicle has a real flight controller.
+
+    Flight controllers run in real time only.
+    """
     real = [v for v in c.arena.vehicles if v.wire is not None or v.autopilot in ("hardware", "hitl")]
     if real and c.arena.sim.speed != 1.0 and ("sim", "speed") not in c.pruned:
         said = f"got {c.arena.sim.speed}, but {real[0].name} has autopilot: {real[0].autopilot}, which runs in real time only. Try 1."
@@ -151,7 +164,10 @@ def _speed(c: Check) -> Iterator[Problem]:
 
 
 def _capture(c: Check) -> Iterator[Problem]:
-    """Check that `mocap.source` fits the vehicles: the emulator sees simulated vehicles only, a vendor's system real ones only."""
+    """Check that `mocap.source` fits the vehicles.
+
+    The emulator measures simulated vehicles only, a vendor's system real vehicles only.
+    """
     mocap, hardware = c.arena.mocap, c.arena.hardware
     if ("mocap", "source") in c.pruned:
         return

@@ -28,7 +28,7 @@ def _neighbours(c: Check) -> Iterator[Problem]:
 
 
 def _place(c: Check, v: Vehicle, index: int) -> tuple[str | int, ...]:
-    """Return the place of a neighbour's name under the vehicle: `neighbours` is a list or a mapping."""
+    """Return the YAML path of a neighbour's name in `neighbours`, which is a list or a mapping."""
     mapping = c.source.given((*c.where(v.name, "neighbours"), "vehicles"))
     return ("neighbours", "vehicles", index) if mapping else ("neighbours", index)
 
@@ -62,7 +62,7 @@ def _rates(c: Check) -> Iterator[Problem]:
 
 
 def _sources(c: Check) -> Iterator[Problem]:
-    """Check that all poses of a sensor are in the axes of the arena."""
+    """Check that all poses that a sensor uses are in the axes of the arena."""
     known = {v.name: v for v in c.arena.vehicles}
     for v in c.arena.vehicles:
         others = [known[name] for name in v.neighbours if name in known]

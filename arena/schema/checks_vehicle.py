@@ -21,7 +21,10 @@ _PARAM = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 
 
 def _gps_and_sticks(c: Check) -> Iterator[Problem]:
-    """Check that `gps` and `sticks` (a simulated RC transmitter) are true only for autopilots that use them."""
+    """Check that `gps` and `sticks` are true only for autopilots that use them.
+
+    `sticks` is a simulated RC transmitter.
+    """
     for v in c.arena.vehicles:
         for key, fits in (("gps", ("px4", "hitl")), ("sticks", ("px4", "builtin"))):
             if getattr(v, key) and v.autopilot not in fits and c.sound(v, key, "autopilot"):
@@ -30,7 +33,10 @@ def _gps_and_sticks(c: Check) -> Iterator[Problem]:
 
 
 def _overrides(c: Check) -> Iterator[Problem]:
-    """Check that the mass and sensor noise given for a vehicle fit its profile. Refuse sensor noise and wind for real vehicles."""
+    """Check that the mass and the sensor noise of a vehicle fit its profile.
+
+    Sensor noise and wind are refused for real vehicles.
+    """
     for v in c.arena.vehicles:
         if c.sound(v, "profile", "mass_kg", "sensors"):
             for keys, message in override_problems(v.profile, v.overrides):
@@ -68,7 +74,10 @@ def _programs(c: Check) -> Iterator[Problem]:
 
 
 def _syntax(c: Check, v: Vehicle, path: Path) -> Iterator[Problem]:
-    """Report syntax errors in a user's Python program before the arena starts. The program is compiled, but not run."""
+    """Report syntax errors in a user's Python program before the arena starts.
+
+    The program is compiled, but not run.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SyntaxWarning)

@@ -1,4 +1,7 @@
-"""The section `copilot` of the YAML: safety rules that the copilot checks in flight. An empty section enables all rules."""
+"""The YAML section `copilot`: safety rules that the copilot checks in flight.
+
+An empty section enables all rules.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,10 @@ _STEPS = ("none", "hold", "land", "terminate")
 
 
 class GeofenceRule(Strict):
-    """Rule: the vehicle must be able to stop before the geofence or, without a geofence, before the room's walls."""
+    """Rule: the vehicle must be able to stop inside the geofence.
+
+    Without a geofence, the room's walls count.
+    """
 
     do: Do = "hold"
     """Action: none, hold, land or terminate."""
@@ -23,7 +29,10 @@ class GeofenceRule(Strict):
 
 
 class SeparationRule(Strict):
-    """Rule: smallest distance between two vehicles, now and predicted. The vehicle that comes later in the YAML yields."""
+    """Rule: smallest distance between two vehicles, now and predicted.
+
+    The vehicle that comes later in the YAML yields.
+    """
 
     do: Do = "hold"
     """Action: none, hold, land or terminate."""
@@ -83,7 +92,10 @@ class BatteryRule(Strict):
 
 
 class ProgramRule(Strict):
-    """Rule: in OFFBOARD, the user program must send heartbeats. The rule applies from the first heartbeat after arming."""
+    """Rule: in OFFBOARD, the user program must send heartbeats.
+
+    The rule applies from the first heartbeat after arming.
+    """
 
     do: Do = "land"
     """Action: none, hold, land or terminate."""
@@ -92,7 +104,10 @@ class ProgramRule(Strict):
 
 
 class Copilot(Strict):
-    """A process that observes all vehicles with the motion capture, and commands hold, land or terminate when a rule is violated."""
+    """Copilot process: it monitors all vehicles by motion capture and acts when a rule is violated.
+
+    Its commands are hold, land and terminate.
+    """
 
     on_loss: Literal["land", "restart", "warn"] = "land"
     """Reaction to the end of the copilot process: land and stop the arena, restart the copilot, or warn."""
@@ -119,7 +134,7 @@ class Copilot(Strict):
 
     @model_validator(mode="after")
     def _within_at_most(self) -> Copilot:
-        """Refuse a rule whose action (`do`) is stronger than `at_most`, the strongest action allowed."""
+        """Refuse a rule whose action (`do`) is stronger than `at_most`, the strongest allowed action."""
         for rule in RULES:
             do: str = getattr(self, rule).do
             if _STEPS.index(do) > _STEPS.index(self.at_most):

@@ -72,7 +72,10 @@ class AttitudeLoss(Strict):
 
 
 class FenceLoss(Strict):
-    """Reaction to leaving a geofence. The fence is the YAML's `geofence`, or one that was uploaded to the autopilot."""
+    """Reaction of the autopilot when a vehicle leaves a geofence.
+
+    The fence is the YAML's `geofence`, or a fence that was uploaded to the autopilot.
+    """
 
     action: Literal["none", "warn", "hold", "return", "land", "terminate"] = "land"
     """Action of the vehicle."""
@@ -98,7 +101,10 @@ class Failsafe(Strict):
 
 
 class Geofence(Strict):
-    """A box that the vehicles' centres must stay in. `failsafe.geofence` sets the reaction to leaving the box."""
+    """Geofence: a box in which the vehicles' centres must stay.
+
+    `failsafe.geofence` sets the reaction to leaving the box.
+    """
 
     north: Span | None = None
     """Lowest and highest north coordinate from the floor's centre [m]. Default: the room's walls."""

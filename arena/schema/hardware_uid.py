@@ -1,4 +1,4 @@
-"""YAML type of a hardware uid, which is the serial number of a flight controller."""
+"""YAML type of a hardware uid, the serial number of a flight controller."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from pydantic import BeforeValidator
 
 
 def _uid(value: Any) -> str:
-    """Check the hardware uid of an autopilot. A number is refused, because YAML changes the digits of unquoted numbers."""
+    """Check the hardware uid of an autopilot. It must be a text.
+
+    A number is refused, because YAML changes the digits of unquoted numbers.
+    """
     text = value.lower().removeprefix("0x") if isinstance(value, str) else ""
     if text == "none" or (re.fullmatch(r"[0-9a-f]{16}|[0-9a-f]{36}", text) and text.strip("0")):
         return text

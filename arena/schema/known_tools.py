@@ -1,5 +1,6 @@
-"""Tools that arena knows by name, such as `monitor: true` or `bag: {topics: [/uav1/pose]}`: their commands, when they are ready, and
-what they need on this computer.
+"""Commands of the tools that arena knows by name, such as `monitor: true` or `bag: {topics: [/uav1/pose]}`.
+
+It also contains when these tools are ready, and what they need on this computer.
 """
 
 from __future__ import annotations
@@ -42,7 +43,10 @@ def _microxrce(keys: Keys) -> Keys:
 
 
 def _mavros(keys: Keys) -> Keys:
-    """Return MAVROS at the tools port: programs and SDKs bind the other ports. It binds any free port and sends first."""
+    """Return the tool MAVROS with its command. It is connected to the vehicle's tools port.
+
+    Programs and SDKs bind the other ports. MAVROS binds any free port and sends first.
+    """
     launch, namespace = keys.get("launch", Mavros().launch), keys.get("namespace", Mavros().namespace)
     file = (str(launch),) if "/" in str(launch) else ("mavros", str(launch))
     url = "fcu_url:=udp://{address}:0@{address}:{tools_port}/"
@@ -52,7 +56,10 @@ def _mavros(keys: Keys) -> Keys:
 
 
 def _bag(keys: Keys) -> Keys:
-    """Return the recorder. Topics are a regular expression: lists of topics are written differently in Humble and later."""
+    """Return the recorder of ROS 2 topics (`ros2 bag record`) as a tool.
+
+    The topics are given as a regular expression, because Humble and later versions need different forms of lists.
+    """
     topics, storage = keys.get("topics"), keys.get("storage")
     chosen: tuple[str, ...] = ("-a",)
     if isinstance(topics, list | tuple):
@@ -88,7 +95,10 @@ KNOWN_OF_VEHICLE: dict[str, Callable[[Keys], Keys]] = {MAVROS: _mavros}
 
 
 def known_tools(value: Any) -> Any:
-    """Replace `monitor: true`, `ros2: {...}` and so on under the arena's `tools` by commands, and remove those with the value false."""
+    """Replace known tools such as `monitor: true` in the arena's `tools` by their commands.
+
+    Tools with the value false are removed.
+    """
     found = _replaced(
         value, KNOWN, KNOWN_OF_VEHICLE, "belongs to a vehicle. Write it under `defaults: {tools: ...}`"
     )
@@ -98,7 +108,10 @@ def known_tools(value: Any) -> Any:
 
 
 def known_tools_of_vehicle(value: Any) -> Any:
-    """Replace `mavros: {...}` under the `tools` of a vehicle by its command, or by None with the value false."""
+    """Replace known tools such as `mavros: {...}` in a vehicle's `tools` by their commands.
+
+    The value false gives None.
+    """
     return _replaced(
         value, KNOWN_OF_VEHICLE, KNOWN, "serves the whole arena. Write it under `tools` of the arena"
     )
@@ -142,7 +155,7 @@ _ROS = f"Install ROS 2 (docs.ros.org), {_SOURCE}"
 
 
 def requirement(tool: Tool) -> Requirement | None:
-    """Return what a known tool needs on this computer; None for other tools."""
+    """Return the program or package that a known tool needs on this computer, or None for other tools."""
     if tool.microxrce is not None:
         agent = "Build it from github.com/eProsima/Micro-XRCE-DDS-Agent, or install the snap micro-xrce-dds-agent."
         return Requirement(how=agent)

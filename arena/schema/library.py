@@ -1,4 +1,4 @@
-"""Load the profiles and templates that come with arena, and replace a profile's mass and sensor noise."""
+"""Loads the profiles and templates that are part of arena, and applies a vehicle's mass and sensor noise."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from arena.schema.validate import Validated, validate
 
 
 def data_folder(name: str) -> Path:
-    """Return the folder `profiles` or `templates`: inside an installed package, or beside the package in a checkout."""
+    """Return the path of the folder `profiles` or `templates`.
+
+    It is inside an installed package, or beside the package in a checkout.
+    """
     package = Path(__file__).resolve().parent.parent
     installed = package / "_data" / name
     return installed if installed.is_dir() else package.parent / name
@@ -26,14 +29,14 @@ def profile_names() -> list[str]:
 
 
 def load_profile(name: str) -> Profile:
-    """Return a profile that comes with arena. Raises InputError when there is no such profile, or its file is wrong."""
+    """Return a profile that is part of arena. Raises InputError if it does not exist or its file is wrong."""
     if name not in profile_names():
         raise InputError(f"got {name!r}, expected the name of a profile. {near(name, profile_names())}")
     return read_profile(data_folder("profiles") / f"{name}.yaml")
 
 
 def read_profile(path: Path) -> Profile:
-    """Return the profile in a file. Raises InputError with every problem found."""
+    """Read a profile file. Raises InputError with every problem found."""
     document = load_yaml(path)
     found = validate(Profile, Source(document=document, data=document.data))
     problems = list(found.problems)
@@ -49,7 +52,10 @@ Overrides = Mapping[str, Any]
 
 
 def with_overrides(profile: Profile, overrides: Overrides) -> Profile:
-    """Return the profile with a vehicle's overrides. Wrong overrides are ignored here; `override_problems` reports them."""
+    """Return the profile with the mass and sensor noise of a vehicle.
+
+    Wrong values are ignored here; `override_problems` reports them.
+    """
     if not overrides:
         return profile
     found = _validated(profile, overrides)
@@ -57,7 +63,10 @@ def with_overrides(profile: Profile, overrides: Overrides) -> Profile:
 
 
 def override_problems(profile: Profile, overrides: Overrides) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Check a vehicle's overrides of its profile. Yield (path of the YAML key under the vehicle, message) for each wrong value."""
+    """Check the mass and sensor noise that replace a profile's values. Yield (YAML path, message) for each wrong value.
+
+    The path is below the vehicle.
+    """
     if not overrides:
         return
     found = _validated(profile, overrides)
@@ -76,7 +85,7 @@ def _validated(profile: Profile, overrides: Overrides) -> Validated[Profile]:
 
 
 def _merged(under: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge two nested mappings key by key; values of `over` replace values of `under`."""
+    """Merge two nested mappings key by key. Values of `over` replace values of `under`."""
     found = dict(under)
     for key, value in over.items():
         inner = found.get(key)

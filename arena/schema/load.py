@@ -42,7 +42,7 @@ def arena_of(
     *,
     cross_checks: bool = True,
 ) -> Arena:
-    """Return the validated arena of a YAML document that is already parsed, such as the arena in a scenario.
+    """Return the validated arena of an already parsed YAML document, such as the arena in a scenario.
 
     cross_checks: compare values with each other, such as the start positions of the vehicles. A replay needs no such check.
     """
@@ -66,7 +66,7 @@ def arena_of(
 
 
 def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], list[Problem]]:
-    """Return profile name -> profile for all profiles in use, and a problem for each profile that cannot be loaded."""
+    """Return profile name -> profile for all used profiles, and the problems of those that cannot be loaded."""
     profiles, problems = {DEFAULT_PROFILE: load_profile(DEFAULT_PROFILE)}, []
     asked: dict[YamlPath, str] = {
         ("vehicles", name, "profile"): v.profile for name, v in model.vehicles.items() if v.profile
@@ -86,7 +86,7 @@ def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], lis
 
 
 def _params_files(model: ArenaFile, source: Source) -> tuple[dict[str, Mapping[str, float]], list[Problem]]:
-    """Return file name -> parameters for every `params_file`, and a problem for each file that cannot be read."""
+    """Return file name -> parameters for every `params_file`, and the problems of unreadable files."""
     found: dict[str, Mapping[str, float]] = {}
     problems = []
     asked: dict[YamlPath, str] = {

@@ -1,4 +1,4 @@
-"""Strict YAML reader: text -> plain Python values and the line number of each.
+"""Strict YAML reader: converts text to plain Python values, with the line number of each value.
 
 Scalars follow YAML 1.2. Duplicate keys and tags are refused; all duplicates are reported at once. The reader uses PyYAML's
 composer, because it keeps line numbers, and not PyYAML's constructor.
@@ -42,7 +42,7 @@ class Document:
     lines: dict[YamlPath, int] = field(default_factory=dict)
 
     def line(self, path: YamlPath) -> int:
-        """Return the line of a path. If the path is not in the file, return the line of the nearest enclosing path."""
+        """Return the line number of a YAML path, or of the nearest enclosing path in the file."""
         for end in range(len(path), -1, -1):
             if path[:end] in self.lines:
                 return self.lines[path[:end]]
@@ -95,7 +95,10 @@ def parse_scalar(text: str) -> Any:
 
 
 def dump_yaml(data: Any) -> str:
-    """Return plain values as YAML text. `parse_yaml` reads the same values back, with tuples in place of lists."""
+    """Return plain values as YAML text. `parse_yaml` reads the same values back.
+
+    Lists become tuples.
+    """
     return yaml.dump(
         data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
     )
@@ -126,7 +129,7 @@ def _compose(text: str, file: str) -> yaml.Node | None:
 
 
 class _Resolver(BaseResolver):
-    """Rules by which the YAML reader finds the type of an unquoted value.
+    """YAML rules that determine the type of an unquoted value.
 
     As in YAML 1.2, `no`, `on` and `12:30` are text, 010 is 10, 1e-3 is a number, `<<` is a key.
     """
@@ -146,7 +149,7 @@ if yaml.__with_libyaml__:
     from yaml.cyaml import CParser  # type: ignore[attr-defined]
 
     class _CLoader(CParser, _Resolver):
-        """PyYAML's composer with the C library libyaml. It makes the same nodes as PyYAML's own composer in a tenth of the time."""
+        """PyYAML loader that uses the C library libyaml. It is about ten times as fast as the Python loader."""
 
         def __init__(self, stream: str) -> None:
             CParser.__init__(self, stream)
@@ -187,7 +190,7 @@ _SafeDumper: Any = yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDumpe
 
 
 class _Dumper(_SafeDumper):  # type: ignore[misc]
-    """YAML writer that quotes every text that `_Resolver` would read as another type."""
+    """YAML writer that quotes texts which `_Resolver` would read as another type."""
 
     yaml_implicit_resolvers = _Resolver.yaml_implicit_resolvers
 
@@ -201,7 +204,7 @@ _MAKERS: dict[str, Callable[[str], Any]] = {_TAG + name: make for name, _, make 
 
 
 class _Walk:
-    """Conversion of PyYAML's nodes to plain values. Collects the line of each value, and every problem."""
+    """Converter from PyYAML's nodes to plain values. It collects the line of each value and all problems."""
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -287,7 +290,7 @@ def _line(node: yaml.Node) -> int:
 
 
 def dotted(path: YamlPath) -> str:
-    """Return a path as text: `("start", "position", 0)` -> `start.position[0]`."""
+    """Return a YAML path as text: `("start", "position", 0)` -> `start.position[0]`."""
     text = ""
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part

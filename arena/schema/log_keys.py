@@ -22,7 +22,10 @@ def _foxglove(value: Any) -> Any:
 
 
 class Foxglove(Strict):
-    """WebSocket with which Foxglove shows the flight live. It needs no password, and accepts no commands."""
+    """WebSocket on which Foxglove shows the flight live.
+
+    It needs no password and accepts no commands.
+    """
 
     address: Address | None = None
     """Numeric address that the server binds. Who reaches this address can read the flight. Default: the arena's `address`."""
@@ -31,7 +34,7 @@ class Foxglove(Strict):
 
 
 class LogKeys(Strict):
-    """The log of a flight: `flight.mcap`, `csv/VEHICLE.csv` and `ulog/VEHICLE.ulg` in the run folder."""
+    """Logs of a flight in the run folder: `flight.mcap`, `csv/VEHICLE.csv` and `ulog/VEHICLE.ulg`."""
 
     rate_hz: Annotated[float, Field(ge=1, le=250)] = 30.0
     """Rows per second of the CSV files, and recorded true states per second of simulated vehicles [Hz]."""

@@ -1,4 +1,4 @@
-"""The YAML keys under `mocap`: those that every vendor has, and those of a single vendor.
+"""The YAML keys under `mocap`: keys for all vendors, and keys for a single vendor.
 
 Each vendor with keys of its own has a class here and a row in `VENDOR_KEYS`. `Mocap` inherits the class, so that users write
 these keys directly under `mocap:`. The vendor's package uses their values (`arena.mocap.vendors`).
@@ -17,7 +17,7 @@ from arena.schema.base import Address, NotNegative, Port, Strict
 
 
 class MocapNoise(Strict):
-    """Noise of one measured pose: rms per axis."""
+    """Noise of one measured pose, as rms per axis."""
 
     position_mm: NotNegative = 0.3
     """[mm]."""
@@ -62,13 +62,13 @@ class Mocap(NatNetKeys):
 
     @property
     def vendors(self) -> tuple[str, ...]:
-        """Return the vendors in use: the vendor of the motion capture server, if one is used, and the vendor that the emulator imitates."""
+        """Return the vendors in use: the vendor of the real server, and the vendor that the emulator imitates."""
         served = (self.source,) if self.source in VENDORS else ()
         return tuple(dict.fromkeys((*served, self.emulates)))
 
     @property
     def keys(self) -> dict[str, Any]:
-        """Return all keys under `mocap` with their values, from which each vendor's settings are made."""
+        """Return all keys under `mocap` with their values. They are the input of each vendor's settings."""
         return self.as_dict()
 
 
@@ -79,7 +79,7 @@ VENDOR_KEYS: Mapping[str, type[Strict]] = {
 
 
 def keys_of_other_vendors(mocap: Mocap) -> dict[str, str]:
-    """Return the keys that belong only to vendors that are not in use: YAML key -> vendor."""
+    """Return the given YAML keys that only apply to vendors that are not in use: YAML key -> vendor."""
     used = {
         key for vendor in mocap.vendors if vendor in VENDOR_KEYS for key in VENDOR_KEYS[vendor].model_fields
     }

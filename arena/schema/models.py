@@ -173,7 +173,7 @@ class Program(Strict):
 
 
 class Grid(Strict):
-    """Start positions of the vehicles of a range such as `uav1..uav48`, in a grid that is filled row after row."""
+    """Grid of start positions for a range of vehicles such as `uav1..uav48`. Rows are filled one after the other."""
 
     columns: Annotated[int, Field(ge=1, le=250)]
     """Number of vehicles in a row. A row runs to the east."""
@@ -193,7 +193,10 @@ class Start(Strict):
 
 
 class VehicleDefaults(Strict):
-    """Keys that can be written under one vehicle, or under `defaults` for all vehicles. A key that is not given is None."""
+    """Keys that can be written under one vehicle, or under `defaults` for all vehicles.
+
+    A key that is not given is None.
+    """
 
     profile: str | None = None
     """Vehicle type: a name in `profiles/`, or a file. Default `iris`; hardware needs this key."""
@@ -241,7 +244,7 @@ class VehicleDefaults(Strict):
 
 
 class VehicleKeys(VehicleDefaults):
-    """All keys of one vehicle: those of `defaults`, and keys such as `id` that differ for each vehicle."""
+    """All keys of one vehicle: the keys of `defaults`, and individual keys such as `id`."""
 
     id: Annotated[int | None, Field(ge=1, le=LARGEST_VEHICLE_ID)] = None
     """MAVLink system id (MAV_SYS_ID). Default: the lowest free id, in the order of the YAML."""
@@ -353,7 +356,10 @@ def json_schema() -> dict[str, Any]:
 
 
 def _known_tools_schema(names: Iterable[str], defs: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the schema of tools that arena knows by name: true, false, or a mapping of the tool's own settings or of a `Tool`."""
+    """Return the JSON schema of tools that arena knows by name.
+
+    Their value is true, false, the settings of the tool, or a full `Tool`.
+    """
 
     def references(name: str) -> Iterator[dict[str, str]]:
         for each in (name.capitalize(), "Tool"):

@@ -34,7 +34,10 @@ class Obstacle(Strict):
     """Colour in pictures, as `#rrggbb`."""
 
     def body(self, name: str) -> Body | None:
-        """Return the obstacle with its centre; None if `size` has a wrong number of values, which the checks report."""
+        """Return the obstacle as a body with its centre, or None if `size` has a wrong number of values.
+
+        The cross-checks report wrong sizes.
+        """
         if len(self.size) != len(SIZES[self.shape]):
             return None
         size_m = full_size(self.shape, self.size)

@@ -1,4 +1,4 @@
-"""Placeholders in the arguments of programs and tools: `{mavlink_url}` becomes the URL of the vehicle's MAVLink.
+"""Placeholders in the arguments of programs and tools: `{mavlink_url}` becomes the vehicle's MAVLink URL.
 
 `PLACEHOLDERS` is the table of names. The same values are environment variables: `{mavlink_url}` is `ARENA_MAVLINK_URL`. Pure.
 
@@ -28,7 +28,7 @@ _NO_VARIABLE = frozenset({"run", "rt"})
 
 @dataclass(frozen=True, kw_only=True)
 class Placeholder:
-    """Row of the table of placeholders.
+    """Placeholder such as `{mass_kg}`, as a row of the table of placeholders.
 
     meaning: meaning of the value, with its unit, for the reference page.
     value: function that returns the value as text, for an arena and a vehicle.
@@ -40,13 +40,13 @@ class Placeholder:
     of_vehicle: bool = True
 
     def text(self, arena: Arena, vehicle: Vehicle | None) -> str:
-        """Return the value as text.
+        """Return the value of the placeholder as text.
 
         vehicle: may be None for a value of the whole arena. Raises ValueError.
         """
         if vehicle is None:
             if self.of_vehicle:
-                raise ValueError(f"needs a vehicle: {self.meaning}")
+                raise ValueError(f"this placeholder needs a vehicle: {self.meaning}")
             return self.value(arena, arena.vehicles[0])
         return self.value(arena, vehicle)
 
@@ -60,7 +60,7 @@ def _flag(value: bool) -> str:
 
 
 def _mocap(arena: Arena, v: Vehicle) -> dict[str, Any]:
-    """Return the settings of a motion capture client that receives this vehicle's rigid body; {} if no server tracks it."""
+    """Return the settings of a motion capture client for this vehicle's rigid body, or {} if no server tracks it."""
     m = arena.mocap
     if v.simulated:
         return vendor_settings(m.emulates).emulator_client_settings(m.keys, arena.address)
@@ -145,7 +145,7 @@ PLACEHOLDERS: dict[str, Placeholder] = {
 
 
 def variable(name: str) -> str:
-    """Return the environment variable that has the value of a placeholder, such as `ARENA_MASS_KG`."""
+    """Return the name of the environment variable with a placeholder's value, such as `ARENA_MASS_KG`."""
     return VARIABLE_PREFIX + name.upper()
 
 
@@ -155,7 +155,7 @@ def names_in(text: str) -> Iterator[str]:
 
 
 def known(*, of_vehicle: bool) -> list[str]:
-    """Return the names of the placeholders that exist.
+    """Return the names of all existing placeholders.
 
     of_vehicle: also those that belong to one vehicle.
     """
@@ -163,7 +163,9 @@ def known(*, of_vehicle: bool) -> list[str]:
 
 
 def filled(text: str, arena: Arena, vehicle: Vehicle | None) -> str:
-    """Return a text with its placeholders replaced by values. `{run}` and `{rt}` stay: the supervisor replaces them.
+    """Replace the placeholders in a text by their values. `{run}` and `{rt}` stay.
+
+    The supervisor replaces `{run}` and `{rt}`.
 
     vehicle: the vehicle of the program or tool; None for a tool of the whole arena. Raises KeyError for an unknown name.
     """
@@ -178,7 +180,7 @@ def filled(text: str, arena: Arena, vehicle: Vehicle | None) -> str:
 
 
 def variables(arena: Arena, vehicle: Vehicle | None) -> tuple[tuple[str, str], ...]:
-    """Return (name, value) of the environment variables of a program or tool: the values of all placeholders."""
+    """Return (name, value) of a program's or tool's environment variables, one for each placeholder."""
     return tuple(
         (variable(name), PLACEHOLDERS[name].text(arena, vehicle))
         for name in known(of_vehicle=vehicle is not None)

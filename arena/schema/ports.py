@@ -1,4 +1,6 @@
-"""The port table: every port of an arena, the rule for its number, the processes that bind it and the senders they accept.
+"""Port table: every port of an arena, the rule for its number, and the processes that open it.
+
+It also contains the senders that each process accepts.
 
 The checks, the plan, `arena check`, `arena doctor` and docs/reference/ports.md are made from `PORTS`. Ports of motion
 capture are in the table of vendors, `arena.mocap.vendors`.
@@ -21,7 +23,7 @@ GROUND_STATION = 14550
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePorts:
-    """Port numbers of one vehicle, all on the arena's address. `PORTS` says what each port is for."""
+    """Port numbers of one vehicle on the arena's address. `PORTS` explains the use of each port."""
 
     program: int
     sdk: int
@@ -41,7 +43,7 @@ class VehiclePorts:
 
 @dataclass(frozen=True, kw_only=True)
 class Binder:
-    """A kind of arena process that opens (binds) a port, and the senders that it accepts there.
+    """Kind of process that opens (binds) a port, and the senders that it accepts there.
 
     kind: kind of process, such as `router`.
     answers: text that names the senders from which this process accepts datagrams.
@@ -55,7 +57,9 @@ class Binder:
 
 @dataclass(frozen=True, kw_only=True)
 class Port:
-    """Kind of port, as a row of the port table: its number, its use, and the processes that open it.
+    """Kind of port: its number, its use, and the processes that open it.
+
+    It is a row of the port table.
 
     key: field of `VehiclePorts`, or the name of a port that the arena has once.
     rule: rule for the number, as text: `24000 + 10 id + 2`.
@@ -79,7 +83,7 @@ class Port:
     binders: tuple[Binder, ...] = ()
 
     def binder(self, kind: str) -> Binder | None:
-        """Return the entry of `binders` for this kind of process; None if such processes do not bind the port."""
+        """Return the entry of `binders` for a kind of process, or None if it does not open this port."""
         return next((binder for binder in self.binders if binder.kind == kind), None)
 
 

@@ -1,4 +1,7 @@
-"""The pydantic model of a vehicle profile: mass, rotors, thrust curve, sensors. Each file in `profiles/` is one profile."""
+"""The pydantic model of a vehicle profile: mass, rotors, thrust curve, sensors.
+
+Each file in `profiles/` is one profile.
+"""
 
 from __future__ import annotations
 
@@ -68,19 +71,25 @@ class Imu(Strict):
 
 
 class Baro(Strict):
-    """Barometer: rms noise of the height [m], valid for one sample at 250 Hz. At other rates the noise density stays the same."""
+    """Barometer with the rms noise of the height [m] at 250 Hz.
+
+    At other rates the noise density stays the same.
+    """
 
     noise_m: NotNegative
 
 
 class Mag(Strict):
-    """Magnetometer: rms noise per axis, valid for one sample at 250 Hz. At other rates the noise density stays the same."""
+    """Magnetometer with the rms noise per axis at 250 Hz.
+
+    At other rates the noise density stays the same.
+    """
 
     noise_gauss: NotNegative
 
 
 class Gps(Strict):
-    """GPS receiver: rms noise per axis, and rate of the fixes."""
+    """GPS receiver with rms noise per axis and rate of the fixes."""
 
     horizontal_noise_m: NotNegative
     vertical_noise_m: NotNegative
@@ -98,7 +107,7 @@ class Sensors(Strict):
 
 
 class GroundEffect(Strict):
-    """Ground effect: near the floor the thrust is higher. The model is the method of images."""
+    """Ground effect, which increases the thrust near the floor (method of images)."""
 
     rotor_radius_m: Positive
     body_lift: NotNegative = 2.0
@@ -106,7 +115,7 @@ class GroundEffect(Strict):
 
 
 class Downwash(Strict):
-    """Downwash: the wind that this vehicle makes at vehicles below it. The model is a turbulent jet."""
+    """Downwash: wind that this vehicle makes at vehicles below it (turbulent jet model)."""
 
     rotor_radius_m: Positive
     strength: NotNegative = 1.0
@@ -126,7 +135,7 @@ class RotorInertia(Strict):
 
 
 class Battery(Strict):
-    """Battery model: the voltage falls with the charge, and with the current through the internal resistance."""
+    """Battery model. The voltage falls with the charge, and with the current through the internal resistance."""
 
     cells: Annotated[int, Field(ge=1, le=14)]
     capacity_mah: Positive
@@ -183,12 +192,15 @@ class Profile(Strict):
 
     @property
     def rotor_radius_m(self) -> float | None:
-        """Radius of the propellers [m], from the section `downwash` of the profile, else from its ground effect; None if it has neither."""
+        """Propeller radius [m], from the profile's section `downwash` or `ground_effect`, or None without both."""
         given = self.downwash or self.ground_effect
         return None if given is None else given.rotor_radius_m
 
     def problems(self) -> list[str]:
-        """Return one sentence for each error: `num_rotors` differs from the list of rotors, or full thrust does not lift the mass."""
+        """Return one sentence for each inconsistency in the profile.
+
+        Checked: `num_rotors` against the list of rotors, and full thrust against the weight.
+        """
         found = []
         if len(self.rotors) != self.num_rotors:
             found.append(f"num_rotors: got {self.num_rotors}, but `rotors` lists {len(self.rotors)}")

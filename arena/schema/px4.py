@@ -1,4 +1,4 @@
-"""Search for PX4 SITL and its version on this computer. Reads files only.
+"""Finds PX4 SITL and its version on this computer. Reads files only.
 
 The search order is the folder in the YAML's `px4.home`, else $PX4_HOME, else `px4` on PATH. A folder may be a source tree,
 a build folder or an installation: it needs a binary `bin/px4` and a folder `etc` with the startup scripts. The value
@@ -34,7 +34,7 @@ WAYS = (
 
 
 def find_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> Px4 | None:
-    """Return the first PX4 that has both its binary and its startup scripts, or None.
+    """Return the first PX4 SITL that has both its binary and its startup scripts, or None.
 
     Search order: the YAML's `px4.home`, $PX4_HOME, `px4` on PATH.
 
@@ -49,7 +49,7 @@ def find_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> P
 
 
 def need_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> Px4:
-    """Return the PX4 that `find_px4` finds. Raises NotInstalledError with the ways to install one."""
+    """Return the installed PX4 SITL. Raises NotInstalledError with the ways to install PX4."""
     found = find_px4(home, env)
     if found is None:
         places = _candidates(home, os.environ if env is None else env)
@@ -91,7 +91,7 @@ def _stand_in(source: str) -> Px4:
 
 
 def version_of(binary: Path) -> str:
-    """Return the release found in the PX4 binary, such as "1.16.0"; "" if there is none."""
+    """Return the release in the PX4 binary, such as "1.16.0", or "" if it is not found."""
     try:
         found = _TAG.search(binary.read_bytes())
     except OSError:

@@ -1,4 +1,4 @@
-"""Ranges of vehicles: a key such as `uav1..uav48` under `vehicles` stands for 48 vehicles with the same keys. Pure."""
+"""Ranges of vehicles: the key `uav1..uav48` under `vehicles` stands for 48 vehicles with the same settings. Pure."""
 
 from __future__ import annotations
 
@@ -75,7 +75,10 @@ def place_in_grid(first: Place, grid: Grid, index: int) -> Place:
 
 
 def _names(key: str) -> Iterator[str]:
-    """Yield the names of the vehicles in a range such as `uav1..uav48`. Yield nothing if the text is not a range."""
+    """Yield the vehicle names of a range such as `uav1..uav48`.
+
+    Yields nothing if the text is not a range.
+    """
     found = _RANGE.fullmatch(key)
     if found is None or found[3] not in (None, "", found[1]):
         return

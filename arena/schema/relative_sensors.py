@@ -13,7 +13,7 @@ SensorRate = Annotated[float, Field(ge=1, le=250)]
 
 
 class NeighbourNoise(Strict):
-    """Noise that the sensor for neighbours adds: rms per axis."""
+    """Noise of the emulated neighbour sensor, as rms per axis."""
 
     position_m: NotNegative = 0.004
     """Noise of a relative position [m]."""
@@ -35,7 +35,7 @@ class Neighbours(Strict):
 
 
 class BeaconNoise(Strict):
-    """Noise that the sensor for beacons adds: rms."""
+    """Noise of the emulated beacon sensor, as rms."""
 
     range_m: NotNegative = 0.05
     """Noise of a distance [m]."""
@@ -44,7 +44,10 @@ class BeaconNoise(Strict):
 
 
 class BeaconSensor(Strict):
-    """Emulated sensor that measures distance and direction of beacons. Directions are in body axes (FRD)."""
+    """Emulated sensor that measures distance and direction of beacons.
+
+    Directions are in body axes (FRD).
+    """
 
     beacons: tuple[str, ...] | None = None
     """Names of the beacons that the sensor measures. Default: all `beacons` of the arena."""
@@ -59,7 +62,10 @@ class BeaconSensor(Strict):
 
 
 def neighbours_value(value: Any) -> Any:
-    """Return the value of the key `neighbours` as a mapping; a list contains the names of the vehicles."""
+    """Return the value of the key `neighbours` as a mapping.
+
+    A list contains the names of the vehicles.
+    """
     if value is None or isinstance(value, (dict, Neighbours)):
         return value
     if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""Converts the validated YAML to an `Arena`: merges defaults, profile and vehicle keys, and records the source of each value.
+"""Converts the validated YAML to an `Arena`: merges defaults, profiles and vehicle keys.
 
 Later layers win: built-in defaults, profile, `defaults`, the vehicle's own keys, `--set`. `resolve` never raises, because
 `validate` (before) and `checks` (after) report missing and wrong values.
@@ -40,7 +40,7 @@ def resolve(
     find_px4: Callable[[str | None], Px4 | None] = lambda home: None,
     params_files: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Arena:
-    """Return the `Arena` of a validated YAML: defaults, profiles and vehicle keys are merged into it.
+    """Return the `Arena` of a validated YAML, with defaults, profiles and vehicle keys merged.
 
     profiles: name -> profile. A missing profile is replaced by the default profile.
     find_px4: searches PX4; called with `px4.home`, at most once, if a vehicle may use PX4.
@@ -104,7 +104,7 @@ def wall_clock_programs(vehicles: Sequence[Vehicle]) -> list[str]:
 
 
 def _speed_of_programs(sim: Sim, vehicles: Sequence[Vehicle], origins: dict[str, Origin]) -> Sim:
-    """Return the settings of the simulation with speed 1 if a program uses the wall clock, else unchanged.
+    """Return the simulation settings. The speed is 1 if a program uses the wall clock.
 
     At another speed such a program would send setpoints at a wrong rate of simulated time, so that the offboard failsafe acts.
     """
@@ -126,7 +126,7 @@ def fence_of(model: ArenaFile) -> Fence | None:
 
 
 def _home(model: ArenaFile, folder: Path) -> str | None:
-    """Return the YAML's `px4.home`: a path (relative paths start at the YAML's folder) or `stand-in`.
+    """Return the YAML's `px4.home`: a path or `stand-in`. Relative paths start at the YAML's folder.
 
     `stand-in` selects the built-in autopilot with PX4's simulator API, for computers without PX4.
     """
@@ -146,13 +146,14 @@ def _ids(vehicles: Mapping[str, VehicleKeys]) -> dict[str, int]:
 
 
 def pose_rate_hz(frame_rate_hz: float) -> float:
-    """Return the rate at which poses are sent to an autopilot [Hz]: the highest rate up to 60 Hz that divides the frame rate."""
+    """Return the rate of poses to an autopilot [Hz]: the highest rate up to 60 Hz that divides the frame rate."""
     return frame_rate_hz / math.ceil(frame_rate_hz / MOST_POSE_RATE_HZ - 1e-9)
 
 
 class _Merge:
-    """Merges the values of one vehicle from three places: built-in defaults, the YAML section `defaults`, the vehicle's own
-    keys. Records where each value comes from.
+    """Merger of one vehicle's values from built-in defaults, `defaults` in the YAML, and the vehicle's keys.
+
+    It records where each value comes from.
     """
 
     def __init__(
@@ -232,7 +233,7 @@ class _Merge:
         return "px4" if self.px4 and asked in ("auto", "px4") else "builtin"
 
     def _wire(self, autopilot: str) -> ConnectionUrl | None:
-        """Return the connection to the vehicle's real flight controller, from `url` or `serial`; None for other autopilots.
+        """Return the connection to a real flight controller, from `url` or `serial`. Other autopilots give None.
 
         A missing or wrong key gives None, too; `checks` reports it.
         """
@@ -256,7 +257,7 @@ class _Merge:
         return str(self._own("signing.key_file", file, "default"))
 
     def _take(self, key: str, default: Any, words: str = "default") -> Any:
-        """Return the value under the vehicle, else the value under `defaults`, else `default`. Record which of them was used."""
+        """Return a key's value from the vehicle, or else from `defaults`, or else the default. Record its source."""
         for layer, path in ((self.own, ("vehicles", self.name, key)), (self.common, ("defaults", key))):
             value = getattr(layer, key)
             if value is not None:
@@ -277,7 +278,7 @@ class _Merge:
         return self._section("beacon_sensor", BeaconSensor)
 
     def _section(self, section: str, model: type[Section]) -> Section:
-        """Return a section of the vehicle, merged key by key: the vehicle's own keys win over those under `defaults`."""
+        """Return a section of the vehicle, merged key by key with `defaults`. Keys of the vehicle win."""
         layers: dict[str, Any] = {}
         own, common = getattr(self.own, section), getattr(self.common, section)
         for key, field in model.model_fields.items():
@@ -318,7 +319,7 @@ class _Merge:
         return str(self._take("px4_version", ""))
 
     def _overrides(self) -> dict[str, Any]:
-        """Return the mass and the sensor noise that replace those of the profile. Keys of the vehicle win over `defaults`."""
+        """Return the mass and sensor noise that replace the profile's values. Keys of the vehicle win over `defaults`."""
         found: dict[str, Any] = {}
         if (mass := self._take("mass_kg", None, "default: the profile's")) is not None:
             found["mass_kg"] = mass
@@ -334,7 +335,7 @@ class _Merge:
         return found
 
     def _own_params(self) -> dict[str, float]:
-        """Return the PX4 parameters that the user sets. Later layers win: `params_file`, `defaults`, `measured`, `params`."""
+        """Return the user's PX4 parameters. Later sources win: `params_file`, `defaults`, `measured`, `params`."""
         found: dict[str, float] = {}
         if name := self._take("params_file", None):
             for key, value in self.params_files.get(name, {}).items():

@@ -17,7 +17,9 @@ class Signing(Strict):
 
 
 def key_problems(key_files: Mapping[str, str]) -> Iterator[tuple[YamlPath, str]]:
-    """Yield (YAML path, problem) for each key file that cannot be used. The content of a key file is never part of the text.
+    """Yield (YAML path, problem) for each unusable key file.
+
+    The text never contains the key.
 
     key_files: vehicle name -> path of its key file
     """

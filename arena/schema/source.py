@@ -1,4 +1,4 @@
-"""The YAML document with the `--set` overrides applied, and file and line of each value for messages."""
+"""The YAML document after the `--set` overrides, with file and line of each value for messages."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class Source:
     ranges: Mapping[str, RangeMember] = field(default_factory=dict)
 
     def range_of(self, vehicle: str) -> RangeMember | None:
-        """Return the range of vehicles, such as `uav1..uav48`, that names this vehicle; None if it has a key of its own."""
+        """Return the range such as `uav1..uav48` that contains this vehicle, or None if the vehicle has a key of its own."""
         return self.ranges.get(vehicle)
 
     def given(self, path: YamlPath) -> bool:
-        """Return whether the YAML or `--set` gives a value other than null at this path."""
+        """Return whether the YAML or `--set` gives a non-null value at this YAML path."""
         here = self.data
         for part in path:
             in_dict = isinstance(here, dict) and part in here
@@ -45,20 +45,20 @@ class Source:
         return here is not None
 
     def value(self, path: YamlPath) -> Any:
-        """Return the value at this path, or None if there is no value. Paths into lists are not supported."""
+        """Return the value at a YAML path, or None without a value. Paths into lists are not supported."""
         here = self.data
         for part in path:
             here = here.get(part) if isinstance(here, dict) else None
         return here
 
     def layer(self, vehicle: str, *key: str) -> YamlPath:
-        """Return the YAML path of a vehicle's key: under `defaults` if the key is written only there, else under the vehicle."""
+        """Return the YAML path of a vehicle's key: under `defaults` if it is only there, else under the vehicle."""
         own: YamlPath = ("vehicles", vehicle, *key)
         common: YamlPath = ("defaults", *key)
         return common if not self.given(own) and self.given(common) else own
 
     def place(self, path: YamlPath) -> tuple[str, int]:
-        """Return (file, line) of a YAML key, or of the nearest key above it if the file does not contain the key.
+        """Return (file, line) of a YAML key. If the file does not contain the key, use its nearest enclosing key.
 
         Values from `--set` have the place (`--set`, 0).
         """
@@ -76,7 +76,7 @@ class Source:
         return f"{file}:{line}" if line else file
 
     def problem(self, path: YamlPath, message: str, at: YamlPath | None = None) -> Problem:
-        """Return a `Problem` for the value at a path: the message, with file, line and key added.
+        """Return a `Problem` for the value at a YAML path: the message with file, line and key.
 
         at: path at which the value is written, if it is a different one, such as a path under `defaults`.
         """
@@ -85,7 +85,7 @@ class Source:
 
 
 def with_overrides(document: Document, overrides: Sequence[str]) -> Source:
-    """Return the document with `--set` overrides (`key=value` texts) applied. Raises InputError with every wrong override."""
+    """Apply `--set` overrides (`key=value` texts) to the document. Raises InputError with every wrong override."""
     expanded, ranges = expand_ranges(document)
     data, paths, problems = copy.deepcopy(expanded), [], []
     for text in overrides:
@@ -120,7 +120,7 @@ def _lay(data: Any, text: str) -> YamlPath:
 
 
 def near(name: str, known: Sequence[str]) -> str:
-    """Return a hint for the end of a message: the known name that is most similar to `name`, or else all known names."""
+    """Return a hint for an unknown name: the most similar known name, or else all known names."""
     close = (
         get_close_matches(name, list(known), n=1, cutoff=0.6) or [k for k in known if name and name in k][:1]
     )
@@ -128,12 +128,12 @@ def near(name: str, known: Sequence[str]) -> str:
 
 
 def as_list(words: Sequence[str]) -> str:
-    """Return words as a YAML list of texts. Words that YAML would read as numbers are quoted."""
+    """Return words as a YAML list of texts. Words that look like numbers are quoted."""
     return "[" + ", ".join(w if isinstance(parse_scalar(w), str) else f"'{w}'" for w in words) + "]"
 
 
 def show(value: Any) -> str:
-    """Return a value in YAML's notation, shortened, for messages."""
+    """Return a value in YAML notation, shortened for messages."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

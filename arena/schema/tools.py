@@ -1,5 +1,7 @@
-"""The pydantic models of `tools`: programs that run beside the arena, their readiness probes, and the settings of the tools that
-arena knows by name. `known_tools` contains their commands.
+"""The pydantic models of `tools`: programs that run in addition to the vehicles' programs.
+
+It contains their readiness probes, and the settings of the tools that arena knows by name.
+`known_tools` contains the commands of these tools.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ def _pattern(text: str) -> str:
 
 
 class Ready(Strict):
-    """How to see that a tool is ready. Set exactly one of log, port, file and delay_s."""
+    """Readiness probe of a tool. Set exactly one of log, port, file and delay_s."""
 
     log: Annotated[str | None, AfterValidator(_pattern)] = None
     """Ready when a line of its output contains a match of this regular expression."""
@@ -54,7 +56,10 @@ def _one_kind(ready: Ready) -> Ready:
 
 
 class Ros2(Strict):
-    """The bridge to ROS 2: poses and telemetry as ROS 2 topics, and setpoints from ROS 2. ROS 2 need not be installed."""
+    """Bridge to ROS 2: poses and telemetry as ROS 2 topics, and setpoints from ROS 2.
+
+    ROS 2 need not be installed.
+    """
 
     domain: DomainId = 0
     """ROS_DOMAIN_ID."""
@@ -69,7 +74,10 @@ class Ros2(Strict):
 
 
 class Microxrce(Strict):
-    """Micro XRCE-DDS agent: connects every PX4 SITL of the arena to ROS 2, in the namespace of its vehicle's name."""
+    """Micro XRCE-DDS agent, which connects every PX4 SITL of the arena to ROS 2.
+
+    The namespace is the vehicle's name.
+    """
 
     port: Port = 8888
     """UDP port of the agent."""
@@ -100,7 +108,7 @@ class Bag(Strict):
 
 
 class Qgroundcontrol(Strict):
-    """QGroundControl on this computer. It finds the vehicles by itself at UDP port 14550."""
+    """QGroundControl on this computer. It connects to the vehicles at UDP port 14550 automatically."""
 
     command: Annotated[str, Field(min_length=1)] = "QGroundControl.AppImage"
     """The program: a command in `PATH`, or a path relative to arena.yaml."""

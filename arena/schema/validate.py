@@ -30,7 +30,7 @@ M = TypeVar("M", bound=Strict)
 
 @dataclass(frozen=True, kw_only=True)
 class Validated(Generic[M]):
-    """Result of a validation: the model, and the problems found.
+    """Result of a validation: the pydantic model, and the problems found.
 
     model: the model, or None if too many values are wrong.
     pruned: paths of wrong values, which were removed.
@@ -67,7 +67,7 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
 
 @contextlib.contextmanager
 def _without_plugins() -> Iterator[None]:
-    """Disable the plugins of pydantic, because their search reads the metadata of all installed packages and takes long."""
+    """Disable the plugins of pydantic. Searching for them reads all installed packages, which takes long."""
     before = os.environ.get(_NO_PLUGINS)
     os.environ[_NO_PLUGINS] = "1"
     try:
@@ -80,7 +80,7 @@ def _without_plugins() -> Iterator[None]:
 
 
 def _prune(data: Any, path: YamlPath, *, missing: bool) -> YamlPath:
-    """Remove a wrong value from the YAML document, so that the other values can be validated. Return the path that was removed.
+    """Remove a wrong value from the YAML document and return its path. Then the other values can be validated.
 
     An item of a list is not removed alone: the mapping key that contains the list is removed.
     """
@@ -122,7 +122,7 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
 
 
 def _instead(kind: type[BaseModel], path: YamlPath) -> str:
-    """Return a hint for an unknown key.
+    """Return a hint for an unknown key, such as a similar key.
 
     The hint names the section that has this key, if there is exactly one, else the most similar key.
     """
@@ -183,7 +183,7 @@ def _expected(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
 
 
 def keys_at(kind: Any, path: YamlPath) -> list[str]:
-    """Return the keys that the model allows at this path: for `vehicles.uav1`, the keys of a vehicle."""
+    """Return the keys that the model allows at a YAML path. `vehicles.uav1` gives the keys of a vehicle."""
     for part in path:
         model = _model_of(kind)
         field = model.model_fields.get(str(part)) if model is not None else None

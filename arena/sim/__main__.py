@@ -1,4 +1,4 @@
-"""The process `world`: `python -m arena.sim FILE.json`. It also runs the built-in autopilots.
+"""The process `world`: `python -m arena.sim FILE.json`. It also contains the built-in autopilots.
 
 This is the only module that connects the world with the built-in autopilot and with the PX4 links.
 """
@@ -19,7 +19,7 @@ from arena.sim.sensors import hil_outputs
 
 
 def main(argv: list[str] | None = None, make_autopilots: MakeAutopilots | None = None) -> int:
-    """Run the world and return its exit code.
+    """Run the simulated world and return its exit code.
 
     make_autopilots: creates the autopilots; by default the configuration file selects their kinds
     """
@@ -32,7 +32,7 @@ def main(argv: list[str] | None = None, make_autopilots: MakeAutopilots | None =
 
 
 def autopilots_by_kind(settings: dict[str, Any], dt: float) -> AutopilotSet:
-    """Create the autopilots of all vehicles: built-in autopilots, or connections to PX4 for the vehicles that PX4 flies."""
+    """Create the autopilots of all vehicles: built-in autopilots, or connections to PX4."""
     vehicles = settings["vehicles"]
     kinds = [v.get("autopilot", "builtin") for v in vehicles]
     for kind, make in (("builtin", _builtin), ("px4", _px4)):

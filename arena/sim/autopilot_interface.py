@@ -1,4 +1,4 @@
-"""Interface between the world and its autopilots. Pure.
+"""Interface between the simulated world and its autopilots. Pure.
 
 Several kinds of autopilots can be combined into one set.
 """
@@ -22,7 +22,7 @@ class AutopilotSet(Protocol):
 
     @property
     def armed(self) -> NDArray[np.bool_]:
-        """True for each armed vehicle (V,)."""
+        """Mask of the armed vehicles (V,)."""
         ...
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
@@ -45,25 +45,28 @@ class AutopilotSet(Protocol):
         ...
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return the MAVLink datagrams that the autopilots send: (index of the vehicle, name of the link, data)."""
+        """Return the MAVLink datagrams that the autopilots send, as (vehicle index, link name, data)."""
         ...
 
     def on_request(self, request: Mapping[str, Any]) -> None:
-        """Process a request of the supervisor (see `process_context`), such as to refuse arming."""
+        """Process a request of the supervisor, such as to refuse arming.
+
+        `process_context` explains the requests.
+        """
         ...
 
     def stats(self) -> dict[str, Any]:
-        """Return the statistics of each vehicle's autopilot, by vehicle name."""
+        """Return the statistics of all autopilots: vehicle name -> statistics."""
         ...
 
     def events(self) -> list[str]:
-        """Return the log lines of events that have occurred since the last call."""
+        """Return new log lines about events since the last call."""
         ...
 
 
 @runtime_checkable
 class ExternalAutopilots(Protocol):
-    """Autopilots that run in processes of their own, such as PX4.
+    """Autopilots that run in separate processes, such as PX4.
 
     Each step has two halves, `begin` and `finish`. The world does other work while the autopilots compute.
     Each step calls `receive_truth`, then `begin` with the sensor samples of the same instant, then `finish`.
@@ -75,11 +78,11 @@ class ExternalAutopilots(Protocol):
     def requested(self) -> tuple[str, ...]: ...
 
     def receive_truth(self, truth: Truth) -> None:
-        """Store the current true state of all vehicles, which PX4 writes to its log."""
+        """Store the current true state of all vehicles. PX4 writes it to its log."""
         ...
 
     def begin(self, now: float, sensors: dict[str, Array]) -> None:
-        """Send the sensor samples of simulation time `now` [s]; the autopilots then start to compute."""
+        """Send the sensor samples of the simulation time `now` [s]. Then the autopilots start to compute."""
         ...
 
     def finish(self) -> Array:
@@ -92,7 +95,7 @@ MakeAutopilots = Callable[[dict[str, Any], float], AutopilotSet]
 
 
 class CompositeAutopilots:
-    """Combination of several kinds of autopilots, such as PX4 and the built-in one, in one set.
+    """Combination of several kinds of autopilots in one set, such as PX4 and the built-in autopilot.
 
     Each kind flies some of the vehicles.
 
@@ -107,7 +110,7 @@ class CompositeAutopilots:
 
     @property
     def armed(self) -> NDArray[np.bool_]:
-        """True for each armed vehicle (V,)."""
+        """Mask of the armed vehicles (V,)."""
         found = np.zeros(self._shape[0], bool)
         for rows, part in self._parts:
             found[rows] = part.armed
@@ -115,7 +118,7 @@ class CompositeAutopilots:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors that at least one kind of autopilot needs in the next `begin`."""
+        """Names of the sensors that the next `begin` needs, for all kinds of autopilots."""
         return tuple({name for part in self._external if part is not None for name in part.requested})
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
@@ -132,12 +135,12 @@ class CompositeAutopilots:
         part.sticks(i, on)
 
     def step(self, now: float, sensors: dict[str, Array]) -> Array:
-        """Compute one control step of all autopilots, built-in and external, and return the motor commands 0..1 (V, R)."""
+        """Compute one control step of all autopilots and return the motor commands 0..1 (V, R)."""
         self.begin(now, sensors)
         return self.finish()
 
     def begin(self, now: float, sensors: dict[str, Array]) -> None:
-        """Send the sensor samples to the external autopilots, such as PX4, and store them for the built-in ones.
+        """Send the sensor samples to external autopilots such as PX4, and store them for the built-in autopilots.
 
         `finish` runs the control step of the built-in autopilots.
         """
@@ -148,7 +151,7 @@ class CompositeAutopilots:
                 external.begin(now, part)
 
     def finish(self) -> Array:
-        """Run one control step of the built-in autopilots and wait for the replies of the external ones.
+        """Run one control step of the built-in autopilots, and wait for the replies of the external autopilots.
 
         Return the motor commands of all vehicles, 0..1 (V, R).
         """
@@ -178,7 +181,7 @@ class CompositeAutopilots:
                 )
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return the MAVLink datagrams that the autopilots send: (index of the vehicle in the world, name of the link, data)."""
+        """Return the MAVLink datagrams that the autopilots send, as (vehicle index, link name, data)."""
         return [(int(rows[i]), link, data) for rows, part in self._parts for i, link, data in part.transmit()]
 
     def on_request(self, request: Mapping[str, Any]) -> None:
@@ -187,15 +190,15 @@ class CompositeAutopilots:
             part.on_request(request)
 
     def stats(self) -> dict[str, Any]:
-        """Return the statistics of each vehicle's autopilot, by vehicle name."""
+        """Return the statistics of all autopilots: vehicle name -> statistics."""
         return {name: figures for _, part in self._parts for name, figures in part.stats().items()}
 
     def events(self) -> list[str]:
-        """Return the log lines of events of all autopilots that have occurred since the last call."""
+        """Return new log lines about events of all autopilots since the last call."""
         return [text for _, part in self._parts for text in part.events()]
 
     def close(self) -> None:
-        """Close each kind of autopilot that has a `close` method."""
+        """Close all autopilots that need closing, such as connections to PX4."""
         for _, part in self._parts:
             close: Callable[[], None] | None = getattr(part, "close", None)
             if close is not None:

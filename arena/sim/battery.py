@@ -1,4 +1,4 @@
-"""Batteries of V vehicles: the motors use up charge, and the voltage drops under load. Pure, batched.
+"""Batteries of V vehicles. The motors discharge them, and the voltage drops under load. Pure, batched.
 
     current = idle + (hover - idle) * mean((spin / spin at hover)^2)
     voltage = cells * (empty + (full - empty) * remaining) - resistance * current
@@ -102,7 +102,7 @@ class Battery:
         self.is_weak = self._law.step() < RESERVE
 
     def override_discharge(self, vehicle: int, empty_in_s: float | None) -> None:
-        """Set a constant discharge rate of one battery, independent of the current.
+        """Set a constant discharge rate of one battery. It replaces the rate that follows from the current.
 
         empty_in_s: time from full to empty [s]; None restores the load model
         """
@@ -110,5 +110,8 @@ class Battery:
 
     @property
     def command_factor(self) -> Array:
-        """Factor 0..1 on the motor commands [-] (V, 1). It falls from 1 at the charge RESERVE to 0 for an empty battery."""
+        """Return a factor 0..1 on the motor commands [-] (V, 1), which limits the thrust of a nearly empty battery.
+
+        It falls from 1 at the charge RESERVE to 0 for an empty battery.
+        """
         return np.minimum(self.remaining / RESERVE, 1.0)[:, None]

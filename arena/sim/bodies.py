@@ -1,4 +1,4 @@
-"""Rigid bodies of a fleet, with the project's conventions: vectors are NED and FRD, quaternions wxyz.
+"""Rigid bodies of a fleet. Vectors are NED and FRD, quaternions wxyz.
 
 The kernel `free_flight` moves a vehicle that is away from floor, walls, ceiling, obstacles and other vehicles. Pybullet (`PybulletRoom`)
 moves the vehicles near an obstacle. Before each sensor period the kernel `clearance` decides this for each vehicle. A vehicle
@@ -99,7 +99,9 @@ class Bodies:
         self._set_in_pybullet(list(range(fleet.size)))
 
     def begin(self, wind_n: Array) -> None:
-        """Begin a sensor period. Decide which vehicles pybullet moves (those near an obstacle).
+        """Begin a sensor period: decide which vehicles pybullet moves.
+
+        pybullet moves the vehicles near an obstacle. The kernel `free_flight` moves all other vehicles.
 
         The sum of specific forces, `accel_b`, begins again at zero.
 
@@ -130,17 +132,23 @@ class Bodies:
         self._law.finish()
 
     def free_flight(self, dynamics: Dynamics) -> FlightPeriod:
-        """Return the kernel that makes the physics steps of a sensor period while no vehicle is in pybullet, instead of `step`."""
+        """Return the compiled function that moves all bodies for one sensor period, without pybullet.
+
+        It replaces `step` while no vehicle is near an obstacle.
+        """
         return FlightPeriod(dynamics.law, self._law)
 
     def contacts(self) -> Contacts:
-        """Return which vehicles touched the floor, a wall, the ceiling or another vehicle in the last step."""
+        """Return a mask of the vehicles that touched something in the last step (V,).
+
+        Something is the floor, a wall, the ceiling or another vehicle.
+        """
         return self._room.contacts()
 
     def place(
         self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None
     ) -> None:
-        """Set position, attitude and velocities of one vehicle. For tests and experiments.
+        """Set position, attitude and velocities of one vehicle, for tests and experiments.
 
         p_n: position [m] [NED] (3,)
         q_nb: attitude [-] wxyz (4,)

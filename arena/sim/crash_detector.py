@@ -1,4 +1,4 @@
-"""Crash detection and flight record of each vehicle, computed from the true state alone. Pure.
+"""Crash detection and flight record of each vehicle, from the true state only. Pure.
 
 A crash is a contact with anything except the floor, a touchdown that is too fast, or a tilt that is too
 large. The vehicle's class sets the limits. Only the first crash of a vehicle is recorded.
@@ -50,7 +50,7 @@ class FlightRecord:
     _airborne_since: float = field(default=math.inf, repr=False)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the record as a JSON-ready object with rounded values, for the statistics of the process.
+        """Return the flight record as a JSON-ready object with rounded values.
 
         The tilt is in degrees.
         """
@@ -68,7 +68,9 @@ class FlightRecord:
 
 
 class CrashDetector:
-    """Detects crashes and landings of all vehicles. Keeps a flight record of each, updated once per sensor period.
+    """Detector of crashes and landings of all vehicles, with a flight record for each vehicle.
+
+    It is updated once per sensor period.
 
     limits: crash limits of each vehicle
     p_n, v_n: position [m] and velocity [m/s] [NED], which `step` reads (V, 3)
@@ -110,7 +112,7 @@ class CrashDetector:
         self._watch.finish()
 
     def _record(self, now: float) -> None:
-        """Record the vehicles that have tilted too far, touched down or lifted off in this step."""
+        """Record the vehicles that tilted too far, touched down or lifted off in this step."""
         cos_tilt = self._r_nb[:, 2, 2]
         for i in (cos_tilt < self._min_cos_tilt).nonzero()[0].tolist():
             tilt = math.acos(max(-1.0, float(cos_tilt[i])))
@@ -122,12 +124,12 @@ class CrashDetector:
                 self.records[i]._airborne_since = now
 
     def events(self) -> list[str]:
-        """Return one line for each crash since the last call."""
+        """Return one text line for each crash since the last call."""
         new, self._new = self._new, []
         return new
 
     def report(self) -> dict[str, dict[str, Any]]:
-        """Return vehicle name -> flight record, as JSON-ready objects."""
+        """Return vehicle name -> flight record as a JSON-ready object."""
         watch = self._watch
         for i, record in enumerate(self.records):
             record.airborne, record.airborne_s = not bool(self._floor[i]), watch.airborne_s[i]
@@ -137,7 +139,7 @@ class CrashDetector:
         return {record.name: record.to_json() for record in self.records}
 
     def _touch_down(self, i: int, now: float) -> None:
-        """Record that a vehicle has touched the floor: a landing, or a crash if it was too fast.
+        """Record that a vehicle has touched the floor: as a landing, or as a crash if it was too fast.
 
         The recorded speed is that of the previous step, because the speed of this step already contains the impact.
         """

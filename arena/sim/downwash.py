@@ -1,4 +1,4 @@
-"""Downwash: the wind that the rotors of one vehicle make at the vehicles below it. Pure, batched over vehicles.
+"""Downwash: wind that the rotors of a vehicle make at the vehicles below it. Pure, batched over vehicles.
 
 Source: Bauersfeld, Koen Muller, Ziegler, Coletti and Scaramuzza, "Robotics meets fluid dynamics: a
 characterization of the induced airflow below a quadrotor as a turbulent jet", IEEE Robotics and Automation
@@ -61,7 +61,7 @@ class Downwash:
         self.acts = len(profiles) > 1 and bool(self._speed_per_root.any())
 
     def wind(self, p_n: Array, axis_n: Array, thrust: Array) -> Array:
-        """Return the wind that the vehicles make at each other [m/s] [NED] (V, 3).
+        """Return the wind at each vehicle from the rotors of the other vehicles [m/s] [NED] (V, 3).
 
         p_n: position of the body origins [m] [NED] (V, 3)
         axis_n: direction of the body's z axis [-] [NED] (V, 3)
@@ -86,7 +86,7 @@ class Downwash:
 
 
 def _widest(places: Array) -> float:
-    """Return the largest distance between two rotors [m].
+    """Return the largest distance between two rotors of a vehicle [m].
 
     places: positions of the rotors [m] (R, 2)
     """

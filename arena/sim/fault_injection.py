@@ -1,4 +1,4 @@
-"""Fault injection in the simulated world, such as a failed rotor.
+"""Fault injection in the simulated world, such as a failed rotor or an empty battery.
 
 A fault is a JSON object (see `arena.fault_injection`). Pure.
 """

@@ -1,4 +1,4 @@
-"""Random gusts: the Dryden turbulence of MIL-F-8785C for heights below 1000 ft. Pure, batched over vehicles.
+"""Random gusts: Dryden turbulence of MIL-F-8785C for heights below 1000 ft. Pure, batched over vehicles.
 
 Source: MIL-F-8785C, "Flying qualities of piloted airplanes", 1980, section 3.7.3.4 (low altitude). With the
 height h [ft] and the wind speed W20 at 20 ft (6.1 m) above the ground:
@@ -41,7 +41,7 @@ _OUT = (math.sqrt(1.5), math.sqrt(0.75) * (1.0 / math.sqrt(3.0) - 1.0))  # from 
 
 
 class Gusts:
-    """Gusts at V vehicles.
+    """Random gusts at V vehicles.
 
     Each vehicle has a random generator of its own. Adding a vehicle therefore does not change the gusts at the other vehicles.
 
@@ -82,7 +82,9 @@ class Gusts:
         return _ned(wind_n, sigma_u * self._u, sigma_u * across, sigma_w * down)
 
     def _filter(self, x: Array, noise: Array) -> None:
-        """Advance the two filter states of the lateral gust v and of the vertical gust w by one step.
+        """Advance the filters of the lateral gust v and the vertical gust w by one step.
+
+        Each of these filters has two states.
 
         x: the step multiplied by V / L of v and w [-] (2, V)
         """
@@ -100,7 +102,7 @@ class Gusts:
         self._one = decay * self._one + l11 * first
 
     def _draw(self) -> Array:
-        """Return independent normal numbers for the next step (V, 5)."""
+        """Return independent standard normal numbers for the next step (V, 5)."""
         if self._next == _BLOCK:
             self._block = np.stack([s.standard_normal((_BLOCK, _NOISES)) for s in self._streams], axis=1)
             self._next = 0

@@ -98,7 +98,7 @@ class Loop:
         self._clients_dropped = 0
 
     def run(self) -> None:
-        """Step the world again and again, until the process must end."""
+        """Run steps of the world until the process must end."""
         if self._external is None:  # else the step itself begins with publishing
             self._truth.write(self._world.truth())
             self._clock.tick(self._world.now)
@@ -196,7 +196,7 @@ class Loop:
             self._unsent = autopilots.transmit()
 
     def _read_sockets(self) -> None:
-        """Read the datagrams, requests to the clock and faults that have arrived. Called in every step, before the vehicles move."""
+        """Read the datagrams, clock requests and faults that have arrived."""
         self._watch.poll()
         if self._watch.has_data(self._clock.fileno()):
             self._clock.poll()
@@ -205,12 +205,12 @@ class Loop:
             self._inject_faults()
 
     def _inject_faults(self) -> None:
-        """Apply the faults that have arrived."""
+        """Apply the injected faults that have arrived."""
         for text in self._faults.apply(lambda fault: inject_fault(self._world, self._autopilots, fault)):
             self._context.event(text)
 
     def _until_clients_sleep(self) -> None:
-        """Wait until all clients of the simulation clock have finished their work for the current time and sleep again.
+        """Wait until all clients of the simulation clock have finished their work for the current time.
 
         At speed 1 (real time), return at once. During the wait, faults are injected and the datagrams of the panic links, which
         are reserved for emergencies, reach the autopilots.
@@ -223,7 +223,7 @@ class Loop:
                 self._serve_panic_links()
 
     def _until_clients_join(self) -> None:
-        """Stop the simulation time until all expected programs use the simulation clock, so that every run starts at the same time.
+        """Wait until all expected programs use the simulation clock, so that every run starts at the same time.
 
         The wait ends early for programs that have ended, and for all programs when a datagram arrives on a panic link: a
         landing needs simulation time. A program that never uses the clock is not waited for longer than 30 s of wall time.
@@ -243,7 +243,7 @@ class Loop:
             self._clock.poll(_MAX_WAIT_S)
 
     def _serve_panic_links(self) -> bool:
-        """Pass the datagrams of the panic links, which are reserved for emergencies, to the autopilots, and send the replies.
+        """Pass the datagrams of the panic links to the autopilots, and send the replies.
 
         Called while simulation time stands still. Return whether a datagram had arrived.
         """
@@ -253,7 +253,7 @@ class Loop:
         return arrived
 
     def _must_stop(self) -> bool:
-        """Return whether the step loop must end because a stop signal has arrived.
+        """Return whether the step loop must end because of a stop signal.
 
         If all programs have ended before the signal, the loop first runs until the simulation time at which `_is_over` is true,
         for at most 3 s of wall time. With `--until-done` the supervisor sends the signal only after this simulation time.
@@ -265,7 +265,7 @@ class Loop:
         return self._done_at == math.inf or self._is_over() or now > self._stop_by
 
     def _is_over(self) -> bool:
-        """Return whether simulation time must stand still, because all programs have ended and 2 s have passed since.
+        """Return whether simulation time must stop, because all programs ended at least 2 s ago.
 
         Only with `arena up --until-done`, in a world that waits for its programs: repeated flights then end at the same time.
         The supervisor reads from `last_steps` whether this time is still to come.
@@ -281,18 +281,18 @@ class Loop:
         return True
 
     def _report_last_steps(self, to_come: bool) -> None:
-        """Report to the supervisor whether the simulation time at which repeated flights end is still to come."""
+        """Report to the supervisor whether the end of the repeated flights [simulation time] is still in the future."""
         if to_come != self._last_steps:
             self._last_steps = to_come
             self._context.stats({"last_steps": to_come})
 
     def _is_finished(self, program: str) -> bool:
-        """Return whether this program has disconnected from the simulation clock, or has ended without ever using the clock."""
+        """Return whether a program has left the simulation clock, or has ended without using the clock."""
         clock = self._clock
         return clock.has_disconnected(program) or (program in self._ended and program not in clock.joined)
 
     def _wait(self, pacer: Pacer) -> float:
-        """Serve the clients of the simulation clock until the next step may begin. Return the wall time after the wait [s]."""
+        """Wait until the next step may begin, and return the wall time [s]."""
         now = time.monotonic()
         while (left := pacer.wait_s(now)) > 0.0 and not self._context.stopping:
             self._idle(min(left, _MAX_WAIT_S))
@@ -303,7 +303,7 @@ class Loop:
         return now
 
     def _idle(self, left_s: float) -> None:
-        """Wait for `left_s` of wall time, and serve the clients of the simulation clock meanwhile.
+        """Wait for `left_s` of wall time. Serve the clients of the simulation clock meanwhile.
 
         Sleep during the last milliseconds, because sleeping is more precise.
         """
@@ -313,7 +313,7 @@ class Loop:
             time.sleep(left_s)
 
     def _check(self, now: float) -> bool:
-        """Log new events, pass on the requests of the supervisor, and return whether the process must end.
+        """Log new events and pass on the supervisor's requests. Return whether the process must end.
 
         It must end if the supervisor has died and no vehicle needs this world any more.
         """
@@ -332,7 +332,7 @@ class Loop:
         return self._shutdown.over(orphaned=orphaned, any_armed=bool(np.any(self._autopilots.armed)), now=now)
 
     def _on_request(self, request: Mapping[str, Any]) -> None:
-        """Process a request of the supervisor: that the time stops after all programs, or that a program has ended."""
+        """Process a request of the supervisor: stop the time after all programs, or note that a program has ended."""
         match request.get("do"):
             case "until_done":
                 self._until_done = True
@@ -341,7 +341,7 @@ class Loop:
                 self._ended.add(str(request.get("program")))
 
     def _log_pace(self, pacer: Pacer) -> None:
-        """Log a line if the real-time factor of the last second differs from the requested one."""
+        """Log a line if the real-time factor of the last second differs from the requested factor."""
         if math.isfinite(self._speed) and abs(pacer.rtf / self._speed - 1.0) > _RTF_TOLERANCE:
             rtf = f"real-time factor {pacer.rtf:.3f}, requested {self._speed:g}"
             print(f"at {self._world.now:.1f} s of simulation time: {rtf} (over the last second)", flush=True)
@@ -366,7 +366,7 @@ class Loop:
 
 
 def serve(make_autopilots: MakeAutopilots, argv: list[str] | None = None) -> None:
-    """Run the world as a process of its own, with UDP sockets as its MAVLink links, until a stop is requested. Raises ArenaError.
+    """Run the world as a separate process with UDP links until a stop is requested. Raises ArenaError.
 
     argv: command line; it names the JSON configuration (slice) of the process
     """
@@ -377,7 +377,7 @@ def serve(make_autopilots: MakeAutopilots, argv: list[str] | None = None) -> Non
 def run(
     context: ProcessContext, settings: dict[str, Any], make_autopilots: MakeAutopilots, make_links: MakeLinks
 ) -> None:
-    """Run the world with the links that `make_links` opens, until a stop is requested. Raises ArenaError.
+    """Run the world with given MAVLink links until a stop is requested. Raises ArenaError.
 
     The arguments are those of `Loop`.
     """

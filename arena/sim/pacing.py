@@ -1,4 +1,4 @@
-"""Pacing of a stepped world against the wall clock, and statistics of its delays. Pure: `now` is an argument.
+"""Pacing of the simulation steps against the wall clock, and statistics of their delays. Pure.
 
 Deadlines are absolute, so errors do not accumulate. A delay above 20 ms is skipped: the deadlines move by the
 delay, and the number and sum of the skipped delays are counted. Otherwise a world that was stopped would
@@ -20,7 +20,7 @@ _WINDOW_S = 1.0
 
 @dataclass(kw_only=True)
 class Lateness:
-    """Histogram of the delays with which steps began: bins of 0.1 ms, the last one without an upper limit."""
+    """Histogram of the step delays in bins of 0.1 ms. The last bin has no upper limit."""
 
     worst_s: float = 0.0
     steps: int = 0
@@ -37,7 +37,9 @@ class Lateness:
         self._bins[min(int(late_s / _BIN_S), _BINS - 1)] += 1
 
     def percentile(self, percent: float) -> float:
-        """Return a percentile of the delays [s]: the upper edge of its bin. Returns 0 before the first step.
+        """Return a percentile of the step delays [s], or 0 before the first step.
+
+        It is the upper edge of a bin.
 
         percent: share of the steps that are at most this late [%]
         """
@@ -50,7 +52,7 @@ class Lateness:
 
 
 class Pacer:
-    """Pacer of the step loop: computes when each step may begin, and measures the real-time factor.
+    """Pacer of the step loop: it computes when each step may begin, and measures the real-time factor.
 
     For each step the loop waits until `wait_s(now)` is not positive, then calls `begin(now)`.
 
@@ -107,7 +109,7 @@ class Pacer:
         self._window_from, self._window_steps = now, 0
 
     def stats(self) -> dict[str, float | int | None]:
-        """Return delays [ms], real-time factors [-] and the simulated time of the slowest second [s] for the statistics of the process.
+        """Return the statistics of the steps: delays [ms], real-time factors [-], slowest simulated second [s].
 
         The factors are None before the first full second.
         """
@@ -126,12 +128,12 @@ class Pacer:
 
 
 def speed_of(value: float | str) -> float:
-    """Return the configured `speed`, a number or "max", as a float. "max" becomes inf."""
+    """Return the configured simulation speed as a number. "max" gives inf."""
     return math.inf if value == "max" else float(value)
 
 
 def own_core(cores: Sequence[int], *, speed: float, external: int, pid: int) -> int | None:
-    """Return the CPU core to which the world should be bound, None for no binding.
+    """Return the CPU core for the world process, or None if it may use any core.
 
     cores: cores that the process may use
     speed: simulated seconds per second of wall time

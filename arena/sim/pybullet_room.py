@@ -1,4 +1,4 @@
-"""The room in pybullet: floor, walls, ceiling, obstacles, and the vehicles that are near them or near each other.
+"""The room in pybullet, with the vehicles that are near a wall, an obstacle or each other.
 
 Only this module calls pybullet. Quaternions are xyzw, and all vectors are in pybullet's world with z up. By default
 pybullet damps linear and angular velocity by 0.04 and computes the inertia from the collision shape; both are
@@ -36,7 +36,7 @@ _LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Contacts:
-    """Contacts of the vehicles with the floor, walls, ceiling, obstacles and other vehicles after one step.
+    """Contacts of the vehicles with the room, obstacles and other vehicles after one step.
 
     floor: True for each vehicle that touches the floor (V,)
     others: name of the wall, ceiling, obstacle or vehicle that a vehicle touches, by row of the vehicle
@@ -48,7 +48,7 @@ class Contacts:
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Motion of one or more bodies in pybullet's world.
+    """Position, attitude and velocities of one or more bodies in pybullet's axes.
 
     place: position of the body origin [m] (..., 3)
     quat: attitude xyzw, from body axes FLU to the world (..., 4)
@@ -62,7 +62,9 @@ class Motion:
 
 
 class PybulletRoom:
-    """Floor, walls, ceiling and obstacles in pybullet, with some vehicles of a fleet. It begins without vehicles.
+    """Room in pybullet: floor, walls, ceiling and obstacles, with some vehicles of a fleet.
+
+    The room begins without vehicles.
 
     fleet: the vehicles' bodies
     size_m: size of the room: north, east, height [m]
@@ -103,19 +105,19 @@ class PybulletRoom:
         self._no_contacts = Contacts(floor=np.zeros(fleet.size, bool), others={})
 
     def add(self, i: int, motion: Motion) -> None:
-        """Add vehicle i with this motion."""
+        """Add vehicle number i with a given motion to the room."""
         body = self._bodies[i] = self._vehicle(i, motion)
         self._vehicles[body] = i
         self.move(i, motion)
 
     def remove(self, i: int) -> None:
-        """Remove vehicle i."""
+        """Remove vehicle number i from the room."""
         body = self._bodies.pop(i)
         del self._vehicles[body]
         self._bullet.removeBody(body, self._client)
 
     def move(self, i: int, motion: Motion) -> None:
-        """Set the motion of vehicle i."""
+        """Set position, attitude and velocities of vehicle number i."""
         bullet, body, client = self._bullet, self._bodies[i], self._client
         bullet.resetBasePositionAndOrientation(
             body, motion.place.tolist(), motion.quat.tolist(), physicsClientId=client
@@ -123,7 +125,9 @@ class PybulletRoom:
         bullet.resetBaseVelocity(body, motion.speed.tolist(), motion.rate.tolist(), physicsClientId=client)
 
     def step(self, vehicles: Sequence[int], force: Array, torque: Array) -> Motion:
-        """Make one physics step of the vehicles in the room. Return their new motion, in the order of `vehicles`.
+        """Make one physics step of the vehicles in the room and return their new motion.
+
+        The order is that of `vehicles`.
 
         vehicles: all vehicles in the room (n,)
         force, torque: on each of them at its centre of mass, for this step [N], [N m] [FLU] (n, 3)
@@ -139,7 +143,9 @@ class PybulletRoom:
         try:
             bullet.stepSimulation(client)
         except bullet.error as error:
-            raise RunError(f"pybullet ended: {error}. Was its window closed?") from error
+            raise RunError(
+                f"the pybullet physics simulation has ended: {error}. Was its window closed?"
+            ) from error
         pose, velocity = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
         rows: list[float] = []
         for body in bodies:
@@ -153,7 +159,7 @@ class PybulletRoom:
         return Motion(place=found[:, :3], quat=found[:, 3:7], speed=found[:, 7:10], rate=found[:, 10:])
 
     def contacts(self) -> Contacts:
-        """Return which vehicles touched the floor, a wall, the ceiling, an obstacle or another vehicle in the last step."""
+        """Return the contacts of the vehicles in the last step."""
         if not self._bodies:
             return self._no_contacts
         floor, vehicles = np.zeros(self._fleet.size, bool), self._vehicles
@@ -181,7 +187,7 @@ class PybulletRoom:
         )
 
     def _box(self, box: Array) -> int:
-        """Add a fixed box; return its pybullet id.
+        """Add a fixed box to pybullet's world; return its pybullet id.
 
         box: centre and half size [m] (6,)
         """
@@ -191,7 +197,7 @@ class PybulletRoom:
         return self._fixed(shape, box[:3].tolist())
 
     def _obstacle(self, obstacle: Obstacle) -> int:
-        """Add an obstacle; return its pybullet id."""
+        """Add an obstacle to pybullet's world; return its pybullet id."""
         bullet, (length, width, height) = self._bullet, obstacle.size_m
         if obstacle.shape == "box":
             kind: int = bullet.GEOM_BOX
@@ -214,7 +220,10 @@ class PybulletRoom:
         return int(body)
 
     def _shape(self, i: int) -> int:
-        """Return the collision shape of vehicle i. It is made once, because pybullet keeps the shape when a body is removed."""
+        """Return the collision shape of vehicle number i.
+
+        It is made once, because pybullet keeps the shape when a body is removed.
+        """
         if i not in self._shapes:
             self._shapes[i] = self._cylinder(i)
         return self._shapes[i]
@@ -256,7 +265,7 @@ class PybulletRoom:
 
 
 def _walls(size_m: Sequence[float]) -> dict[str, Array]:
-    """Return the four walls by name: centre and half size [m] (6,)."""
+    """Return the four walls: name -> centre and half size [m] (6,)."""
     north, east, height = (float(x) for x in size_m)
     walls = {}
     for name, axis, sign in (("north", 0, 1), ("south", 0, -1), ("east", 1, 1), ("west", 1, -1)):
@@ -275,7 +284,7 @@ def _ceiling(size_m: Sequence[float]) -> Array:
 
 
 def _in_world(centre_n: Array, half_n: Array) -> Array:
-    """Convert a box from NED to the axes of pybullet's world. Return its centre and half size [m] (6,).
+    """Convert a box from NED to pybullet's axes. Return its centre and half size [m] (6,).
 
     centre_n, half_n: centre and half size of the box [m] [NED] (3,)
     """
@@ -283,7 +292,7 @@ def _in_world(centre_n: Array, half_n: Array) -> Array:
 
 
 def _import() -> Any:
-    """Import pybullet without the line that pybullet prints on import."""
+    """Import pybullet. The line that pybullet prints on import is suppressed."""
     try:
         with _no_stderr():
             import pybullet
@@ -294,7 +303,7 @@ def _import() -> Any:
 
 @contextlib.contextmanager
 def _no_stderr() -> Iterator[None]:
-    """Discard all output to stderr, also that of C code."""
+    """Discard all output to stderr, including output of C code."""
     kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:
@@ -325,7 +334,7 @@ def _connect(bullet: Any, gui: bool) -> int:
 
 
 def display_answers(display: str) -> bool:
-    """Return whether the X server of a display accepts connections, so that pybullet can open its window.
+    """Return whether the X server of a display accepts connections. pybullet needs it for its window.
 
     display: value of $DISPLAY, `[host]:number[.screen]`
     """

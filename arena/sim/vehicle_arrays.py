@@ -1,4 +1,4 @@
-"""Bodies of all vehicles as arrays, so that a step needs few numpy calls for any number of vehicles.
+"""Rigid bodies of all vehicles as arrays. A step needs few numpy calls for any number of vehicles.
 
 Optional values have defaults, so that a JSON configuration (slice) written by hand may omit them.
 """
@@ -45,12 +45,12 @@ class Fleet:
 
     @property
     def size(self) -> int:
-        """Number of vehicles."""
+        """Number of vehicles in the fleet."""
         return len(self.names)
 
 
 def read_fleet(vehicles: Sequence[dict[str, Any]]) -> Fleet:
-    """Return the bodies of the configured `vehicles`. Raises InputError if there is none."""
+    """Return the bodies of the configured `vehicles`. Raises InputError if no vehicle is configured."""
     if not vehicles:
         raise InputError("vehicles: got an empty list, expected at least one vehicle")
     profiles = tuple(v["profile"] for v in vehicles)

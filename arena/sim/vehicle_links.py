@@ -38,10 +38,15 @@ class LinkInterface(Protocol):
     def ready(self) -> bool: ...
 
     def drain(self, receive: Receive) -> None:
-        """Pass each datagram that has arrived to the autopilots: `receive(vehicle, link, datagram)`."""
+        """Read all datagrams that have arrived and pass them to a function.
+
+        The function is `receive(vehicle, link, datagram)`.
+        """
 
     def drain_panic(self, receive: Receive) -> bool:
-        """Pass datagrams to the autopilots as `drain` does, but only those of the panic links, which are reserved for emergencies.
+        """Pass the datagrams of the panic links to a function.
+
+        Panic links are reserved for emergencies. The function is that of `drain`.
 
         The world calls it while simulation time stands still, so that emergency commands arrive then, too. Return whether a
         datagram had arrived.
@@ -54,13 +59,13 @@ class LinkInterface(Protocol):
         """
 
     def on_request(self, request: Mapping[str, Any]) -> None:
-        """Process a request of the supervisor (see `process_context`)."""
+        """Process a request of the supervisor. `process_context` explains the requests."""
 
     def stats(self) -> dict[str, int]:
-        """Return the numbers of received, sent and dropped datagrams, by name."""
+        """Return the numbers of received, sent and dropped datagrams."""
 
     def close(self) -> None:
-        """Close the links."""
+        """Close the MAVLink links of all vehicles."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +101,9 @@ class VehicleLinks:
         return self._epoll.fileno()
 
     def drain(self, receive: Receive) -> None:
-        """Read the datagrams that have arrived, and pass each one to the autopilots: `receive(vehicle, link, datagram)`.
+        """Read all datagrams that have arrived and pass them to a function.
+
+        The function is `receive(vehicle, link, datagram)`.
 
         It reads a few datagrams per link in each pass over the links, panic links first.
         """
@@ -104,7 +111,9 @@ class VehicleLinks:
             self._read([self._by_fd[fd] for fd, _ in found], receive)
 
     def drain_panic(self, receive: Receive) -> bool:
-        """Pass datagrams to the autopilots as `drain` does, but only those of the panic links, which are reserved for emergencies.
+        """Pass the datagrams of the panic links to a function.
+
+        Panic links are reserved for emergencies. The function is that of `drain`.
 
         Return whether a datagram had arrived.
         """
@@ -126,14 +135,14 @@ class VehicleLinks:
 
     @property
     def ready(self) -> bool:
-        """Always True: the sockets can be used as soon as they are open.
+        """Always True. The sockets can be used as soon as they are open.
 
         The processes at the other ends, such as the router, report to the supervisor themselves that they are ready.
         """
         return True
 
     def on_request(self, request: Mapping[str, Any]) -> None:
-        """Do nothing. The router and the pose forwarders, which are other processes, receive the supervisor's requests themselves."""
+        """Do nothing. The router and the pose forwarders receive the supervisor's requests in their own processes."""
 
     def send(self, messages: Sequence[tuple[int, str, bytes]], now: float = 0.0) -> None:
         """Send each (vehicle, link, datagram) to the remote address of the link.
@@ -168,7 +177,7 @@ class VehicleLinks:
         self._panic_epoll.close()
 
     def _read_some(self, link: _VehicleLink, receive: Receive) -> bool:
-        """Read a limited number of datagrams of one link, so that the other links are served, too.
+        """Read a limited number of datagrams of one link, so that no link blocks another link.
 
         Return whether more datagrams may be waiting.
         """
@@ -206,7 +215,7 @@ class VehicleLinks:
 
 
 def accepted_hosts(local: str, remote: str) -> frozenset[str]:
-    """Return the hosts from which a link accepts datagrams; empty if it accepts all.
+    """Return the hosts from which a link accepts datagrams. An empty set means all hosts.
 
     A link on the loopback accepts all, because only this computer can reach it.
 

@@ -1,4 +1,4 @@
-"""The world: turns motor commands into motion and measurements. No socket, no clock, no file.
+"""Simulated world: computes motion and measurements from motor commands. No socket, no clock, no file.
 
 world = World(settings)                 settings: the JSON configuration (slice) of the world
 world.step(motors)                      advance by one sensor period
@@ -113,7 +113,7 @@ class World:
 
     @property
     def now(self) -> float:
-        """Simulation time [s]. It is a multiple of the period, so rounding errors do not accumulate."""
+        """Simulation time [s]. It is a multiple of the period, so that rounding errors do not accumulate."""
         return self.steps * self.period_s
 
     @property
@@ -123,11 +123,11 @@ class World:
 
     @property
     def rotors(self) -> int:
-        """Number of motor commands per vehicle, R."""
+        """Largest number of rotors of a vehicle, R. It is the number of motor commands per vehicle."""
         return int(self._dynamics.spin.shape[1])
 
     def step(self, motors: Array) -> None:
-        """Simulate one sensor period: move the bodies (`advance`), then update batteries and crash detection (`observe`).
+        """Simulate one sensor period: move the bodies, then update batteries and crash detection.
 
         motors: motor commands 0..1 [-] (V, R)
         """
@@ -156,7 +156,7 @@ class World:
         self.steps += 1
 
     def observe(self) -> None:
-        """Update batteries and crash detection. Call this once after each `advance`."""
+        """Update batteries and crash detection. Call it once after each `advance`."""
         if self._observed_steps == self.steps:
             return
         self._observed_steps = self.steps
@@ -167,7 +167,7 @@ class World:
         self._crashes.step(now=self.now, floor=contacts.floor, others=contacts.others)
 
     def _wind(self) -> Array:
-        """Return the motion of the air at each vehicle in this period: steady wind, gusts and downwash [m/s] [NED] (V, 3)."""
+        """Return the wind at each vehicle in this period [m/s] [NED] (V, 3): steady wind, gusts and downwash."""
         bodies, wind_n = self.bodies, self.wind_n
         if self._gusts is not None:
             wind_n = wind_n + self._gusts.step(-bodies.p_n[:, 2], bodies.v_n, self.wind_n)
@@ -181,7 +181,7 @@ class World:
     # -- fault injection ---------------------------------------------------------------------------------------------
 
     def scale_rotor_thrust(self, vehicle: int, rotor: int, share: float) -> None:
-        """Scale the thrust of one rotor. The rotor speed still follows commands.
+        """Scale the thrust of one rotor, as a fault. The rotor speed still follows the commands.
 
         rotor: index from 0
         share: remaining share of the thrust 0..1 [-]
@@ -215,7 +215,7 @@ class World:
         )
 
     def sense(self, requested: Collection[str] = ()) -> dict[str, Array]:
-        """Return one sample of every sensor. Call this once per step.
+        """Return one sample of every sensor. Call it once per step.
 
         requested: names of the sensors to sample in addition, which are sampled on request only, such as
             "gps"
@@ -234,7 +234,7 @@ class World:
         return self._crashes.report()
 
     def events(self) -> list[str]:
-        """Return one line for each crash since the last call."""
+        """Return one text line for each crash since the last call."""
         return self._crashes.events()
 
     def close(self) -> None:
@@ -257,7 +257,7 @@ def substeps(physics_hz: float, sensor_hz: float) -> int:
 
 
 def _dynamics(fleet: Fleet, step_s: float) -> Dynamics:
-    """Return the dynamics of a fleet. Raises InputError if the vehicles do not all have the same vehicle class."""
+    """Return the equations of motion of a fleet. Raises InputError for different vehicle classes in one world."""
     models = {model.name: model for model in map(vehicle_model, fleet.profiles)}
     if len(models) > 1:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Simulated sensors, one module per kind.
+"""Simulated sensors, one module per kind of sensor.
 
 The table `SENSORS` lists them by their key under a profile's `sensors:`. A new sensor needs a module here
 with a class that implements `Sensor`, a row in this table, and a model of its profile keys in
@@ -22,7 +22,7 @@ SENSORS: dict[str, type[Sensor]] = {"imu": Imu, "mag": Magnetometer, "baro": Bar
 
 
 def hil_outputs() -> list[HilOutput]:
-    """Return a description of the data that each sensor sends in PX4's simulator API, in the order of `SENSORS`.
+    """Return which data each sensor sends to PX4's simulator API (HIL messages), in the order of `SENSORS`.
 
     A sensor either fills fields of HIL_SENSOR or sends its own message, such as HIL_GPS.
     """

@@ -15,13 +15,16 @@ _TEMPERATURE_DEG_C = 25.0
 
 
 def _hil_values(sensors: Mapping[str, Array], row: int) -> tuple[float, float, float, float]:
-    """Return the HIL_SENSOR values of one vehicle: pressure and differential pressure [hPa], altitude [m], temperature [deg C]."""
+    """Return a vehicle's HIL_SENSOR values: pressures [hPa], altitude [m], temperature [deg C].
+
+    The pressures are absolute pressure and differential pressure.
+    """
     altitude = float(sensors["baro_alt_m"][row])
     return pressure_hpa(altitude), 0.0, altitude, _TEMPERATURE_DEG_C
 
 
 class Barometer(Sensor):
-    """Barometer. It measures the altitude above mean sea level [m] (V,)."""
+    """Barometer that measures the altitude above mean sea level [m] (V,)."""
 
     stream = 4
     channels = (Channel(axes=1, noise="noise_m", default_noise=0.05, bias="bias_m", default_bias=0.2),)

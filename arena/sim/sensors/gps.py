@@ -1,4 +1,4 @@
-"""Satellite receiver: measures global position and velocity, with a position error that varies slowly.
+"""GPS receiver: measures global position and velocity. Its position error varies slowly.
 
 The position error is a Gauss-Markov process with a time constant of 60 s, as in the simulators that PX4 is
 tested in. Position and velocity are rotated to true north by the arena's heading.
@@ -21,7 +21,7 @@ _ACCURACY_CM, _SATELLITES = (80, 120), 14  # reported, horizontal and vertical
 
 
 def _hil_message(sender: HilSender, time_usec: int, sensors: Mapping[str, Array], row: int) -> bytes:
-    """Return HIL_GPS with a 3-D fix."""
+    """Return the HIL_GPS message of a vehicle, with a 3D fix."""
     lat, lon, alt = (float(sensors[key][row]) for key in ("lat_deg", "lon_deg", "alt_m"))
     v_cm_s = [round(min(max(100.0 * x, -32768.0), 32767.0)) for x in sensors["v_true_n"][row].tolist()]
     place = (round(lat * 1e7), round(lon * 1e7), round(alt * 1e3))
@@ -29,7 +29,7 @@ def _hil_message(sender: HilSender, time_usec: int, sensors: Mapping[str, Array]
 
 
 class Gps(Sensor):
-    """Satellite receiver: latitude, longitude [deg], altitude [m] (V,), velocity [m/s] (V, 3)."""
+    """GPS receivers of V vehicles: latitude, longitude [deg], altitude [m] (V,), velocity [m/s] (V, 3)."""
 
     stream = 2
     channels = (
@@ -51,7 +51,9 @@ class Gps(Sensor):
         self._error: Array | None = None  # of the position [m] (V, 3)
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
-        """Return the GPS fix: lat_deg, lon_deg, alt_m (V,), and the velocity v_true_n [m/s] (V, 3) in NED with true (not arena) north.
+        """Return the GPS fix: lat_deg, lon_deg, alt_m (V,) and v_true_n [m/s] (V, 3).
+
+        v_true_n is the velocity in NED with true north, not the arena's north.
 
         Each call returns the next fix of every receiver. Returns {} if the arena has no global origin.
         """
@@ -66,6 +68,9 @@ class Gps(Sensor):
         return {"lat_deg": lat, "lon_deg": lon, "alt_m": origin.alt_m - position[:, 2], "v_true_n": velocity}
 
     def _true_north(self, v_n: Array) -> Array:
-        """Rotate vectors (V, 3) from the arena's axes to true NED. The arena's north is turned clockwise by `heading` from true north."""
+        """Rotate vectors (V, 3) from the arena's axes to NED with true north.
+
+        The arena's north is turned clockwise by `heading` from true north.
+        """
         c, s = math.cos(self._heading), math.sin(self._heading)
         return np.stack([c * v_n[:, 0] - s * v_n[:, 1], s * v_n[:, 0] + c * v_n[:, 1], v_n[:, 2]], axis=-1)

@@ -13,7 +13,7 @@ from arena.wire.hil import HilFields
 
 
 class Imu(Sensor):
-    """Inertial measurement unit: specific force [m/s2] and angular velocity [rad/s], both [FRD] (V, 3)."""
+    """Inertial measurement units of V vehicles: specific force [m/s2] and body rates [rad/s] [FRD] (V, 3)."""
 
     stream = 1
     channels = (
@@ -52,7 +52,7 @@ class Imu(Sensor):
         self._vibration = Vibration(profiles, period_s)
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
-        """Return accel_b [m/s2] and gyro_b [rad/s], both [FRD] (V, 3)."""
+        """Return the specific force accel_b [m/s2] and the body rates gyro_b [rad/s], both [FRD] (V, 3)."""
         accel_b, gyro_b = noise[:, 0:3], noise[:, 3:6]
         add_inertial(view(noise), view(motion.accel_b), view(motion.omega_b))
         if self._vibration.on:

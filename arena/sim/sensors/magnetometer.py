@@ -1,4 +1,4 @@
-"""Magnetometer.
+"""Magnetometer: measures the Earth's magnetic field in body axes.
 
 The simulated field is the field of the Earth at the arena's origin, rotated by the arena's heading.
 """
@@ -23,7 +23,7 @@ _WITHOUT_ORIGIN = MagneticField(
 
 
 class Magnetometer(Sensor):
-    """Magnetometer: measures the magnetic field [gauss] [FRD] (V, 3)."""
+    """Magnetometers of V vehicles: magnetic field [gauss] [FRD] (V, 3)."""
 
     stream = 3
     channels = (
@@ -44,6 +44,6 @@ class Magnetometer(Sensor):
         )
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
-        """Return mag_b [gauss] [FRD] (V, 3)."""
+        """Return the measured magnetic field mag_b [gauss] [FRD] (V, 3)."""
         add_field(view(noise), view(self._field_n), view(motion.r_nb))
         return {"mag_b": noise}

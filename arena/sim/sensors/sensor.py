@@ -1,4 +1,4 @@
-"""Interface of simulated sensors: what a class must provide to add a kind of sensor."""
+"""Interface of simulated sensors. A class with this interface adds a kind of sensor."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ square root of this rate. At another rate the noise of a sample is larger by the
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """Error model (noise, bias, range) of a group of sensor axes: which keys of the profile set the errors, and the default values.
+    """Error model of a group of sensor axes: noise, bias and range.
+
+    It names the keys of the profile that set the errors, and the default values.
 
     axes: number of axes
     noise: key of the standard deviation of one sample: at NOISE_HZ for a sensor that is sampled at every step, at the
@@ -43,7 +45,7 @@ class Channel:
 
 @dataclass(frozen=True, kw_only=True)
 class GlobalOrigin:
-    """Arena origin on Earth: latitude, longitude [deg], altitude above mean sea level [m]."""
+    """Position of the arena's origin on Earth: latitude, longitude [deg], altitude above mean sea level [m]."""
 
     lat_deg: float
     lon_deg: float

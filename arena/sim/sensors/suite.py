@@ -1,4 +1,4 @@
-"""All sensors of a fleet: seeded noise, biases and ranges. One call per step samples all of them.
+"""All sensors of a fleet with seeded noise, biases and ranges. One call samples all of them.
 
 Every sensor of every vehicle has its own random stream, seeded by the arena's seed, the vehicle's id and the number of
 the sensor. Adding a vehicle or a sensor therefore does not change the noise of the existing ones. Each sample has white noise, whose
@@ -22,7 +22,7 @@ _BLOCK = 256  # samples drawn at once: the cost of a draw is per call
 
 
 class SensorSuite:
-    """Simulation of all sensors of V vehicles: adds noise and biases to the true motion.
+    """Simulation of all sensors of V vehicles. It adds noise and biases to the true motion.
 
     table: key under the profiles' `sensors:` -> class of the sensor
     profiles, ids: profiles and system ids of the vehicles
@@ -49,7 +49,7 @@ class SensorSuite:
         self._on_request = {name: group([name]) for name in table if name not in always}
 
     def sample(self, motion: Motion, requested: Collection[str] = ()) -> dict[str, Array]:
-        """Return one sample of every sensor, as a mapping: name of the quantity -> values (V,) or (V, axes).
+        """Return one sample of every sensor: name of the quantity -> values (V,) or (V, axes).
 
         Call this once per step.
 
@@ -71,7 +71,9 @@ class SensorSuite:
 
 
 class _Group:
-    """Group of sensors that are sampled in one call: all sensors of every step, or one sensor that is sampled on request.
+    """Group of sensors that are sampled in one call.
+
+    It contains all sensors of every step, or one sensor that is sampled on request.
 
     The arrays of a group have one column per axis of each sensor. Their number is called `width`.
     """
@@ -135,7 +137,7 @@ class _Group:
 
 
 class _RandomStreams:
-    """Random streams of standard normal numbers, one for each vehicle and sensor.
+    """Random generators of standard normal numbers, one for each vehicle and sensor.
 
     purpose: numbers that distinguish several streams of one sensor
     """
@@ -150,7 +152,10 @@ class _RandomStreams:
         ]
 
     def draw(self, count: int) -> Array:
-        """Return the next `count` random numbers for each axis of each sensor of V vehicles (count, V, number of axes)."""
+        """Return the next `count` random numbers for all axes (count, V, axes).
+
+        axes: number of axes of all sensors.
+        """
         rows = [
             np.concatenate([rng.standard_normal((count, width)) for rng, width in each], axis=1)
             for each in self._streams
@@ -159,14 +164,17 @@ class _RandomStreams:
 
 
 def _noise_ratio(period_s: float) -> float:
-    """Return the noise of one sample divided by the noise of a sample at NOISE_HZ, for white noise of constant density [-]."""
+    """Return the ratio of the noise at the present rate to the noise at NOISE_HZ [-].
+
+    The noise is white with constant density.
+    """
     return math.sqrt(1.0 / (NOISE_HZ * period_s))
 
 
 def _profile_values(
     table: Mapping[str, type[Sensor]], profiles: Sequence[Mapping[str, Any]], what: str
 ) -> Array:
-    """Return one property of every sensor axis, such as the noise, from the profiles of the vehicles (V, number of axes).
+    """Return one property of every sensor axis, such as the noise, from all profiles (V, axes).
 
     what: name of the property: noise, bias, walk or range
     """

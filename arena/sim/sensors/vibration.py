@@ -39,7 +39,7 @@ class Vibration:
         self.on = bool(self._amplitude.any())
 
     def sample(self, spin: Array, hover: Array) -> Array:
-        """Advance by one step. Return the vibration of the specific force [m/s2] and of the rates [rad/s] [FRD] (V, 6).
+        """Advance by one step. Return the vibration of specific force [m/s2] and body rates [rad/s] [FRD] (V, 6).
 
         spin: rotor state 0..1, about proportional to the rotor speed; zero for a rotor that is not there [-] (V, R)
         hover: rotor state in hover [-] (V,)
