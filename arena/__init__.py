@@ -13,10 +13,9 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """Import `arena.uav` and `arena.fly` only when one of their names is first used, so that processes without a user program do
-    not load them.
+    """Import `arena.uav` and `arena.fly` only when one of their names is first used.
 
-    `Heart` is the deprecated name of `Heartbeat`.
+    Processes without a user program then do not load them.
     """
     if name == "connect":
         from arena.fly import connect

@@ -1,4 +1,4 @@
-"""Entry point of `python -m arena`, which does the same as the command `arena`."""
+"""Entry point of `python -m arena`, which is the same as the command `arena`."""
 
 import sys
 

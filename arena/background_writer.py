@@ -1,4 +1,7 @@
-"""Writes that never block their caller: a frozen terminal, or a disk that does not respond, must not end a flight or a landing."""
+"""Writes in a thread, which never block their caller.
+
+A frozen terminal, or a disk that does not respond, must not end a flight or a landing.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,9 @@ T = TypeVar("T")
 
 
 class BackgroundWriter:
-    """Bounded queue of writes, and the thread that carries them out in order. No method blocks, except `flush`.
+    """Bounded queue of writes, and the thread that carries them out in order.
+
+    No method blocks, except `flush`.
 
     Each write is a function without arguments that handles its own errors.
     limit: largest number of waiting writes. If a write is added to a full queue, the oldest write is removed and lost.
@@ -29,7 +34,7 @@ class BackgroundWriter:
         self._lost = 0
 
     def submit(self, job: Job, *, replaces: str = "") -> None:
-        """Add a write to the queue.
+        """Add a write to the queue, for the writing thread.
 
         replaces: key of the write; a waiting write with the same key is removed, because only the newest one matters.
         """
@@ -51,18 +56,24 @@ class BackgroundWriter:
         return self._began is not None or bool(self._jobs)
 
     def blocked_s(self, now: float) -> float:
-        """Return how long the current write has already taken [s]; 0 if no write is in progress. now: monotonic [s]."""
+        """Return how long the current write has already taken [s]; 0 if no write is in progress.
+
+        now: monotonic [s].
+        """
         began = self._began
         return now - began if began is not None else 0.0
 
     def take_lost(self) -> int:
-        """Return how many writes were lost since the last call, because the queue was full."""
+        """Return how many writes were dropped since the last call because the queue was full."""
         with self._changed:
             found, self._lost = self._lost, 0
             return found
 
     def flush(self, timeout_s: float) -> bool:
-        """Wait until all writes are complete, at most `timeout_s` [s]. Return whether all are complete."""
+        """Wait until all writes are complete, at most `timeout_s` [s].
+
+        Return whether all are complete.
+        """
         with self._changed:
             return self._changed.wait_for(lambda: not self.busy, timeout_s)
 
@@ -80,7 +91,7 @@ class BackgroundWriter:
 def within(
     timeout_s: float, job: Callable[[], T], discard: Callable[[T], None] = lambda result: None
 ) -> T | None:
-    """Run a function in a thread of its own. Return its result, or None if it has not ended after `timeout_s` [s].
+    """Run a function in a new thread. Return its result; None if it has not ended after `timeout_s` [s].
 
     job: function that handles its own errors.
     discard: called with a result that comes too late, for example to close a file.
@@ -105,7 +116,9 @@ def within(
 
 
 def write_to(stream: TextIO, text: str) -> None:
-    """Write a text to a stream. Raises OSError if the write fails, ValueError if the stream is closed.
+    """Write a text to a stream.
+
+    Raises OSError if the write fails, ValueError if the stream is closed.
 
     A stream with a file descriptor is written without its buffer, because Python aborts at exit if a thread is blocked in a
     buffer.

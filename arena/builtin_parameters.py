@@ -1,4 +1,4 @@
-"""Parameters that the built-in autopilot has: types, defaults, ranges, and those without effect.
+"""Parameters of the built-in autopilot: types, defaults, ranges, and parameters without effect.
 
 Names, types, ranges and defaults are those of the PX4 v1.16 parameter reference. The autopilot, `arena check` and
 the messages to the user read these tables.
@@ -17,7 +17,7 @@ Type = Literal["int32", "float"]
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """Type, default and inclusive range of a parameter."""
+    """Type, default and inclusive range of a parameter of the built-in autopilot."""
 
     type: Type
     default: float
@@ -252,7 +252,7 @@ WITHOUT_EFFECT: dict[str, str] = {
 
 
 def effect_problem(name: str, value: float) -> str:
-    """Return why the built-in autopilot ignores this value of a parameter; "" if the value has an effect or is the default."""
+    """Return why the built-in autopilot ignores a value of a parameter; "" if it does not ignore it."""
     if name not in SPECS:
         return f"the built-in autopilot has no {name}"
     if name in WITHOUT_EFFECT and value != SPECS[name].default:

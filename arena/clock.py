@@ -51,7 +51,7 @@ class Clock(Protocol):
 
 
 class Rate:
-    """Timer for a loop with a fixed rate. The deadlines are 1/hz apart, and missed deadlines are skipped."""
+    """Timer for a loop with a fixed rate [Hz]. Missed deadlines are skipped."""
 
     def __init__(self, clock: Clock, hz: float) -> None:
         self._clock, self._period_s = clock, 1.0 / hz
@@ -80,7 +80,7 @@ class WallClock:
 
 
 class SimTime:
-    """Simulation time, for programs that only read the time and never sleep.
+    """Read-only simulation time, for programs that never sleep on the clock.
 
     path: path of the clock's files without the suffix: the shared memory is `<path>.page`
     page: this shared memory; its first number is the simulation time [s]
@@ -99,12 +99,12 @@ class SimTime:
 
     @property
     def lockstep(self) -> bool:
-        """True if the world waits for the clients of the clock: simulation time advances only while all clients sleep."""
+        """True if simulation time advances only while all clients of the clock sleep."""
         return self.page[1] == 1.0
 
 
 class LockstepClock(ABC):
-    """Clock on which a thread sleeps in simulation time, and does regular work (chores) while it sleeps."""
+    """Clock on which a thread sleeps in simulation time, with regular work (chores) during the sleep."""
 
     _chores: Callable[[], None] | None = None
     _chores_every_s, _chores_due = 0.0, 0.0
@@ -112,23 +112,23 @@ class LockstepClock(ABC):
     @property
     @abstractmethod
     def lockstep(self) -> bool:
-        """True if the world waits for the clients of the clock: simulation time advances only while all clients sleep."""
+        """True if simulation time advances only while all clients of the clock sleep."""
 
     @abstractmethod
     def now(self) -> float:
-        """Return the time [s]."""
+        """Return the simulation time [s]."""
 
     @abstractmethod
     def sleep_only(self, t: float) -> float:
-        """Sleep until the time t [s], without doing the regular work (chores). Return the time after the sleep [s]."""
+        """Sleep until the simulation time t [s] without regular work (chores). Return the time [s]."""
 
     def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
-        """Call the function `chores` in every later `sleep_until`, every `every_s` of simulation time [s], on the thread that sleeps."""
+        """Call a function regularly, every `every_s` of simulation time [s], in each later `sleep_until`."""
         self._chores, self._chores_every_s = chores, every_s
         self._chores_due = self.now() + every_s
 
     def sleep_until(self, t: float) -> float:
-        """Sleep until the time t [s]. Return the time after the sleep [s]."""
+        """Sleep until the simulation time t [s]. Return the time after the sleep [s]."""
         while self._chores is not None and self._chores_due < t:
             now = self.sleep_only(self._chores_due)
             self._chores_due = now + self._chores_every_s
@@ -172,14 +172,14 @@ class SimClock(LockstepClock):
         return now
 
     def request_wake(self, t: float) -> None:
-        """Request a wake-up at time t [s]. The simulated world may then advance up to t. Call `wait_for_wake` next."""
+        """Request a wake-up at simulation time t [s]. Then call `wait_for_wake`."""
         try:
             self._socket.send(_DOUBLE.pack(t))
         except OSError as error:
             raise RunError(_ENDED) from error
 
     def wait_for_wake(self, timeout_s: float | None) -> float | None:
-        """Wait until the time given to `request_wake` has come. Return the time [s], or None after the timeout.
+        """Wait until the requested wake-up time. Return the time [s]; None after the timeout.
 
         timeout_s: wall time [s]. 0 does not wait, None waits without a limit.
         """
@@ -196,19 +196,19 @@ class SimClock(LockstepClock):
         return float(_DOUBLE.unpack(packet)[0])
 
     def fileno(self) -> int:
-        """Return a file descriptor that is readable when the requested wake-up time has come, or when the world has ended."""
+        """Return a file descriptor that is readable at the wake-up time, or when the world has ended."""
         return self._socket.fileno()
 
     @property
     def server_pid(self) -> int:
-        """Process id of the world, which serves the clock."""
+        """Process id of the world, which is the server of the clock."""
         pid, _, _ = _CREDENTIALS.unpack(
             self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         )
         return int(pid)
 
     def ended(self) -> bool:
-        """Return whether the world has ended. Never blocks.
+        """Return whether the world (the server of the clock) has ended. Never blocks.
 
         Do not call this function between `request_wake` and `wait_for_wake`, because it would consume the wake-up.
         """
@@ -241,7 +241,7 @@ class _Client:
         connection.setblocking(True)
 
     def limit_wait(self, timeout_s: float) -> None:
-        """Set the longest time for which `recv` waits [s], as the socket's SO_RCVTIMEO.
+        """Set the longest time for which `recv` waits [s] (the socket option SO_RCVTIMEO).
 
         A timeout set with `settimeout` would cost one more system call for each wait.
         """
@@ -252,7 +252,7 @@ class _Client:
 
 
 class ClockServer:
-    """Server of the simulation clock, which the world owns. In lockstep, the world must call `may_advance` before each `tick`.
+    """Server of the simulation clock, owned by the world. In lockstep, call `may_advance` before each `tick`.
 
     lockstep: the world waits for the clients (see `SimTime.lockstep`).
     dropped: names of the clients for which the world no longer waits.
@@ -283,7 +283,7 @@ class ClockServer:
         self.joined: set[str] = set()
 
     def tick(self, now: float, *, poll: bool = True) -> None:
-        """Publish the simulation time [s], and wake the clients whose requested time has come.
+        """Publish the simulation time [s], and wake each client whose wake-up time has come.
 
         poll: read the wake-up requests of the clients first. False saves a system call if `poll` is called before each step.
         """
@@ -300,7 +300,7 @@ class ClockServer:
                 self._next_wake = min(self._next_wake, client.wake)
 
     def fileno(self) -> int:
-        """Return a file descriptor that is readable when a client has sent something, or a new client has connected."""
+        """Return a file descriptor that is readable when a client has sent data or has connected."""
         return self._epoll.fileno()
 
     def poll(self, timeout_s: float = 0.0) -> None:
@@ -313,7 +313,7 @@ class ClockServer:
                 self._read(client, socket.MSG_DONTWAIT)
 
     def wait_for_requests(self, timeout_s: float) -> bool:
-        """Wait until each awake client has requested its next wake-up. Return False if a client does not within the time limit.
+        """Wait until all awake clients have requested a wake-up. Return False after a timeout.
 
         Clients for which the world does not wait are ignored (`_Client.gates`).
 
@@ -329,7 +329,7 @@ class ClockServer:
         return True
 
     def may_advance(self, now: float, wall: float) -> bool:
-        """Return whether the world may advance in lockstep: all clients that it waits for must be asleep.
+        """Return whether the world may advance in lockstep: all clients must be asleep.
 
         A client that has been awake for more than one second of wall time is added to `dropped` and not waited for any more.
         """
@@ -344,11 +344,11 @@ class ClockServer:
         return all_asleep
 
     def has_disconnected(self, name: str) -> bool:
-        """Return whether a client with this name has requested a wake-up at least once and is no longer connected."""
+        """Return whether a client with this name has used the clock and has then disconnected."""
         return name in self.joined and all(client.name != name for client in self._clients.values())
 
     def close(self) -> None:
-        """Disconnect all clients, and remove the files of the shared memory and of the socket."""
+        """Disconnect all clients, and remove the clock's shared memory and socket."""
         for client in list(self._clients.values()):
             self._drop(client)
         self._socket.close()
@@ -363,7 +363,7 @@ class ClockServer:
             self._epoll.register(connection, select.EPOLLIN)
 
     def _read(self, client: _Client, flags: int = 0) -> bool:
-        """Read one packet of a client. Return False if there was none.
+        """Read one packet of a client. Return False if no packet has arrived.
 
         flags: flags for `recv`, such as MSG_DONTWAIT to return at once
         """

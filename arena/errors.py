@@ -1,4 +1,4 @@
-"""All exceptions that arena raises, and the exit codes of the commands that fail with them.
+"""Exceptions of arena, and the exit codes of commands that fail with them.
 
     ArenaError                       1
     ├── InputError                   2   the YAML, a file or a command-line argument is wrong
@@ -27,14 +27,17 @@ EXIT_INTERRUPTED = 130
 
 
 class ArenaError(Exception):
-    """Base class of all exceptions of arena. `exit_code`: exit code of the command that ends with this error."""
+    """Base class of all exceptions of arena.
+
+    exit_code: exit code of a command that fails with this exception.
+    """
 
     exit_code = EXIT_FAILED
 
 
 @dataclass(frozen=True, kw_only=True, order=True)
 class Problem:
-    """Description of one error in an input file. Problems are sorted by file and line.
+    """Error in an input file, with file and line. Problems are sorted by file and line.
 
     file: path as the user gave it.  line: 1-based, 0 if unknown.
     field: dotted YAML key, "" for the whole file.
@@ -52,7 +55,10 @@ class Problem:
 
 
 class InputError(ArenaError):
-    """An error in the YAML, in another file or on the command line. `problems` lists every error that was found."""
+    """Error in the YAML, in another file or on the command line.
+
+    problems: every error that was found.
+    """
 
     exit_code = EXIT_INPUT
 
@@ -73,7 +79,10 @@ class RunError(ArenaError):
 
 
 class WireError(ArenaError):
-    """Error for received bytes that violate their format. The message has the place, the value found and the value expected."""
+    """Error for received bytes that violate their format.
+
+    The message has the place, the value found and the value expected.
+    """
 
 
 class VehicleError(ArenaError):
@@ -85,16 +94,25 @@ class SetpointError(VehicleError, ValueError):
 
 
 class CommandRefusedError(VehicleError):
-    """The autopilot refused a command. The message contains the reason that the autopilot gave."""
+    """Error for a command that the autopilot has refused.
+
+    The message contains the reason that the autopilot gave.
+    """
 
 
 class NotConfirmedError(VehicleError):
-    """The autopilot did not confirm a command in time: no reply, or the requested state was not reached."""
+    """Error for a command that the autopilot did not confirm in time.
+
+    It did not reply, or it did not reach the requested state.
+    """
 
 
 class OffboardLostError(VehicleError):
-    """The vehicle left OFFBOARD mode or was disarmed without a command of the user program. It is not armed again automatically."""
+    """Error for a vehicle that left OFFBOARD, or was disarmed, without a command of the user program.
+
+    It is not armed again automatically.
+    """
 
 
 class StaleDataError(VehicleError):
-    """Telemetry that the user program reads is older than its limit, or was never received."""
+    """Error for reading telemetry that is older than its limit, or that was never received."""

@@ -1,4 +1,6 @@
-"""Fault injection for simulated arenas: a scenario sends faults to running processes, one JSON object per datagram.
+"""Fault injection in simulated arenas: a scenario sends faults to the sockets of running processes.
+
+Each datagram is one JSON object.
 
 The world, the motion capture emulator and the router can receive faults. Each has a local socket `<path>` in
 the run's private folder, and reads it before every step, frame or loop cycle. On a lockstep clock, a fault
@@ -43,7 +45,7 @@ _SEND_TIMEOUT_S = 1.0
 
 
 class FaultReceiver:
-    """Socket on which a process receives faults.
+    """Socket on which a process receives injected faults.
 
     path: path of the socket; None for a process without faults
     Raises RunError if the socket cannot be created.
@@ -64,11 +66,11 @@ class FaultReceiver:
                 raise RunError(f"cannot receive faults at {self._path}: {error}") from error
 
     def fileno(self) -> int:
-        """Return the file descriptor of the socket, which is readable when a fault has arrived; -1 if there is no socket."""
+        """Return a file descriptor that is readable when a fault has arrived; -1 if there is no socket."""
         return -1 if self._socket is None else self._socket.fileno()
 
     def take(self) -> list[Fault]:
-        """Return the faults received since the last call. A datagram that is not a fault is returned as {}.
+        """Return the faults received since the last call; {} for a datagram that is not a fault.
 
         If there is none, the call costs one system call.
         """
@@ -81,7 +83,9 @@ class FaultReceiver:
         return found
 
     def apply(self, function: Callable[[Fault], str]) -> list[str]:
-        """Apply each received fault. Return one line per fault for the event log: `fault: ...` or `fault refused: ...`.
+        """Apply all received faults. Return one line per fault for the event log.
+
+        A line begins with `fault: ` or `fault refused: `.
 
         function: applies one fault and returns its description; raises InputError if the fault is invalid
         """
@@ -95,7 +99,9 @@ class FaultReceiver:
 
 
 def inject(path: str | Path, fault: Fault) -> None:
-    """Send a fault to a process through its socket `path`.
+    """Send a fault to a process.
+
+    path: socket on which the process receives faults
 
     Raises RunError if no process has this socket, or if the process reads nothing for one second.
     """
@@ -114,7 +120,10 @@ def inject(path: str | Path, fault: Fault) -> None:
 
 
 def word(fault: Fault, key: str, choices: Collection[str]) -> str:
-    """Return the value of `key` in a fault if it is one of `choices`, else raise InputError."""
+    """Return the word under a key of a fault.
+
+    Raises InputError if the value is not one of `choices`.
+    """
     found = fault.get(key)
     if not isinstance(found, str) or found not in choices:
         raise _wrong(key, found, f"expected one of {', '.join(choices)}")
@@ -122,7 +131,10 @@ def word(fault: Fault, key: str, choices: Collection[str]) -> str:
 
 
 def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple[str, ...]:
-    """Return the value of `key` in a fault if it is a list of `count` different words of `choices`, else raise InputError."""
+    """Return the list of words under a key of a fault.
+
+    Raises InputError if the value is not a list of `count` different words of `choices`.
+    """
     found = fault.get(key)
     fits = (
         isinstance(found, list)
@@ -135,7 +147,10 @@ def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple
 
 
 def flag(fault: Fault, key: str) -> bool:
-    """Return the value of `key` in a fault if it is true or false, else raise InputError."""
+    """Return the true or false under a key of a fault.
+
+    Raises InputError for another value.
+    """
     found = fault.get(key)
     if not isinstance(found, bool):
         raise _wrong(key, found, "expected true or false")
@@ -143,7 +158,10 @@ def flag(fault: Fault, key: str) -> bool:
 
 
 def number(fault: Fault, key: str, low: float, high: float) -> float:
-    """Return the value of `key` in a fault if it is a finite number from `low` to `high`, else raise InputError."""
+    """Return the number under a key of a fault.
+
+    Raises InputError if the value is not a finite number from `low` to `high`.
+    """
     found = fault.get(key)
     if not _is_number(found, low, high):
         raise _wrong(key, found, f"expected a number from {low:g} to {high:g}")
@@ -151,7 +169,10 @@ def number(fault: Fault, key: str, low: float, high: float) -> float:
 
 
 def whole(fault: Fault, key: str, low: int, high: int) -> int:
-    """Return the value of `key` in a fault if it is an integer from `low` to `high`, else raise InputError."""
+    """Return the integer under a key of a fault.
+
+    Raises InputError if the value is not an integer from `low` to `high`.
+    """
     found = fault.get(key)
     if not isinstance(found, int) or not _is_number(found, low, high):
         raise _wrong(key, found, f"expected an integer from {low} to {high}")
@@ -159,7 +180,10 @@ def whole(fault: Fault, key: str, low: int, high: int) -> int:
 
 
 def vector(fault: Fault, key: str, most: float) -> tuple[float, float, float]:
-    """Return the value of `key` in a fault if it is a list of three numbers, each from -`most` to `most`; else raise InputError."""
+    """Return the vector (three numbers) under a key of a fault.
+
+    Raises InputError if a value is not a number from -`most` to `most`.
+    """
     found = fault.get(key)
     if not isinstance(found, list) or len(found) != 3 or not all(_is_number(x, -most, most) for x in found):
         raise _wrong(key, found, f"expected a list of three numbers from {-most:g} to {most:g}")

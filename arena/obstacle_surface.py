@@ -1,4 +1,4 @@
-"""Surfaces and edges of obstacles of size 2, centred at the origin, as numpy arrays. Pure.
+"""Surfaces and edges of the shapes of obstacles, at unit scale (-1 to 1 on each axis), as numpy arrays. Pure.
 
 This module is separate from `arena.obstacles`, because `arena check` reads obstacles without numpy.
 """
@@ -19,12 +19,12 @@ _SIDES, _RINGS = 24, 8
 
 
 def unit_mesh(shape: Shape) -> tuple[Array, NDArray[np.int_]]:
-    """Return the surface of a shape of size 2: vertices [-] (V, 3) and triangles, as indices of vertices (F, 3)."""
+    """Return the surface of a shape from -1 to 1: vertices [-] (V, 3), triangles of vertex indices (F, 3)."""
     return {"box": _box, "cylinder": _cylinder, "sphere": _sphere}[shape]()
 
 
 def unit_edges(shape: Shape) -> Array:
-    """Return lines that show a shape of size 2: both ends of each line [-] (E, 2, 3)."""
+    """Return lines that show a shape from -1 to 1: both ends of each line [-] (E, 2, 3)."""
     return {"box": _box_edges, "cylinder": _cylinder_edges, "sphere": _sphere_edges}[shape]()
 
 

@@ -33,7 +33,7 @@ _SWAPS = 200
 
 @dataclass(frozen=True, kw_only=True)
 class Obstacle:
-    """A fixed body in the room.
+    """Fixed body in the room: a box, a cylinder or a sphere.
 
     size_m: extents along its own axes forward, right, down [m]. A cylinder has its axis along down.
     centre_n: centre [m] [NED].  rpy_rad: roll, pitch, yaw [rad].  colour: `#rrggbb`.
@@ -48,29 +48,29 @@ class Obstacle:
 
     @property
     def r_nb(self) -> Rows:
-        """Rows of the rotation matrix from the obstacle's own axes (FRD) to NED."""
+        """Rotation matrix from the obstacle's own axes (FRD) to NED, as rows."""
         return _rotation(self.rpy_rad)
 
     @property
     def q_nb(self) -> Array:
-        """Attitude [-] wxyz (4,)."""
+        """Attitude of the obstacle [-] wxyz (4,)."""
         from arena.geometry import quat_from_euler
 
         return quat_from_euler(self.rpy_rad)
 
     @property
     def half_extents_n(self) -> Triple:
-        """Half size of the smallest box along north, east and down that contains the obstacle [m]."""
+        """Half size of the obstacle's bounding box along north, east and down [m]."""
         return half_extents(self.shape, self.size_m, self.rpy_rad)
 
     @property
     def rgb(self) -> tuple[int, int, int]:
-        """Colour as red, green and blue, 0..255."""
+        """Colour of the obstacle as red, green and blue, 0..255."""
         value = int(self.colour.removeprefix("#"), 16)
         return value >> 16 & 255, value >> 8 & 255, value & 255
 
     def slice(self) -> dict[str, Any]:
-        """Return the obstacle as a JSON object, for the configuration files (slices) of processes."""
+        """Return the obstacle as a JSON object, for the configuration (slice) of a process."""
         return {
             "name": self.name,
             "shape": self.shape,
@@ -81,7 +81,10 @@ class Obstacle:
         }
 
     def nearest(self, p_n: Sequence[float] | Array) -> Triple:
-        """Return the point of the solid body that is nearest to a point [m] [NED]. p_n: [m] [NED] (3,)."""
+        """Return the point of the obstacle that is nearest to a point [m] [NED].
+
+        p_n: [m] [NED] (3,). A point inside the solid obstacle is its own nearest point.
+        """
         rows, (cn, ce, cd) = self.r_nb, self.centre_n
         away = float(p_n[0]) - cn, float(p_n[1]) - ce, float(p_n[2]) - cd
         x, y, z = (sum(rows[i][k] * away[i] for i in range(3)) for k in range(3))
@@ -97,7 +100,7 @@ class Obstacle:
         return cn + n, ce + e, cd + d
 
     def mesh(self) -> tuple[Array, NDArray[np.int_]]:
-        """Return the surface of the obstacle: vertices [m] [NED] (V, 3) and triangles, as indices of vertices (F, 3)."""
+        """Return the obstacle's surface: vertices [m] [NED] (V, 3), triangles of vertex indices (F, 3)."""
         from arena.obstacle_surface import unit_mesh
 
         vertices, faces = unit_mesh(self.shape)
@@ -110,7 +113,7 @@ class Obstacle:
         return self._placed(unit_edges(self.shape))
 
     def _placed(self, unit: Array) -> Array:
-        """Return points of a shape of size 2 at the place of the obstacle [m] [NED] (..., 3)."""
+        """Move points of a unit shape to the place of the obstacle [m] [NED] (..., 3)."""
         import numpy as np
 
         return np.asarray(
@@ -119,7 +122,7 @@ class Obstacle:
 
 
 def obstacles_of(raw: Iterable[Mapping[str, Any]] | None) -> tuple[Obstacle, ...]:
-    """Return the obstacles in the configuration file (slice) of a process.
+    """Return the obstacles in the JSON configuration (slice) of a process.
 
     raw: value of the key `obstacles` in this file; None if the file does not have this key.
     """
@@ -137,14 +140,17 @@ def obstacles_of(raw: Iterable[Mapping[str, Any]] | None) -> tuple[Obstacle, ...
 
 
 def full_size(shape: Shape, size: tuple[float, ...]) -> Triple:
-    """Return the extents of a shape along its own axes [m]. size: as in the YAML, one number for each word in `SIZES`."""
+    """Return the extents of a shape along its own axes [m].
+
+    size: as in the YAML, one number for each word in `SIZES`.
+    """
     if shape == "box":
         return size[0], size[1], size[2]
     return size[0], size[0], size[-1]
 
 
 def half_extents(shape: Shape, size_m: Triple, rpy_rad: Triple) -> Triple:
-    """Return the half size of the smallest box along north, east and down that contains a shape [m].
+    """Return the half size of a rotated shape's bounding box along north, east and down [m].
 
     size_m, rpy_rad: as in `Obstacle`.
     """
@@ -177,7 +183,10 @@ def gap_to_vehicle_m(obstacle: Obstacle, start_n: Triple, radius_m: float, heigh
 
 
 def _rotation(rpy_rad: Triple) -> Rows:
-    """Return the rows of the rotation matrix from body axes (FRD) to NED of roll, pitch, yaw [rad], intrinsic z-y'-x''."""
+    """Return the rotation matrix (rows) from body axes (FRD) to NED of roll, pitch, yaw [rad].
+
+    The angles are intrinsic z-y'-x''.
+    """
     (sr, sp, sy), (cr, cp, cy) = map(math.sin, rpy_rad), map(math.cos, rpy_rad)
     return (
         (cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy),
@@ -191,7 +200,10 @@ def _within(value: float, limit: float) -> float:
 
 
 def _in_cylinder(p: Triple, radius: float, low: float, high: float) -> Triple:
-    """Return the point of an upright cylinder that is nearest to p. low, high: ends on the third axis [m]."""
+    """Return the point of an upright cylinder that is nearest to a point.
+
+    low, high: ends on the third axis [m].
+    """
     share = min(1.0, radius / max(math.hypot(p[0], p[1]), 1e-12))
     return p[0] * share, p[1] * share, min(max(p[2], low), high)
 

@@ -1,4 +1,4 @@
-"""Common start of every supervised process: its JSON configuration file (slice), its title, and its socket to the supervisor.
+"""Common part of every supervised process: its JSON configuration (slice), title and supervisor socket.
 
 The supervisor gives each child one end of a local packet socket; the environment variable ARENA_FD contains its number.
 The child sends packets on this socket, each one JSON object:
@@ -79,7 +79,7 @@ class ProcessContext:
 
     @classmethod
     def enter(cls, argv: list[str] | None = None) -> ProcessContext:
-        """Read the configuration file (slice), set the process title `arena:<name>` and handle SIGTERM and SIGINT.
+        """Read the configuration (slice), set the process title `arena:<name>`, handle SIGTERM and SIGINT.
 
         argv: one argument, the path of the slice; None for the command line.
         Raises InputError if the slice cannot be read.
@@ -101,17 +101,23 @@ class ProcessContext:
 
     @property
     def supervised(self) -> bool:
-        """True when a supervisor started the process."""
+        """True if a supervisor has started the process."""
         return self._socket is not None
 
     @property
     def orphaned(self) -> bool:
-        """True once the supervisor has died. Each read makes a system call, so read it only a few times a second."""
+        """True if the supervisor has died.
+
+        Each read makes a system call, so read it only a few times a second.
+        """
         self._receive()
         return self._orphaned
 
     def requests(self) -> list[dict[str, Any]]:
-        """Return the supervisor's requests since the last call. Each call makes a system call."""
+        """Return the supervisor's requests since the last call.
+
+        Each call makes a system call.
+        """
         self._receive()
         found, self._requests = self._requests, []
         return found
@@ -122,7 +128,7 @@ class ProcessContext:
             self.send({"confirmed": request["id"]})
 
     def may_end(self, armed: Collection[str]) -> bool:
-        """Return whether the process may end now: a stop signal has arrived, and no vehicle in `armed` needs the process.
+        """Return whether the process may end: a stop signal has arrived, and no armed vehicle needs it.
 
         The process reports once which vehicles need it. They would lose their poses or their connection in the air.
         armed: real vehicles that the process serves and that are armed. Vehicles that the operator has given up
@@ -140,27 +146,39 @@ class ProcessContext:
         return not names
 
     def operator_present(self, now: float) -> bool:
-        """Return whether the supervisor has reported within OPERATOR_TIMEOUT_S that an operator is present. now: monotonic [s]."""
+        """Return whether an operator (a person) is present, as the supervisor has reported recently.
+
+        now: monotonic [s].
+        """
         return now - self._operator_at <= OPERATOR_TIMEOUT_S
 
     def ready(self, **facts: Any) -> None:
-        """Report to the supervisor that the process is ready. facts: first facts, sent in the same packet."""
+        """Report to the supervisor that the process is ready.
+
+        facts: first facts, sent in the same packet.
+        """
         self.send({"ready": True, "facts": facts} if facts else {"ready": True})
 
     def facts(self, facts: dict[str, Any]) -> None:
-        """Send facts to the supervisor: values that its decisions depend on, such as {"uav1.armed": True}."""
+        """Send facts to the supervisor, such as {"uav1.armed": True}.
+
+        The decisions of the supervisor depend on them.
+        """
         self.send({"facts": facts})
 
     def stats(self, stats: dict[str, Any]) -> None:
-        """Send measurements for the status table and the summary, such as {"rate_hz": 99.8}."""
+        """Send measurements to the supervisor, such as {"rate_hz": 99.8}.
+
+        They are shown in the status table and in the summary.
+        """
         self.send({"stats": stats})
 
     def event(self, text: str) -> None:
-        """Send one line for events.jsonl and the terminal."""
+        """Send one line to the supervisor, for events.jsonl and the terminal."""
         self.send({"event": text})
 
     def audit(self, entries: list[dict[str, Any]]) -> None:
-        """Report to the supervisor which requests were made to vehicles, so that `arena audit` can show them.
+        """Report to the supervisor which requests vehicles have received (`arena audit` shows them).
 
         entries: one entry for each request; nothing is sent if the list is empty
         """
@@ -194,7 +212,10 @@ class ProcessContext:
             self._requests.append(packet)
 
     def send(self, packet: dict[str, Any]) -> None:
-        """Send one packet to the supervisor. A packet that cannot be sent is dropped and counted."""
+        """Send one packet to the supervisor.
+
+        A packet that cannot be sent is dropped and counted.
+        """
         if self._socket is None:
             return
         try:
@@ -211,7 +232,9 @@ def run_process(
     make: Callable[[ProcessContext], Callable[[], int | None]],
     argv: list[str] | None = None,
 ) -> int:
-    """Run a supervised process and return its exit code. An ArenaError is printed as one line on stderr.
+    """Run a supervised process and return its exit code.
+
+    An ArenaError is printed as one line on stderr.
 
     error_prefix: text at the beginning of an error line, such as the name of the process.
     make: function that builds the serve function from the context. The serve function runs until the process ends and
@@ -234,7 +257,10 @@ def run_process(
 
 
 class Loop(Protocol):
-    """Loop of a process. `run` returns when the process must end. `close` closes its sockets and files."""
+    """Interface of the loop of a process.
+
+    `run` returns when the process must end. `close` closes its sockets and files.
+    """
 
     def run(self) -> None: ...
 
@@ -242,7 +268,10 @@ class Loop(Protocol):
 
 
 def run_and_close(loop: Loop) -> Callable[[], None]:
-    """Return a serve function for `run_process`: it runs the loop, and closes it also after an error."""
+    """Return a function that runs a loop and then closes it, for `run_process`.
+
+    The loop is closed after an error, too.
+    """
 
     def serve() -> None:
         try:
@@ -254,7 +283,9 @@ def run_and_close(loop: Loop) -> Callable[[], None]:
 
 
 def read_slice(path: Path) -> dict[str, Any]:
-    """Read the configuration of a process. Raises InputError if the file cannot be read.
+    """Read the configuration (slice) of a process.
+
+    Raises InputError if the file cannot be read.
 
     path: JSON file that `arena up` has written for the process (called slice)
     """
@@ -266,7 +297,10 @@ def read_slice(path: Path) -> dict[str, Any]:
 
 
 def supervisor_socket() -> socket.socket | None:
-    """Return the socket to the supervisor; None if no supervisor started this process. Removes ARENA_FD from the environment."""
+    """Return the socket to the supervisor; None if no supervisor started this process.
+
+    Removes ARENA_FD from the environment.
+    """
     number = os.environ.pop(SOCKET_VARIABLE, "")
     if not number:
         return None
@@ -278,7 +312,7 @@ def supervisor_socket() -> socket.socket | None:
 
 @dataclass(kw_only=True)
 class ShutdownPolicy:
-    """Rule that decides when a process ends after its supervisor has died. Pure: no clock, no socket.
+    """Rule that decides when a process ends after its supervisor has died. Pure.
 
     The process ends when its vehicles have been disarmed for `settle_s`, or `limit_s` after the death of the supervisor.
 
@@ -309,7 +343,9 @@ class ShutdownPolicy:
 
 
 class _LogFile(io.FileIO):
-    """Log file of a process, written by a thread, because printing must not end or delay a flight.
+    """Log file of a process, written by a thread.
+
+    Printing must not end or delay a flight.
 
     A write that fails, for example on a full disk, is dropped. Writes to a disk that does not respond wait in a queue.
     """

@@ -1,4 +1,6 @@
-"""Location of the runtime folders. Each running arena has one: a private folder with its sockets and the file `run`.
+"""Location of the runtime folders of running arenas.
+
+Each running arena has one: a private folder with its sockets and the file `run`.
 
 The file `run` contains the path of the run folder. Commands such as `arena ps` find the running arenas by these files.
 """
@@ -20,7 +22,7 @@ GROUP_VARIABLE = "ARENA_GROUP"
 
 
 def pointers() -> list[Path]:
-    """Return the paths of the files `run` in this user's runtime folders. Each file contains the path of a run folder.
+    """Return the files `run` in this user's runtime folders, which contain the paths of run folders.
 
     Folders that other users own or may write to are ignored.
     """
@@ -29,7 +31,9 @@ def pointers() -> list[Path]:
 
 
 def pointers_of_others() -> list[tuple[Path, int]]:
-    """Return (path of the file `run`, user id of the owner) for each runtime folder of other users that this user may read.
+    """Return (file `run`, user id) for each readable runtime folder of another user.
+
+    The file contains the path of a run folder.
 
     Root may read all. Other users may read the folders that the owner shares with a group to which they belong (mode
     0750). A folder is ignored if its path names another owner, or if others than its owner may write to it.
@@ -53,7 +57,9 @@ def shared_group(folder: Path) -> int | None:
 
 
 def _bases_of_others() -> Iterator[tuple[Path, int]]:
-    """Yield (folder, user id) for each folder that may contain runtime folders of another user, such as (/tmp/arena-1000, 1000).
+    """Yield (folder, user id) for folders that may contain runtime folders of other users.
+
+    An example is (/tmp/arena-1000, 1000).
 
     The user id is taken from the path. The caller must check that this user owns the folder.
     """
@@ -72,7 +78,10 @@ def _bases_of_others() -> Iterator[tuple[Path, int]]:
 
 
 def _is_readable_folder(folder: Path, owner: int) -> bool:
-    """Return whether a path is a folder of user `owner` that only `owner` may write to and that the current user may read."""
+    """Return whether a path is a folder that only its owner may write, and that this user may read.
+
+    owner: user id that the folder must have
+    """
     try:
         found = folder.lstat()
     except OSError:
@@ -97,7 +106,7 @@ def _is_file_of(path: Path, owner: int) -> bool:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Return whether a path is a folder that this user owns and that is not writable for all users."""
+    """Return whether a path is a folder that this user owns, and that others may not write."""
     try:
         found = folder.lstat()
     except OSError:
@@ -106,7 +115,9 @@ def _is_ours(folder: Path) -> bool:
 
 
 def runtime_bases(*, shared: bool = False) -> list[Path]:
-    """Return the folders that may contain runtime folders. New runs use the first one.
+    """Return the folders that may contain runtime folders.
+
+    New runs use the first folder.
 
     shared: put the folder first that other users can reach. Only its owner can reach XDG_RUNTIME_DIR.
 

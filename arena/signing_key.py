@@ -1,4 +1,4 @@
-"""Files of MAVLink signing: the key of a vehicle, and the last timestamp that was used with this key.
+"""Files of MAVLink signing: the key of a vehicle, and the last timestamp of a signature.
 
 The key file contains 64 hexadecimal digits. Only its owner may read it. Its content is never logged and never
 copied. The last timestamp is in a file beside it, `<key file>.timestamp`.
@@ -23,7 +23,9 @@ _MOST_BYTES = 1024
 
 
 def read_key(file: str | Path) -> bytes:
-    """Return the key in a file. Raises InputError if the file cannot be read, has no key, or can be read by other users.
+    """Return the signing key in a file.
+
+    Raises InputError if the file cannot be read, has no key, or can be read by other users.
 
     The message never contains the content of the file.
     """
@@ -65,7 +67,10 @@ def read_key(file: str | Path) -> bytes:
 
 
 def write_new_key(file: Path) -> None:
-    """Make a random key and write it to a new file with mode 0600. Raises InputError if the file exists."""
+    """Make a random signing key and write it to a new file with mode 0600.
+
+    Raises InputError if the file exists.
+    """
     text = secrets.token_bytes(KEY_BYTES).hex() + "\n"
     try:
         opened = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
@@ -84,10 +89,11 @@ def write_new_key(file: Path) -> None:
 
 
 class TimestampFile:
-    """File with the last signing timestamp that was used with a key, so that a restarted process does not use an older
-    timestamp.
+    """File with the last signing timestamp that was used with a key.
 
-    The vehicle refuses messages with older timestamps. Several processes may use the same file: the newest timestamp is kept.
+    A restarted process then does not use an older timestamp. The vehicle refuses messages with older
+    timestamps. Several processes may use the same file: the newest timestamp is kept.
+
     problem: why the last write failed; "" if it did not
     """
 
@@ -106,7 +112,9 @@ class TimestampFile:
         return last + int(SAVE_S * TICKS_PER_S) if last else 0
 
     def save(self, timestamp: int, now: float) -> None:
-        """Write the timestamp, at most once per SAVE_S seconds. The write is in a thread, so that a slow disk does not delay the caller.
+        """Write the signing timestamp in a thread, at most once per SAVE_S.
+
+        A slow disk does not delay the caller.
 
         now: monotonic [s]
         """
@@ -118,7 +126,10 @@ class TimestampFile:
         self._writing.start()
 
     def write(self, timestamp: int) -> None:
-        """Write the timestamp, unless the file contains a newer one. Never raises OSError."""
+        """Write the signing timestamp, unless the file contains a newer one.
+
+        Never raises OSError.
+        """
         half = self.path.with_name(f"{self.path.name}.{os.getpid()}")
         try:
             half.write_text(f"{max(timestamp, self._read())}\n")

@@ -1,4 +1,4 @@
-"""Search for the sockets that have received something: one system call for many sockets."""
+"""Search for the sockets that have received data, by one system call for many sockets."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ _NOTHING: frozenset[int] = frozenset()
 
 
 class SocketWatch:
-    """Set of sockets, of which one system call finds those that have received something.
+    """Set of sockets: one system call finds all sockets that have received data.
 
     A loop that would read many sockets, most of them empty, calls `poll` and reads only those that `has_data` names.
     """
@@ -18,7 +18,9 @@ class SocketWatch:
         self._found: frozenset[int] = frozenset()
 
     def add(self, fd: int) -> None:
-        """Watch a file descriptor: of a socket, or of an epoll object, which counts as a socket with data if one of its sockets has data.
+        """Watch a file descriptor of a socket or of an epoll object.
+
+        An epoll object has data if one of its sockets has data.
 
         fd: a negative number means no socket, and is ignored
         """
@@ -26,7 +28,7 @@ class SocketWatch:
             self._epoll.register(fd, select.EPOLLIN)
 
     def poll(self) -> None:
-        """Find the sockets that have received something. Does not wait."""
+        """Find the sockets that have received data. Does not wait."""
         found = self._epoll.poll(0)
         self._found = frozenset(fd for fd, _ in found) if found else _NOTHING
 

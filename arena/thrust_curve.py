@@ -1,4 +1,4 @@
-"""Thrust curves of the profiles: static thrust as a function of normalised command.
+"""Thrust curves of the vehicle profiles: static thrust as a function of the motor command.
 
 Pure. The world, the built-in autopilot and user programs use them. The planning packages use only `static_command`
 of quadratic curves. It needs no numpy, whose import takes longer than everything that `arena check` does with an arena.
@@ -38,7 +38,7 @@ _MIN_SHARE = 0.1  # of the static thrust that remains at any airspeed: prevents 
 
 @dataclass(frozen=True, kw_only=True)
 class ThrustCurve:
-    """Total thrust as a function of command, and its inverse.
+    """Total thrust of a vehicle as a function of the motor command, and the inverse function.
 
     max_newtons: total static thrust at u = 1 [N]
     fade_speed_m_s: airspeed at which the rotors would give no thrust [m/s]
@@ -50,7 +50,9 @@ class ThrustCurve:
     _command: Callable[[Any], Any] = field(repr=False)
 
     def newtons(self, u: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
-        """Return the total thrust [N] for a command. Both arguments can be arrays whose shapes numpy can broadcast.
+        """Return the total thrust [N] for a motor command 0..1.
+
+        Both arguments can be arrays whose shapes numpy can broadcast.
 
         u: command, limited to 0..1 [-]
         speed_m_s: airspeed [m/s]
@@ -60,7 +62,7 @@ class ThrustCurve:
         return self._newtons(np.clip(np.asarray(u, dtype=np.float64), 0.0, 1.0)) * self._share(speed_m_s)
 
     def command(self, newtons: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
-        """Return the command 0..1 [-] for a total thrust.
+        """Return the motor command 0..1 [-] for a total thrust [N].
 
         For a thrust that the rotors cannot give, return the command of the nearest possible thrust.
 
@@ -74,7 +76,10 @@ class ThrustCurve:
         return found
 
     def static_command(self, newtons: float) -> float:
-        """Return the command 0..1 [-] for a total thrust at airspeed 0 [N]. This method is for one value and needs no numpy."""
+        """Return the motor command 0..1 [-] for a total thrust at airspeed 0.
+
+        newtons: [N]. This method is for one value and needs no numpy.
+        """
         return min(max(float(self._command(min(max(newtons, 0.0), self.max_newtons))), 0.0), 1.0)
 
     def _share(self, speed_m_s: ArrayLike) -> Array:
@@ -86,7 +91,10 @@ class ThrustCurve:
 
 
 def thrust_curve(settings: Mapping[str, Any]) -> ThrustCurve:
-    """Return the curve for a profile's `thrust_curve`. Raises InputError if its kind does not exist."""
+    """Return the thrust curve that a vehicle profile describes under `thrust_curve`.
+
+    Raises InputError if its kind does not exist.
+    """
     maker = _KINDS.get(settings.get("kind", ""))
     if maker is None:
         raise InputError(
@@ -96,7 +104,10 @@ def thrust_curve(settings: Mapping[str, Any]) -> ThrustCurve:
 
 
 def _quadratic(s: Mapping[str, Any]) -> ThrustCurve:
-    """Return the curve T = a u^2 + b u. a, b [N], a > 0, b >= 0."""
+    """Return the thrust curve T = a u^2 + b u.
+
+    a, b [N], a > 0, b >= 0.
+    """
     a, b = float(s["a"]), float(s["b"])
     return ThrustCurve(
         max_newtons=a + b,
@@ -117,7 +128,9 @@ def _sqrt(value: Any) -> Any:
 
 
 def _tangent(s: Mapping[str, Any]) -> ThrustCurve:
-    """Return the curve u = (tan((T - offset) / scale) + phase) / gain. offset, scale [N]; phase, gain [-].
+    """Return the thrust curve u = (tan((T - offset) / scale) + phase) / gain.
+
+    offset, scale [N]; phase, gain [-].
 
     Below the command `low_u` the fit is not valid, because it gives thrust at u = 0. A straight line from the
     origin replaces it there.

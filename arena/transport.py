@@ -1,4 +1,4 @@
-"""Functions that open UDP sockets and serial devices, and that parse connection URLs such as `udpin:0.0.0.0:14540`.
+"""UDP sockets and serial devices, and connection URLs such as `udpin:0.0.0.0:14540`.
 
     udpin:HOST:PORT        listen on HOST:PORT; the vehicle sends to it
     udpout:HOST:PORT       send to HOST:PORT
@@ -50,7 +50,7 @@ _MIN_BAUD = 300  # a shorter number after a device's name belongs to the name
 
 
 def source_text(source: Source | None) -> str:
-    """Return the source of received data as text for the user: host:port, or the name of the device or link; "" for None."""
+    """Return the source of received data as text for the user, such as host:port; "" for None."""
     if source is None or isinstance(source, str):
         return source or ""
     return f"{source[0]}:{source[1]}"
@@ -81,7 +81,7 @@ class ConnectionUrl:
 
     @property
     def url(self) -> str:
-        """The connection URL as written in the YAML.
+        """Connection URL as written in the YAML.
 
         It has no baud rate, because the YAML has a separate key `baud`.
         """
@@ -93,7 +93,9 @@ class ConnectionUrl:
 
 
 def parse_url(url: str, *, baud: int = DEFAULT_BAUD) -> ConnectionUrl:
-    """Parse a connection URL. Raises ValueError, which lists the expected forms, for any other text.
+    """Parse a connection URL.
+
+    Raises ValueError, which lists the expected forms, for any other text.
 
     baud: baud rate of a serial URL that does not contain one [bit/s]
     """
@@ -111,9 +113,10 @@ def parse_url(url: str, *, baud: int = DEFAULT_BAUD) -> ConnectionUrl:
 
 
 def url_from_json(raw: Mapping[str, Any]) -> ConnectionUrl:
-    """Return the connection in a process's JSON configuration (slice): {kind, address} or {kind, device, baud}.
+    """Return the connection in the JSON configuration (slice) of a process.
 
-    Raises KeyError, TypeError or ValueError if the JSON has another form.
+    The form is {kind, address} or {kind, device, baud}. Raises KeyError, TypeError or ValueError for another
+    form.
     """
     kind = raw["kind"]
     if kind == "serial":
@@ -132,10 +135,9 @@ def _parse_serial(rest: str, baud: int) -> ConnectionUrl:
 
 
 def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> ConnectionUrl:
-    """Return the parsed URL of a UDP connection to a numeric IPv4 address.
+    """Parse the host (numeric IPv4 address) and the port of a UDP connection URL.
 
     Raises ValueError for a host name, and for a port that is not between 1 and 65535.
-
     A host name is refused, because a name lookup could block or fail without a network.
     """
     try:
@@ -157,7 +159,9 @@ def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> Connecti
 def open_udp(
     local: Address | None = None, *, receive_buffer_bytes: int | None = RECEIVE_BUFFER_BYTES
 ) -> socket.socket:
-    """Open a non-blocking IPv4 UDP socket. Raises OSError if the address cannot be bound.
+    """Open a non-blocking IPv4 UDP socket.
+
+    Raises OSError if the address cannot be bound.
 
     local: address to bind; None lets the kernel choose
     receive_buffer_bytes: large by default, so that no datagram is lost while the process is busy for a
@@ -180,7 +184,7 @@ def open_udp(
 def listen_udp(
     local: Address, owner: str = "", *, receive_buffer_bytes: int = RECEIVE_BUFFER_BYTES
 ) -> socket.socket:
-    """Open a UDP socket as `open_udp` does, but raise RunError if the address cannot be bound.
+    """Open a UDP socket to receive. Raises RunError with a hint if the address cannot be bound.
 
     owner: process that needs the socket, the first words of the error message: "the router"
     """
@@ -215,7 +219,7 @@ def receive_datagrams(
 
 
 class StampAges:
-    """Computes how long a datagram has waited (its age) from the time at which the kernel received it (its stamp). Pure.
+    """Computes the age of a datagram from its stamp, the time at which the kernel received it. Pure.
 
     The stamps are times of the wall clock, which may be set while datagrams wait. A stamp is therefore compared
     with every offset that the wall clock has recently had to the monotonic clock. If several ages are possible,
@@ -226,9 +230,9 @@ class StampAges:
         self._offsets = [(wall_s - now, now)]
 
     def update(self, wall_s: float, now: float) -> None:
-        """Record the current times of both clocks, to detect when the wall clock is set. Call it a few times a second.
+        """Record the present times of both clocks, to detect changes of the wall clock.
 
-        wall_s: wall clock [s]. now: monotonic [s].
+        Call it a few times a second. wall_s: wall clock [s]. now: monotonic [s].
         """
         if abs(wall_s - now - self._offsets[-1][0]) < _CLOCK_STEP_S:
             self._offsets[-1] = wall_s - now, now
@@ -249,7 +253,7 @@ class StampAges:
 
 
 def receive_stamped(source: socket.socket) -> tuple[bytes, Address, float | None]:
-    """Receive one datagram.
+    """Receive one datagram with the time at which the kernel received it.
 
     Return (datagram, sender, stamp). The stamp is the wall-clock time of reception [s], None if the kernel gave none. Raises
     OSError.
@@ -263,7 +267,9 @@ def receive_stamped(source: socket.socket) -> tuple[bytes, Address, float | None
 
 
 def enable_stamps(source: socket.socket) -> None:
-    """Make the kernel record the time of reception (stamp) of each datagram. `AgedSocket` computes the age of a datagram from its stamp.
+    """Make the kernel record when it receives each datagram (its stamp).
+
+    `AgedSocket` computes the age of a datagram from its stamp.
 
     Some kernels have no such stamps. Then a datagram that waits is given the greatest age that it can have.
     """
@@ -272,7 +278,7 @@ def enable_stamps(source: socket.socket) -> None:
 
 
 class AgedSocket:
-    """UDP socket that returns each datagram with its age, the time since this computer received it.
+    """UDP socket that returns each datagram with its age: the time since this computer received it.
 
     ages: shared by all sockets of a process, which updates it a few times a second. now: monotonic [s].
     """
@@ -283,9 +289,9 @@ class AgedSocket:
         enable_stamps(source)
 
     def on_empty(self, now: float) -> None:
-        """Record that the socket is empty at the time `now`. The age of a later datagram is limited to the time since then.
+        """Record that the socket is empty now.
 
-        now: monotonic [s].
+        The age of a later datagram is limited to the time since then. now: monotonic [s].
         """
         self._empty_at = now
 
@@ -311,7 +317,7 @@ class AgedSocket:
 
 
 class SerialPort:
-    """An open serial device, raw and non-blocking.
+    """Open serial device, raw and non-blocking.
 
     Raises OSError if the device cannot be opened; its text says what to do.
     """
@@ -337,7 +343,7 @@ class SerialPort:
         return self._fd
 
     def read(self, limit: int = 1 << 14) -> bytes | None:
-        """Return the bytes that have arrived; None if there are none.
+        """Return the bytes that have arrived; None if no bytes have arrived.
 
         Raises OSError; `is_unplugged` returns whether the device was unplugged.
         """
@@ -350,9 +356,9 @@ class SerialPort:
         return data
 
     def write(self, data: bytes) -> int:
-        """Write as many bytes as the driver accepts.
+        """Write bytes to the serial device. Return how many bytes the driver accepted.
 
-        Return the number of written bytes. Raises OSError if the device was unplugged.
+        Raises OSError if the device was unplugged.
         """
         try:
             return os.write(self._fd, data)

@@ -1,4 +1,4 @@
-"""Loop of `arena fly`: reads keys and gamepad, sends stick positions 50 times a second, and prints the state of the vehicle.
+"""Loop of `arena fly` by hand: reads keys and gamepad, sends stick positions at 50 Hz, prints the state.
 
 The loop runs on the wall clock, and no process of the arena waits for it. If the terminal is lost, or the process is killed or paused, no
 stick positions are sent any more, and the autopilot's failsafe for lost manual control acts.
@@ -35,13 +35,13 @@ _LARGEST = 1 << 16
 
 
 class SticksSource(Protocol):
-    """A device with sticks, such as `arena.fly.gamepad.Gamepad`."""
+    """Interface of a device with sticks, such as `arena.fly.gamepad.Gamepad`."""
 
     def poll(self) -> tuple[Sticks | None, list[str]]: ...
 
 
 class HandFlight:
-    """Flight of one vehicle by hand, in a terminal.
+    """Flight of one vehicle by hand, from a terminal.
 
     send: function that sends a frame to the vehicle. show: function that shows a line
     gamepad: gamepad with the sticks; None flies with the keys
@@ -60,18 +60,24 @@ class HandFlight:
         self.result: int | None = None
 
     def on_keys(self, data: bytes, now: float) -> None:
-        """Process bytes from the terminal. No bytes: the terminal is lost, and the flight by hand ends without a command."""
+        """Process bytes from the terminal.
+
+        No bytes mean that the terminal is lost. The flight by hand then ends without a command.
+        """
         if not data:
             self.result = EXIT_FAILED
         for key in parse_keys(data):
             self._act(self._keyboard.press(key, now), now)
 
     def interrupt(self, now: float) -> None:
-        """Land and quit, or quit at once if the vehicle is landing already (Ctrl-C)."""
+        """Land and quit (Ctrl-C).
+
+        If the vehicle is landing already, quit at once.
+        """
         self._act("quit", now)
 
     def tick(self, now: float) -> None:
-        """Send the stick positions and requests that are due, and show the state. Call this at RATE_HZ."""
+        """Send stick positions and requests, and show the state. Call this RATE_HZ times a second."""
         sticks: Sticks | None = self._keyboard.sticks(now)
         if self._gamepad is not None:
             sticks, actions = self._gamepad.poll()
@@ -157,7 +163,10 @@ def fly_by_hand(vehicle: RunningVehicle, gamepad: SticksSource | None = None) ->
 
 
 def _wait_for_source(pilot: Pilot, send: Callable[[bytes], None], receive: Callable[[], None]) -> None:
-    """Wait until the vehicle has reported whether it obeys joysticks. Raises RunError if it does not."""
+    """Wait until the vehicle reports that it obeys joysticks.
+
+    Raises RunError if the vehicle ignores joysticks, or does not reply.
+    """
     end, next_request = time.monotonic() + _CONNECT_S, 0.0
     while pilot.source is None or pilot.state(time.monotonic()) is None:
         now = time.monotonic()
@@ -196,7 +205,7 @@ def _show(line: str) -> None:
 
 @contextlib.contextmanager
 def _terminal() -> Iterator[None]:
-    """Read single keys without echo. Ctrl-C still interrupts."""
+    """Read single keys without echo during a `with` block. Ctrl-C still interrupts."""
     before = termios.tcgetattr(sys.stdin)
     tty.setcbreak(sys.stdin)
     try:

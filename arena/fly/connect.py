@@ -1,4 +1,4 @@
-"""`arena.connect`: a vehicle of a running arena for a notebook, IPython or a shell."""
+"""Function `arena.connect`: returns a vehicle of a running arena for a notebook, IPython or a shell."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _POLL_S = 0.001
 
 
 class FollowedClock:
-    """Simulation time for a person: the clock sleeps until the simulation time has come, but the world does not wait for it.
+    """Simulation clock for a person: the world continues while the person waits or sleeps.
 
     path: path of the simulation clock without suffix
     """
@@ -34,7 +34,10 @@ class FollowedClock:
         return self._time.now()
 
     def sleep_until(self, t: float) -> float:
-        """Sleep until the simulation time t [s]. Return the time after the sleep [s]. Ctrl-C interrupts."""
+        """Sleep until the simulation time t [s]. Return the time after the sleep [s].
+
+        Ctrl-C interrupts the sleep.
+        """
         while (now := self._time.now()) < t:
             time.sleep(max(_POLL_S, min(0.02, 0.5 * (t - now))))
         return now
@@ -45,7 +48,9 @@ class FollowedClock:
 
 
 class Session:
-    """Session of a person who flies a vehicle from a notebook or a shell. Its attribute `uav` flies the vehicle; `end` lands it.
+    """Session of a person who flies a vehicle from a notebook or a shell.
+
+    The attribute `uav` flies the vehicle; `end` lands it.
 
     vehicle: the vehicle. lockstep: in a simulation that is not in real time, the world waits while this session does not sleep
     Raises InputError if another program of this vehicle has its port.
@@ -56,7 +61,7 @@ class Session:
         self.uav = open_uav(vehicle, lockstep=lockstep)
 
     def end(self, say: Callable[[str], None] = print) -> None:
-        """Land the vehicle if this session flies it, then close the connection.
+        """Land the vehicle if this session flies it, and close the connection.
 
         A vehicle that is disarmed, or that a pilot, `land-all`, a ground station, a node of ROS 2 or an SDK flies, is not commanded.
         A vehicle that cannot be landed enters its offboard failsafe, because no setpoints are sent any more.
@@ -88,7 +93,7 @@ class Session:
 def connect(
     name: str | None = None, run: str | Path | None = None, *, lockstep: bool = False, real: bool = False
 ) -> UAV:
-    """Return a vehicle of a running arena, for a notebook, IPython or a shell.
+    """Connect to a vehicle of a running arena and return it as `UAV`.
 
     name: name of the vehicle; None for the only vehicle. run: run folder, if several arenas have a vehicle with this name.
     lockstep: in a simulation that is faster than real time, the world waits while this session flies the vehicle and does not sleep.
@@ -109,7 +114,10 @@ def connect(
 
 
 def open_uav(vehicle: RunningVehicle, *, lockstep: bool) -> UAV:
-    """Connect to a vehicle as its program would. Raises InputError if another program uses the program's port."""
+    """Connect to a vehicle in the same way as its user program.
+
+    Raises InputError if another program uses the program's port.
+    """
     arguments = read_file(str(vehicle.program_file), partial(_clock, lockstep=lockstep))
     try:
         return UAV(**{**arguments, "heartbeat": None})

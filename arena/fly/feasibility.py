@@ -1,4 +1,4 @@
-"""Check of a trajectory before a flight: positions, speeds and accelerations. Pure."""
+"""Check of a trajectory before the flight: positions, speeds and accelerations. Pure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MARGIN_M = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class FlightLimits:
-    """Limits of a flight.
+    """Limits that a trajectory must keep: room, speed and acceleration.
 
     low, high: corners of the box that the vehicle's body origin must not leave [m] [NED] (3,)
     speed: horizontal speed [m/s]. up, down: climb and sink rate [m/s]. accel: acceleration [m/s2]
@@ -41,7 +41,7 @@ class FlightLimits:
 def limits_of(
     room: Settings, vehicle: VehicleSettings, speeds: tuple[float, float, float, float]
 ) -> FlightLimits:
-    """Return the limits of a vehicle in its room: the geofence; if there is none, the room minus the size of the vehicle.
+    """Return the limits for a vehicle in its room: the geofence, or else the room minus the vehicle's size.
 
     speeds: horizontal speed, climb rate, sink rate [m/s] and acceleration [m/s2] of the vehicle
     """
@@ -68,7 +68,7 @@ def limits_of(
 
 
 def problems_of(trajectory: Trajectory, limits: FlightLimits) -> list[str]:
-    """Return every reason not to fly a trajectory, with the first time and the greatest value; [] if it can be flown.
+    """Return every reason not to fly a trajectory, with time and value; [] if it can be flown.
 
     The trajectory is sampled every 0.02 s. A jump of the position, as between the setpoints of a `SetpointList`, is allowed: the autopilot
     plans the way. The straight line between both positions must not meet an obstacle.
@@ -107,7 +107,7 @@ def collisions(times: Array | None, p: Array, limits: FlightLimits) -> Iterator[
 
 
 def _on_the_way(times: Array, p: Array) -> Iterator[tuple[float, Array]]:
-    """Yield time and place of points on a path of straight lines, at most 0.05 m apart."""
+    """Yield (time, position) of points on a path of straight lines, at most 0.05 m apart."""
     if len(p):
         yield float(times[0]), p[0]
     for k in range(1, len(p)):

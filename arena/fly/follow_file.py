@@ -1,4 +1,7 @@
-"""`arena fly VEHICLE FILE`: take-off, flight to the start of a trajectory, the trajectory, landing."""
+"""Flight along a trajectory file (`arena fly VEHICLE FILE`), with take-off and landing.
+
+The vehicle first flies to the start of the trajectory.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,10 @@ Say = Callable[[str], None]
 
 
 def check_flight(vehicle: RunningVehicle, trajectory: Trajectory) -> FlightLimits:
-    """Return the limits of the flight. Raises InputError with every reason not to fly the trajectory."""
+    """Check a trajectory, and return the limits of the flight.
+
+    Raises InputError with every reason not to fly the trajectory.
+    """
     values = read_parameters(vehicle, _PARAMETERS)
     speed, up, down, tilt = (values[name] for name in _PARAMETERS)
     accel = round(GRAVITY_M_S2 * math.tan(math.radians(min(tilt, 80.0))), 2)
@@ -45,7 +51,10 @@ def check_flight(vehicle: RunningVehicle, trajectory: Trajectory) -> FlightLimit
 
 
 def check_authority(vehicle: RunningVehicle) -> None:
-    """Check that no other sender commands the vehicle. Raises RunError if one does."""
+    """Check that the vehicle is disarmed and that nobody else has control.
+
+    Raises RunError otherwise.
+    """
     facts = vehicle.facts()
     if blocked := facts.get("blocked"):
         raise RunError(f"{vehicle.name}: {blocked}: run `arena release {vehicle.name}` first")
@@ -58,7 +67,9 @@ def check_authority(vehicle: RunningVehicle) -> None:
 
 
 def fly_file(vehicle: RunningVehicle, trajectory: Trajectory, say: Say) -> int:
-    """Fly a vehicle along a trajectory and land it. Return the exit code. Ctrl-C lands the vehicle.
+    """Fly a vehicle along a trajectory and land it. Return the exit code.
+
+    Ctrl-C lands the vehicle.
 
     say: function that prints a line
     Raises InputError if the trajectory cannot be flown, and RunError if another sender commands the vehicle.
@@ -99,7 +110,9 @@ def _fly(uav: UAV, trajectory: Trajectory, limits: FlightLimits, say: Say) -> No
 
 
 def check_way(p: Array, limits: FlightLimits) -> None:
-    """Check the distance to obstacles on the horizontal way to the start. Raises VehicleError.
+    """Check that no obstacle is too near to the straight, level way to the start.
+
+    Raises VehicleError.
 
     p: both ends of the way [m] [NED] (2, 3). The climb before the way is not checked.
     """
@@ -110,7 +123,10 @@ def check_way(p: Array, limits: FlightLimits) -> None:
 
 
 def _arrive(uav: UAV, pos: object, yaw: float) -> None:
-    """Hold a position until the vehicle is there. Raises NotConfirmedError after 10 s."""
+    """Hold a position setpoint until the vehicle has arrived.
+
+    Raises NotConfirmedError after 10 s.
+    """
     end = uav.clock.now() + _ARRIVE_S
     wanted = np.asarray(pos, float)
     while float(np.linalg.norm(np.asarray(uav.ekf.pos, float) - wanted)) > _ARRIVED_M:
@@ -122,7 +138,10 @@ def _arrive(uav: UAV, pos: object, yaw: float) -> None:
 
 
 def _land_after_error(uav: UAV, say: Say, code: int = EXIT_FAILED) -> int:
-    """Land if this program still flies the vehicle. A vehicle that another sender has taken gets no command."""
+    """Land the vehicle after an error if this program still flies it. Return the exit code.
+
+    A vehicle that another sender has taken gets no command.
+    """
     try:
         if uav.info.is_armed and uav.info.flight_mode == "OFFBOARD":
             uav.auto_land()

@@ -1,4 +1,6 @@
-"""Stick positions and actions from a gamepad, with pygame (SDL). Imported only if a gamepad is used.
+"""Stick positions and actions from a gamepad, with pygame (SDL).
+
+The module is imported only if a gamepad is used.
 
 SDL knows the layout of most gamepads, so the sticks have the same names on all of them: left stick throttle and yaw, right stick
 pitch and roll (the usual "mode 2" of RC transmitters).
@@ -25,13 +27,19 @@ BUTTONS = {
 
 
 def sticks_of_axes(left_x: int, left_y: int, right_x: int, right_y: int) -> Sticks:
-    """Return the stick positions of a gamepad. SDL's axes are -32768..32767, to the right and down."""
+    """Convert SDL's gamepad axes to stick positions.
+
+    The axes are -32768..32767, positive to the right and down.
+    """
     x, y, turn, up = (min(max(v / _FULL, -1.0), 1.0) for v in (right_x, -right_y, left_x, -left_y))
     return Sticks(roll=x, pitch=y, throttle=up, yaw=turn)
 
 
 class Gamepad:
-    """The first gamepad of the computer. Raises InputError if pygame is missing or no gamepad is connected."""
+    """First gamepad of the computer.
+
+    Raises InputError if pygame is missing or no gamepad is connected.
+    """
 
     def __init__(self) -> None:
         os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # no window is needed
@@ -52,7 +60,10 @@ class Gamepad:
         self._pressed: set[str] = set()
 
     def poll(self) -> tuple[Sticks | None, list[str]]:
-        """Return the stick positions and the newly requested actions. The positions are None if the gamepad is disconnected."""
+        """Return the stick positions and the newly requested actions.
+
+        The positions are None if the gamepad is disconnected.
+        """
         pygame, pad = self._pygame, self._controller
         pygame.event.pump()
         if not pad.attached():

@@ -51,7 +51,10 @@ HELP = """\
 
 
 def parse_keys(data: bytes) -> list[str]:
-    """Return the names of the keys in bytes from a terminal: characters, `up`, `down`, `left`, `right`. Other escape codes are left out."""
+    """Return the names of the keys in bytes from a terminal: characters, `up`, `down`, `left`, `right`.
+
+    Other escape codes are left out.
+    """
     keys, at = [], 0
     while at < len(data):
         if data[at : at + 1] == b"\x1b":
@@ -76,7 +79,10 @@ class Keyboard:
     _pressed: dict[str, tuple[float, float]] = field(default_factory=dict)  # axis -> position, end [s]
 
     def press(self, key: str, now: float) -> str:
-        """Process a pressed key. Return the action that it requests (see `ACTIONS`), "" for none. now: monotonic [s]."""
+        """Process a pressed key. Return the action that it requests (see `ACTIONS`); "" for none.
+
+        now: monotonic [s].
+        """
         if key in _AXES:
             self._deflect(*_AXES[key], now)
         elif key == " ":

@@ -1,4 +1,7 @@
-"""Parameters of a running vehicle, read over MAVLink at the tools port of the router. Nothing is written."""
+"""Reader of a running vehicle's parameters, over MAVLink at the tools port of the router.
+
+No parameter is written.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,10 @@ _TIMEOUT_S, _RETRY_S = 10.0, 0.5
 
 
 def read_parameters(vehicle: RunningVehicle, names: Sequence[str]) -> dict[str, float]:
-    """Return parameters of a vehicle by name. Raises RunError if the vehicle does not report all of them within 10 s."""
+    """Return parameters of a vehicle by name.
+
+    Raises RunError if the vehicle does not report all of them within 10 s.
+    """
     assert vehicle.settings.tools is not None
     codec, found = Codec(FLIGHT_TOOL.system, FLIGHT_TOOL.component), dict[str, float]()
     with contextlib.closing(open_udp((vehicle.settings.tools[0], 0))) as sock:
@@ -50,7 +56,10 @@ def read_parameters(vehicle: RunningVehicle, names: Sequence[str]) -> dict[str, 
 
 
 def parameter_value(value: float, kind: int) -> float:
-    """Return the value of a parameter, whose integers are encoded byte-wise. kind: MAV_PARAM_TYPE."""
+    """Return the value in a PARAM_VALUE message, where integers are encoded byte-wise.
+
+    kind: MAV_PARAM_TYPE.
+    """
     if kind == mavlink.MAV_PARAM_TYPE_INT32:
         return float(int.from_bytes(struct.pack("<f", value), "little", signed=True))
     return value

@@ -1,4 +1,6 @@
-"""Flight by hand: frames to send for stick positions and requested modes, and what the vehicle reports. Pure.
+"""Flight by hand without sockets: MAVLink frames for sticks and requested modes, and the vehicle's telemetry.
+
+Pure.
 
 The sender is a ground station at the tools port of the router (docs/explanation/authority.md). A manual mode
 request of this sender takes the vehicle from its program.
@@ -35,7 +37,7 @@ _RECEIVED = {
 
 
 class Pilot:
-    """Flight of one vehicle by hand.
+    """Person who flies one vehicle by hand: stick positions to send, and reported state of the vehicle.
 
     name: name of the vehicle. system: its MAVLink system id. All times `now` are monotonic [s].
     source: value of COM_RC_IN_MODE, None before the vehicle has reported it
@@ -55,7 +57,7 @@ class Pilot:
     # -- what the vehicle reports ----------------------------------------------------------------------------
 
     def on_datagram(self, data: bytes, now: float) -> None:
-        """Read telemetry of the vehicle."""
+        """Process telemetry of the vehicle."""
         self._telemetry.on_datagram(data, now)
         if self.source is None:
             for m in self._codec.parse(data, {mavlink.MAVLINK_MSG_ID_PARAM_VALUE}):
@@ -64,19 +66,19 @@ class Pilot:
         self._read_answer()
 
     def state(self, now: float) -> tuple[str, bool] | None:
-        """Return flight mode and whether the vehicle is armed; None without a recent heartbeat."""
+        """Return (flight mode, True if armed); None without a recent heartbeat."""
         heart = self._telemetry.heartbeat
         return (heart.mode, heart.armed) if heart is not None and now - heart.received_at < _STALE_S else None
 
     def source_problem(self) -> str:
-        """Return why the vehicle ignores joysticks; "" if it obeys them or has not reported the parameter."""
+        """Return why the vehicle ignores joysticks (COM_RC_IN_MODE); "" if it obeys them or if unknown."""
         if self.source is None or self.source in _JOYSTICK_SOURCES:
             return ""
         who = "only an RC transmitter" if self.source == 0 else "no sticks"
         return f"{self.name}: {SOURCE_PARAMETER} is {self.source}: the vehicle obeys {who}. Set it to 1 (joystick)"
 
     def status(self, now: float) -> str:
-        """Return one line for the terminal: mode, armed or disarmed, height, speed, battery, and the last message."""
+        """Return one line for the terminal: mode, arming state, height, speed, battery, last message."""
         state, t = self.state(now), self._telemetry
         if state is None:
             return f"{self.name}: no heartbeat"
@@ -95,7 +97,10 @@ class Pilot:
     # -- what the person wants -------------------------------------------------------------------------------
 
     def frames(self, sticks: Sticks | None, now: float) -> list[bytes]:
-        """Return the frames to send now. sticks: stick positions; None if there are none, so that the failsafe acts."""
+        """Return the MAVLink frames to send now.
+
+        sticks: stick positions; None sends no positions, so that the failsafe acts.
+        """
         found = []
         if sticks is not None:
             fields = manual_control_fields(sticks)
@@ -114,7 +119,10 @@ class Pilot:
         return self._codec.pack(mavlink.MAVLink_param_request_read_message(self._system, 1, name, -1))
 
     def request(self, action: str, now: float) -> None:
-        """Request a mode, `arm` or `disarm` until the vehicle replies. A new request replaces the last one."""
+        """Request a mode, `arm` or `disarm` repeatedly until the vehicle replies.
+
+        A new request replaces the last one.
+        """
         if action in ("arm", "disarm"):
             number, params = mavlink.MAV_CMD_COMPONENT_ARM_DISARM, [1.0 if action == "arm" else 0.0]
         else:
@@ -132,7 +140,10 @@ class Pilot:
         return self._request is not None
 
     def must_land(self, now: float) -> bool:
-        """Return whether the vehicle must be landed before this pilot leaves: it is armed, and this pilot flies it."""
+        """Return whether the person must land the vehicle before the flight by hand ends.
+
+        This is so if the vehicle is armed and flown by this person.
+        """
         state = self.state(now)
         if state is None:
             return self.flies
@@ -158,5 +169,5 @@ class Pilot:
 
 
 def _integer_of(value: float) -> int:
-    """Return the integer in a parameter value that is encoded byte-wise."""
+    """Return the integer whose four bytes are those of a float parameter value."""
     return int.from_bytes(struct.pack("<f", value), "little", signed=True)

@@ -1,4 +1,7 @@
-"""Search for a vehicle of a running arena, and for what is needed to fly it. Reads files of the run only."""
+"""Search for a vehicle of a running arena, and for the settings to fly it.
+
+Only files of the run are read.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from arena.supervisor import Control, RunState, active_runs, open_run
 
 @dataclass(frozen=True, kw_only=True)
 class RunningVehicle:
-    """A vehicle of a running arena.
+    """Vehicle of a running arena.
 
     run: the run to which it belongs
     room: room and geofence of the arena
@@ -36,11 +39,13 @@ class RunningVehicle:
 
     @property
     def is_real(self) -> bool:
-        """True if the vehicle is not simulated."""
+        """True for a real vehicle, False for a simulated vehicle."""
         return self.settings.kind == "real"
 
     def facts(self) -> Mapping[str, Any]:
-        """Return the supervisor's facts about the vehicle: `armed`, `mode`, `control`, `blocked`. Each may be missing.
+        """Return the supervisor's facts about the vehicle: `armed`, `mode`, `control`, `blocked`.
+
+        Each fact may be missing.
 
         Raises RunError if the supervisor does not reply.
         """
@@ -55,7 +60,7 @@ class RunningVehicle:
 
 
 def find_vehicle(name: str | None, run: Path | None = None) -> RunningVehicle:
-    """Return a vehicle of the running arenas.
+    """Find a vehicle of the running arenas by its name.
 
     name: name of the vehicle; None for the only vehicle. run: run folder; None searches all running arenas.
     Raises RunError if no arena runs, and InputError if no vehicle or several vehicles have this name.
@@ -106,7 +111,9 @@ def _vehicles_of(state: RunState) -> list[RunningVehicle]:
 
 
 def lock_pilot(vehicle: RunningVehicle) -> TextIO:
-    """Reserve a vehicle for this process, because only one person may fly it. The lock ends with the process or `close`.
+    """Reserve a vehicle for this process, because only one person may fly it.
+
+    The lock ends with the process or with `close`.
 
     Raises RunError if another process has the lock.
     """

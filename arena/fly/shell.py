@@ -1,4 +1,7 @@
-"""Python shell with a connected vehicle: IPython if it is installed, else the shell of Python."""
+"""Python shell with a connected vehicle.
+
+The shell is IPython if it is installed, else that of Python.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,10 @@ Ctrl-D leaves the shell, and lands a vehicle that this shell flies."""
 
 
 def interact(session: Session) -> None:
-    """Run a shell in this terminal until the user leaves it. The caller ends the session."""
+    """Run a Python shell in this terminal until the user leaves it.
+
+    The caller ends the session.
+    """
     uav = session.uav
     uav.hold_until(lambda: uav.info.is_connected, 3.0)
     names: dict[str, Any] = {"uav": uav, "arena": importlib.import_module("arena")}

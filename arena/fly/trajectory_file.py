@@ -1,4 +1,7 @@
-"""Trajectory files for `arena fly`: CSV with times, or a list of setpoints. Pure, except for reading the file."""
+"""Reader of trajectory files for `arena fly`: CSV with times, or a list of setpoints.
+
+Pure, except for reading the file.
+"""
 
 from __future__ import annotations
 

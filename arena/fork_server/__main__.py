@@ -1,4 +1,6 @@
-"""The process `arena:fork-server`: `python -m arena.fork_server FD`, started by the supervisor (`arena.supervisor.fork_client`).
+"""Process `arena:fork-server`, which the supervisor starts: `python -m arena.fork_server FD`.
+
+The supervisor uses it through `arena.supervisor.fork_client`.
 
 FD is a local packet socket. Packets, each one JSON object:
     server -> supervisor   {"ready": true}   the packages are imported
@@ -44,7 +46,7 @@ _FEW_COLLECTIONS = 50_000
 
 
 def main(argv: list[str]) -> int:
-    """Serve requests until the supervisor closes the socket.
+    """Serve requests of the supervisor until it closes the socket.
 
     Return an exit code: that of the server, or in a forked process that of its work.
     """
@@ -56,7 +58,10 @@ def main(argv: list[str]) -> int:
 
 
 def preload() -> None:
-    """Import the packages of arena's processes. A module that cannot be imported is left out: its process reports the error."""
+    """Import the packages of arena's processes.
+
+    A module that cannot be imported is left out: its process reports the error.
+    """
     thresholds = gc.get_threshold()
     gc.set_threshold(_FEW_COLLECTIONS)  # imports make no garbage
     for name in PRELOADED:
@@ -69,7 +74,10 @@ def preload() -> None:
 
 
 def _serve(channel: socket.socket) -> Callable[[], int] | None:
-    """Fork processes as the supervisor requests. Return None at the end, and in a forked process the function that does its work."""
+    """Fork processes as the supervisor requests.
+
+    Return None at the end. In a forked process, return the function that does its work.
+    """
     if sum(1 for _ in Path("/proc/self/task").iterdir()) > 1:
         return None  # a thread does not survive a fork, and may hold a lock
     channel.send(json.dumps({"ready": True}).encode())
@@ -88,7 +96,10 @@ def _serve(channel: socket.socket) -> Callable[[], int] | None:
 
 
 def _fork_twice() -> int:
-    """Fork a process whose parent ends. Return the pid of the process; 0 in the process itself."""
+    """Fork a process whose parent ends at once. Return the pid of the process; 0 in the process itself.
+
+    The process then becomes a child of the supervisor.
+    """
     reading, writing = os.pipe2(os.O_CLOEXEC)
     if (between := os.fork()) == 0:
         if (pid := os.fork()) == 0:

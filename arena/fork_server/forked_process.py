@@ -1,4 +1,4 @@
-"""Work of a forked process: it takes the place of a new Python interpreter with the same command line.
+"""Work of a forked process, which replaces a new Python interpreter with the same command line.
 
 The process has the session, priority, output, environment, `sys.argv`, `sys.path[0]` and `__main__` that an interpreter would have.
 If the packages that the fork server has imported could change what the program does, the process executes the interpreter instead.
@@ -52,7 +52,9 @@ class Request:
 
 
 def start_work(request: Request, output: int, channel: int, go: int) -> Callable[[], int]:
-    """Set up the process, wait for `go`, and return the function that does the work and returns an exit code.
+    """Set up a forked process. Return the function that runs its program and returns the exit code.
+
+    The program starts only after the supervisor has sent `go`.
 
     output, channel, go: file descriptors, as in the package's `__main__`. Ends the process if `go` is closed.
     """
@@ -84,12 +86,12 @@ def start_work(request: Request, output: int, channel: int, go: int) -> Callable
 
 
 def _visible(argv: list[str]) -> list[str]:
-    """Return the command line that other processes see: of a process of arena none, because it writes its title there."""
+    """Return the command line to show in /proc; [] for a process of arena, which sets a title there."""
     return [] if argv[1] == "-m" and "setproctitle" in sys.modules else argv
 
 
 def _set_priority(nice: int) -> None:
-    """Add to the nice value, and give the session of the process the same value.
+    """Add a number to the nice value of this process and of its session.
 
     With autogroups the kernel gives every session an equal share of the CPU: nice values have no effect between sessions.
     """
@@ -101,7 +103,7 @@ def _set_priority(nice: int) -> None:
 
 
 def needs_interpreter(argv: list[str], env: Mapping[str, str], own: Mapping[str, str]) -> bool:
-    """Return whether a program must run in an interpreter of its own.
+    """Return whether a program needs a new interpreter, because it cannot run in a forked process.
 
     This is so if its environment differs from that of the fork server in more than arena's variables, because packages read the
     environment when they are imported; or if a file beside the program would be imported instead of a module that is already imported.
@@ -119,7 +121,7 @@ def _foreign(env: Mapping[str, str]) -> dict[str, str]:
 
 
 def _importable(folder: Path) -> set[str]:
-    """Return the names of the modules and packages in a folder."""
+    """Return the names of the Python modules and packages in a folder."""
     found = set()
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
@@ -135,7 +137,10 @@ def _imported() -> set[str]:
 
 
 def _program(argv: list[str]) -> tuple[CodeType, ModuleType] | None:
-    """Return the code of a program and its module `__main__`; None if the interpreter must report why there is none."""
+    """Return the code of a program and its module `__main__`; None if it cannot be loaded.
+
+    A new interpreter then reports the error.
+    """
     main = ModuleType("__main__")
     main.__dict__.update(__builtins__=__builtins__, __annotations__={})
     try:
@@ -157,7 +162,10 @@ def _program(argv: list[str]) -> tuple[CodeType, ModuleType] | None:
 
 
 def _run(program: tuple[CodeType, ModuleType], argv: list[str]) -> int:
-    """Run a program as the interpreter does. Return its exit code, or raise SystemExit or KeyboardInterrupt as the program did."""
+    """Run a program as the Python interpreter does, and return its exit code.
+
+    Raise SystemExit or KeyboardInterrupt if the program raised it.
+    """
     code, main = program
     file = str(main.__file__)
     sys.modules["__main__"] = main
@@ -181,6 +189,9 @@ def _run(program: tuple[CodeType, ModuleType], argv: list[str]) -> int:
 
 
 def _reseed() -> None:
-    """Give numpy's global random generator a seed of its own, as in a new interpreter. Python's `random` does so at each fork."""
+    """Give numpy's global random generator a new seed, as in a new interpreter.
+
+    Python's `random` does so at each fork.
+    """
     if "numpy.random" in sys.modules:
         sys.modules["numpy.random"].seed()

@@ -1,4 +1,4 @@
-"""The command line and the environment that other processes see in /proc.
+"""Command line and environment of a forked process, as other processes see them in /proc.
 
 The kernel shows the memory in which the fork server got its command line and environment. A forked process writes its own there: the
 supervisor and `arena down` find the processes of a run by their environment, and people find a program by its command line.
@@ -19,7 +19,9 @@ _COMMAND_BYTES = 15
 
 
 def show(argv: Sequence[str], env: Mapping[str, str]) -> None:
-    """Show a command line and an environment in /proc. What does not fit is left out, arena's own variables last.
+    """Write a command line and an environment to /proc for other processes.
+
+    Texts that do not fit are left out, arena's own variables last.
 
     The environment of the process must not be in this memory any more: `os.environ` must have been cleared and filled again.
     """
@@ -36,7 +38,10 @@ def show(argv: Sequence[str], env: Mapping[str, str]) -> None:
 
 
 def packed(texts: Sequence[bytes], size: int) -> bytes:
-    """Return the texts, each with a zero byte at its end, filled with zero bytes to `size` bytes. A text that does not fit is left out."""
+    """Return texts as bytes, each with a zero byte at its end, filled with zero bytes to `size` bytes.
+
+    A text that does not fit is left out.
+    """
     found = b""
     for text in texts:
         if len(found) + len(text) + 1 <= size:

@@ -1,4 +1,4 @@
-"""The process of the fused arena, which is a whole simulated arena in one process: `python -m arena.fused FILE.json`.
+"""Process of the fused arena, a whole simulated arena in one process: `python -m arena.fused FILE.json`.
 
 FILE.json names the members (router, motion capture, pose forwarders, recorder). Their configuration files (slices) are in the
 same folder.

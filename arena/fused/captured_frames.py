@@ -1,4 +1,4 @@
-"""Conversion of the emulator's frames to the frames that a motion-capture client returns, without the network between. Pure."""
+"""Conversion of the emulator's frames to those of a motion-capture client, without a network. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from arena.mocap.emulator.interface import MeasuredFrame
 
 
 class FrameConverter:
-    """Converts mocap frames of the emulator to mocap frames of a client, with poses in NED.
+    """Converts frames of the motion capture emulator to frames of a client, with poses in NED.
 
     bodies: rigid bodies of the emulator's configuration, each with `number` and `name`.
     """
@@ -19,7 +19,7 @@ class FrameConverter:
         self._names = {int(b["number"]): str(b["name"]) for b in bodies}
 
     def convert(self, frame: MeasuredFrame, now: float) -> CapturedFrame:
-        """Return the frame that a motion-capture client would return.
+        """Return the frame that a motion-capture client would return for a frame of the emulator.
 
         Server and client have the same clock and no network between them, so every time in `echo` is `now`.
 

@@ -1,4 +1,4 @@
-"""Context of a member of the fused arena.
+"""Process context of a member of the fused arena: its configuration and its reports.
 
 A member is a part of the arena, such as the router or the recorder. Normally, each of these parts is a process of its own. In the
 fused arena (`arena.fused`), all members run in one process.
@@ -12,7 +12,7 @@ from arena.process_context import ProcessContext
 
 
 class MemberContext(ProcessContext):
-    """Process context of one member: its configuration, and its reports to the supervisor.
+    """Process context of one member of the fused arena: its configuration, and reports to the supervisor.
 
     Each report carries the member's name, because the members share one connection to the supervisor.
 
@@ -27,11 +27,16 @@ class MemberContext(ProcessContext):
 
     @property
     def orphaned(self) -> bool:
-        """Always False, even if the supervisor has died. The process that runs the members checks this itself and ends them all."""
+        """Always False for a member.
+
+        The process that runs the members detects itself that the supervisor has died, and ends them all.
+        """
         return False
 
     def ready(self, **facts: Any) -> None:
-        """Report to the supervisor that the member is ready. Only the first call sends a packet.
+        """Report to the supervisor that the member is ready.
+
+        Only the first call sends a packet.
 
         facts: values that are sent in the same packet, such as {"uav1.armed": True}.
         """

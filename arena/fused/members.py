@@ -1,4 +1,4 @@
-"""The members of the fused arena around the world: router, motion capture, pose forwarders and recorder.
+"""Members of the fused arena: router, motion capture, pose forwarders, recorder and sensors.
 
 In each step of the world they run in a fixed order, so the same inputs give the same messages.
 """
@@ -34,7 +34,9 @@ _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in bin
 
 
 class Members:
-    """Router, motion capture, pose forwarders and recorder of the fused arena: its members, all parts except the world.
+    """All members of the fused arena: router, motion capture, pose forwarders and recorder.
+
+    The world is not a member: it calls the members in each step.
 
     The world uses this object as its MAVLink links (`LinkInterface`). Messages of built-in autopilots are exchanged in memory.
     Vehicles that PX4 flies, and the panic links (reserved for emergencies), use sockets.
@@ -93,7 +95,7 @@ class Members:
 
     @property
     def ready(self) -> bool:
-        """True if the router, the motion capture, every pose forwarder and the recorder have reported that they are ready."""
+        """True if all members have reported that they are ready."""
         return all(context.is_ready for context in self._contexts.values())
 
     def drain(self, receive: Receive) -> None:
@@ -108,14 +110,17 @@ class Members:
             receive(vehicle, link, data)
 
     def drain_panic(self, receive: Receive) -> bool:
-        """Pass datagrams to the autopilots as `drain` does, but only those of the panic links, which are reserved for emergencies.
+        """Pass datagrams of the panic links (for emergencies only) to the autopilots.
 
         Return whether a datagram had arrived.
         """
         return self._panic.drain_panic(receive)
 
     def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
-        """Deliver the datagrams that the autopilots send in this step, and run the members. now: simulation time [s]."""
+        """Deliver the datagrams of the autopilots, and run all members for one step.
+
+        now: simulation time [s].
+        """
         self._time.value = now
         for message in messages:
             vehicle, link, data = message
@@ -147,11 +152,14 @@ class Members:
         self._router.on_request(request, self._time.now())
 
     def stats(self) -> dict[str, int]:
-        """Return the numbers of datagrams on the panic links. The router reports its numbers to the supervisor itself."""
+        """Return the numbers of datagrams on the panic links.
+
+        The router reports its numbers to the supervisor itself.
+        """
         return self._panic.stats()
 
     def close(self) -> None:
-        """Complete the record, and close all sockets and files."""
+        """Complete the recording, and close all sockets and files."""
         self._recorder.close()
         for forwarder in self._forwarders.values():
             forwarder.close()
@@ -161,7 +169,10 @@ class Members:
         self._panic.close()
 
     def _on_copy(self, socket: int, data: bytes) -> None:
-        """Pass a copy of a routed datagram to the recorder and the sensors. socket: index of the router's socket that sends it."""
+        """Pass a copy of a routed datagram to the recorder and the emulated sensors.
+
+        socket: index of the router's socket that sends it.
+        """
         self._recorder.link.add(socket, data)
         if self._sensors is not None:
             self._sensors.on_copy(socket, data)
@@ -176,7 +187,7 @@ class Members:
 
 
 class _Forwarder:
-    """Pose forwarder of one vehicle.
+    """Pose forwarder of one vehicle in the fused arena.
 
     vehicle: index in the world.  inbox: list that receives the datagrams for its autopilot; None: PX4, whose link is a socket.
     """
@@ -197,7 +208,10 @@ class _Forwarder:
             self._link.waiting.append(data)
 
     def step(self, now: float) -> None:
-        """Send a pose if one is due, and read the autopilot's messages. now: simulation time [s]."""
+        """Send a pose if it is time, and read the messages of the autopilot.
+
+        now: simulation time [s].
+        """
         due = now >= self._next_tick
         if self.capture.waiting or (due if self._link is None else self._link.waiting):
             self._shell.turn(now)
@@ -212,7 +226,7 @@ class _Forwarder:
         self._shell.link.close()
 
     def _limit_wait(self) -> None:
-        """Report the pose forwarder as ready after 30 s of wall time even if PX4 cannot be armed.
+        """Report the forwarder as ready after 30 s of wall time, even if the vehicle cannot be armed.
 
         The user program then starts and reports why PX4 cannot be armed.
         """
@@ -225,7 +239,10 @@ class _Forwarder:
 
 
 class _Sensors:
-    """Emulated sensors of the arena. They receive telemetry as copies of the router's datagrams."""
+    """Emulated sensors of the fused arena.
+
+    They receive telemetry as copies of the router's datagrams.
+    """
 
     def __init__(self, context: MemberContext, time: StepTime, router: FusedRouter) -> None:
         self._context, self._time, self._router = context, time, router
@@ -241,12 +258,18 @@ class _Sensors:
         self._core.on_frame(frame, True, now)
 
     def on_copy(self, socket: int, data: bytes) -> None:
-        """Store the estimates that a datagram of an autopilot contains. socket: index of the router's socket that sends it."""
+        """Store the estimates of position, velocity and attitude in an autopilot's datagram.
+
+        socket: index of the router's socket that sends it.
+        """
         if (row := self._row_of.get(socket)) is not None:
             self._core.on_datagram(row, data, self._time.now())
 
     def step(self, now: float) -> None:
-        """Send the measurements of one step. now: simulation time [s]."""
+        """Send the measurements of the emulated sensors in one step.
+
+        now: simulation time [s].
+        """
         for row, data in self._core.step(now):
             self._router.from_sensors(self._names[row], data, now)
         if now >= self._next_report:
@@ -255,7 +278,10 @@ class _Sensors:
 
 
 class _Recorder:
-    """Recorder of the arena. sockets: addresses of the router's sockets, in their order."""
+    """Recorder of the fused arena.
+
+    sockets: addresses of the router's sockets, in their order.
+    """
 
     def __init__(
         self, context: MemberContext, time: StepTime, sockets: Sequence[Address], truth: TruthReader
@@ -296,7 +322,7 @@ _CANNOT_SLEEP = (
 
 
 class StepTime:
-    """Clock of the router, pose forwarders and recorder in the fused arena. It returns the time of the present step.
+    """Clock of the members of the fused arena: returns the simulation time of the present step.
 
     The simulation calls these parts of the process `world` in each step. A part that slept would stop the simulation, so this
     clock cannot sleep.

@@ -1,4 +1,4 @@
-"""Replacements of sockets between parts of the arena that run in one process. Data are stored until the receiver reads them."""
+"""Links between the parts of a fused arena: they store data in memory instead of sending them by sockets."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Inbox = list[tuple[int, str, bytes]]
 
 
 class VisionLink:
-    """Vision link of one vehicle: the connection on which its pose forwarder sends poses to the built-in autopilot.
+    """Vision link of one vehicle in memory, from its pose forwarder to the built-in autopilot.
 
     It replaces the pose forwarder's UDP socket, and has the same methods.
 
@@ -28,7 +28,10 @@ class VisionLink:
         self.waiting: deque[bytes] = deque()
 
     def recvfrom(self, size: int) -> tuple[bytes, Address]:
-        """Return the oldest datagram from the autopilot. Raises BlockingIOError if there is none."""
+        """Return the oldest datagram from the autopilot.
+
+        Raises BlockingIOError if there is none.
+        """
         return _take(self.waiting), self._autopilot
 
     def sendto(self, data: bytes, to: Address) -> int:
@@ -46,7 +49,7 @@ class VisionLink:
 
 
 class RecorderLink:
-    """Source of the datagrams for the recorder: copies of the router come from memory, references of user programs from a socket.
+    """Source of the recorder's datagrams: copies of the router (in memory) and references of programs.
 
     listen: address of the socket.  sockets: addresses of the router's sockets, in their order.
     vehicles: as for `CopySenders`.
@@ -60,16 +63,21 @@ class RecorderLink:
         self._waiting: list[tuple[str, bool, bytes]] = []
 
     def add(self, socket: int, data: bytes) -> None:
-        """Store a copy of a datagram. socket: index of the router's socket from which it is sent."""
+        """Store a copy of a routed datagram for the recorder.
+
+        socket: index of the router's socket from which it is sent.
+        """
         if (owner := self._owners[socket]) is not None:
             self._waiting.append((*owner, data))
 
     def fileno(self) -> int:
-        """Return the file descriptor of the socket, which is readable when a reference of a user program has arrived."""
+        """Return the file descriptor of the socket on which references of user programs arrive."""
         return self._copies.fileno()
 
     def receive(self, references: bool = True) -> Iterator[tuple[str, bool, bytes]]:
-        """Yield (vehicle, up, data) for each datagram that has arrived. The datagrams that the router has copied come first.
+        """Yield (vehicle, up, data) for each datagram that has arrived.
+
+        The datagrams that the router has copied come first. up: True for a datagram to the vehicle
 
         references: read the socket, too
         """
@@ -84,7 +92,7 @@ class RecorderLink:
 
 
 class MemoryCapture:
-    """Motion-capture client whose frames come from the emulator in the same process."""
+    """Motion-capture client in memory: its frames come from the emulator in the same process."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -95,23 +103,23 @@ class MemoryCapture:
         return -1
 
     def poll(self, now: float) -> list[CapturedFrame]:
-        """Return the frames that have arrived, oldest first."""
+        """Return the captured frames that have arrived, oldest first."""
         found, self.waiting = self.waiting, []
         self.counts["frames"] += len(found)
         return found
 
     def definition(self, body: str) -> str:
-        """Return the body's name.
+        """Return the name of a rigid body as its definition, because the definition never changes here.
 
         The interface requires a text that changes when the rigid body is defined again. In the emulator this never happens.
         """
         return body
 
     def refresh_definitions(self) -> None:
-        """Do nothing, because the emulator never changes the definition (markers, pivot) of a rigid body."""
+        """Do nothing: the emulator never changes the definition (markers, pivot) of a rigid body."""
 
     def diagnosis(self) -> str:
-        """Return "" (no problem), because frames cannot be lost inside one process."""
+        """Return "" (no problem): frames cannot be lost inside one process."""
         return ""
 
     def close(self) -> None:
@@ -125,6 +133,9 @@ def _take(waiting: deque[bytes]) -> bytes:
 
 
 def address(raw: Mapping[str, Any], key: str) -> Address:
-    """Return the address [host, port] under `key` of a link's configuration."""
+    """Return the address [host, port] in the configuration of a link.
+
+    key: key of the address in `raw`
+    """
     host, port = raw[key]
     return str(host), int(port)

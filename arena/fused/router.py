@@ -1,4 +1,7 @@
-"""MAVLink router of the fused arena: built-in autopilots and the recorder are in the same process, PX4 and other clients use sockets."""
+"""MAVLink router of the fused arena.
+
+Built-in autopilots and the recorder are in the same process. PX4 and other clients use sockets.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,9 @@ _MAX_DATAGRAMS = 2000  # read from one socket in one step: a flood must not stop
 
 
 class FusedRouter:
-    """Router whose links to the built-in autopilots are calls in this process. All times are simulation time [s].
+    """MAVLink router that calls the built-in autopilots of the same process directly.
+
+    All times are simulation time [s].
 
     in_memory: indices, in the world, of the vehicles with such links. The links of the other vehicles are sockets.
     inbox: receives the datagrams for the built-in autopilots.
@@ -74,27 +79,36 @@ class FusedRouter:
         self._began, self._ready = time.monotonic(), False
 
     def from_vehicle(self, vehicle: int, data: bytes, now: float, link: str = "router") -> None:
-        """Route a datagram that an autopilot has sent. vehicle: index in the world. link: `router` or `ground`"""
+        """Route a datagram of an autopilot.
+
+        vehicle: index in the world. link: `router` or `ground`
+        """
         if end := self._ends.get((vehicle, link)):
             self._route(*end, data, now)
 
     def from_sensors(self, vehicle: str, data: bytes, now: float) -> None:
-        """Route the measurements of a vehicle's emulated sensors. vehicle: its name."""
+        """Route the measurements of a vehicle's emulated sensors.
+
+        vehicle: name of the vehicle.
+        """
         assert self._sensors is not None  # a vehicle has sensors
         self._route(self._sensor_keys[vehicle], self._sensors, data, now)
 
     def drain(self, now: float) -> None:
-        """Route the datagrams that have arrived at the sockets, socket after socket in a fixed order."""
+        """Route all datagrams that have arrived at the sockets.
+
+        The order of the sockets is fixed.
+        """
         if ready := self._poll.poll(0):
             for key in sorted(self._key_of[fd] for fd, _ in ready):
                 self._read(key, now)
 
     def fileno(self) -> int:
-        """Return a file descriptor that is readable when a datagram has arrived at a socket of the router."""
+        """Return a file descriptor that is readable when a datagram has arrived for the router."""
         return self._poll.fileno()
 
     def step(self, now: float, *, faults: bool = True) -> None:
-        """Do the work of one step of the world that no datagram starts. Call it once per step.
+        """Do the regular work of the router. Call this once per step of the world.
 
         Apply injected faults, send delayed datagrams and heartbeats, and report warnings and events to the supervisor.
         faults: read the socket of the injected faults.

@@ -1,4 +1,6 @@
-"""Magnetic field of the Earth at a place, by the World Magnetic Model 2025 at its epoch 2025.0. Pure.
+"""Magnetic field of the Earth at a place, by the World Magnetic Model 2025. Pure.
+
+The epoch is 2025.0.
 
 The table `wmm2025.csv` contains the Gauss coefficients [nT] of the model up to degree 12 (NOAA NCEI and British Geological
 Survey, public domain, https://doi.org/10.25921/aqfd-sd83). The change with time is not used, so that a flight can be repeated:
@@ -23,7 +25,7 @@ _NT_GAUSS = 1e-5
 
 @dataclass(frozen=True, kw_only=True)
 class MagneticField:
-    """Magnetic field in true north, east, down [gauss]."""
+    """Magnetic field of the Earth at a place, in true north, east, down [gauss]."""
 
     north: float
     east: float
@@ -36,17 +38,17 @@ class MagneticField:
 
     @property
     def inclination_rad(self) -> float:
-        """Angle of the field below the horizontal [rad]."""
+        """Angle of the magnetic field below the horizontal [rad]."""
         return math.atan2(self.down, math.hypot(self.north, self.east))
 
     @property
     def strength(self) -> float:
-        """Magnitude of the field [gauss]."""
+        """Magnitude of the magnetic field [gauss]."""
         return math.hypot(self.north, self.east, self.down)
 
 
 def magnetic_field(lat_deg: float, lon_deg: float, alt_m: float) -> MagneticField:
-    """Return the magnetic field at a place.
+    """Return the magnetic field of the Earth at a place.
 
     lat_deg, lon_deg: geodetic latitude and longitude [deg]
     alt_m: altitude [m]; the height above the ellipsoid and above the sea level are not distinguished
@@ -74,7 +76,7 @@ def magnetic_field(lat_deg: float, lon_deg: float, alt_m: float) -> MagneticFiel
 
 
 def _geocentric(latitude: float, alt_m: float) -> tuple[float, float]:
-    """Return the geocentric latitude [rad] and the distance from the centre of the Earth [m] of a place."""
+    """Return the geocentric latitude [rad] and the distance from the Earth's centre [m] of a place."""
     eccentricity = _FLATTENING * (2.0 - _FLATTENING)
     curvature_m = _EQUATOR_M / math.sqrt(1.0 - eccentricity * math.sin(latitude) ** 2)
     level_m = (curvature_m + alt_m) * math.cos(latitude)
@@ -83,7 +85,10 @@ def _geocentric(latitude: float, alt_m: float) -> tuple[float, float]:
 
 
 def _legendre(latitude: float) -> tuple[list[list[float]], list[list[float]]]:
-    """Return Schmidt's semi-normalised Legendre functions P[n][m] of sin(latitude), and their derivatives by the latitude."""
+    """Return Schmidt's semi-normalised Legendre functions P[n][m] of sin(latitude), and their derivatives.
+
+    The derivatives are by the latitude.
+    """
     x, y = math.sin(latitude), math.cos(latitude)
     p = [[0.0] * (_DEGREE + 1) for _ in range(_DEGREE + 1)]
     dp = [[0.0] * (_DEGREE + 1) for _ in range(_DEGREE + 1)]
@@ -103,7 +108,7 @@ def _legendre(latitude: float) -> tuple[list[list[float]], list[list[float]]]:
 
 @functools.cache
 def _coefficients() -> tuple[tuple[int, int, float, float], ...]:
-    """Return the coefficients of the World Magnetic Model, one row each: degree n, order m, g and h [nT]."""
+    """Return the coefficients of the World Magnetic Model as rows (degree n, order m, g [nT], h [nT])."""
     with _TABLE.open(newline="") as file:
         return tuple(
             (int(row["n"]), int(row["m"]), float(row["g_nt"]), float(row["h_nt"]))

@@ -1,4 +1,6 @@
-"""Conversions between axes (NED and z-up world, FRD and FLU) of vectors and attitudes, and between global and local positions.
+"""Conversions of vectors, attitudes and positions between frames: NED and z-up world, FRD and FLU, global.
+
+Pure.
 
 The package docstring defines the frames. A global position is projected on a plane that touches a sphere at
 the origin. In a room this equals PX4's azimuthal projection (v1.16, src/lib/geo) within some micrometres.
@@ -48,7 +50,7 @@ def frd_from_flu(v_f: ArrayLike) -> Array:
 
 
 def q_nb_from_q_wf(q_wf: ArrayLike) -> Array:
-    """Convert an attitude from FLU in z-up world to FRD in NED; wxyz (..., 4).
+    """Convert an attitude from FLU in z-up world axes to FRD in NED; wxyz (..., 4).
 
     Motion capture and pybullet use FLU in z-up world.
     """
@@ -56,22 +58,22 @@ def q_nb_from_q_wf(q_wf: ArrayLike) -> Array:
 
 
 def q_wf_from_q_nb(q_nb: ArrayLike) -> Array:
-    """Convert an attitude from FRD in NED to FLU in z-up world; wxyz (..., 4)."""
+    """Convert an attitude from FRD in NED to FLU in z-up world axes; wxyz (..., 4)."""
     return quat_multiply(quat_multiply(_Q_NW_WXYZ * (1, -1, -1, -1), q_nb), _Q_BF_WXYZ)
 
 
 def wxyz_from_xyzw(quat_xyzw: ArrayLike) -> Array:
-    """Convert a scalar-last quaternion (pybullet, NatNet, VRPN) to a scalar-first one (..., 4)."""
+    """Convert a scalar-last quaternion (pybullet, NatNet, VRPN) to scalar-first order (..., 4)."""
     return np.roll(np.asarray(quat_xyzw, float), 1, axis=-1)
 
 
 def xyzw_from_wxyz(quat_wxyz: ArrayLike) -> Array:
-    """Convert a scalar-first quaternion to a scalar-last one (..., 4)."""
+    """Convert a scalar-first quaternion to scalar-last order (..., 4)."""
     return np.roll(np.asarray(quat_wxyz, float), -1, axis=-1)
 
 
 def turn_horizontal(north: Any, east: Any, angle: Any) -> tuple[Any, Any]:
-    """Rotate a horizontal vector clockwise, seen from above. Return its north and east components.
+    """Rotate a horizontal vector clockwise (seen from above). Return its north and east components.
 
     angle: [rad]; with the heading of a local frame, the result is in true north and east
     """
@@ -82,7 +84,9 @@ def turn_horizontal(north: Any, east: Any, angle: Any) -> tuple[Any, Any]:
 def globe_from_local(
     lat0_deg: Any, lon0_deg: Any, north: Any, east: Any, heading: Any = 0.0
 ) -> tuple[Any, Any]:
-    """Return the latitude and longitude [deg] of a local position. The longitude is not wrapped to +-180 deg.
+    """Convert a local position to latitude and longitude [deg].
+
+    The longitude is not wrapped to +-180 deg.
 
     lat0_deg, lon0_deg: origin of the local frame [deg]
     north, east: position from the origin [m]

@@ -1,4 +1,7 @@
-"""Unit Hamilton quaternions, wxyz, shape (..., 4), batched. For the frames see frames.py."""
+"""Unit Hamilton quaternions (scalar first, wxyz) in arrays of shape (..., 4).
+
+The module `frames` explains the frames.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,10 @@ def wrap_pi(angle: ArrayLike) -> Array:
 
 
 def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
-    """Return the Hamilton product a * b [-] wxyz (..., 4). The product rotates a vector first by b, then by a."""
+    """Return the Hamilton product a * b [-] wxyz (..., 4).
+
+    The product rotates a vector first by b, then by a.
+    """
     a, b = np.asarray(a, float), np.asarray(b, float)
     # All sixteen products at once, then their signed sums: three numpy calls instead of thirty.
     products = a[..., :, None] * b[..., None, :]
@@ -61,12 +67,18 @@ def quat_between(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def quat_conj(q: ArrayLike) -> Array:
-    """Return the conjugate [-] wxyz (..., 4). For a unit quaternion this is the inverse."""
+    """Return the conjugate of a quaternion [-] wxyz (..., 4).
+
+    For a unit quaternion this is the inverse.
+    """
     return np.asarray(np.asarray(q, float) * _CONJ)
 
 
 def quat_normalize(q: ArrayLike) -> Array:
-    """Scale q to unit length [-] wxyz (..., 4). Raises ValueError if its norm is zero or not finite."""
+    """Scale a quaternion to unit length [-] wxyz (..., 4).
+
+    Raises ValueError if its norm is zero or not finite.
+    """
     q = np.asarray(q, float)
     norm = np.sqrt((q * q).sum(-1, keepdims=True))
     if not np.all(np.isfinite(norm)) or np.any(norm < _TINY):
@@ -75,7 +87,7 @@ def quat_normalize(q: ArrayLike) -> Array:
 
 
 def matrix_from_quat(q: ArrayLike) -> Array:
-    """Return the rotation matrix R [-] (..., 3, 3) with R @ v_b = q * v_b * conj(q)."""
+    """Return the rotation matrix R of a quaternion q [-] (..., 3, 3): R @ v_b = q * v_b * conj(q)."""
     q = np.asarray(q, float)
     shape = q.shape[:-1]
     return np.asarray(
@@ -84,7 +96,7 @@ def matrix_from_quat(q: ArrayLike) -> Array:
 
 
 def quat_from_matrix(m: ArrayLike) -> Array:
-    """Return the quaternion of a rotation matrix, w >= 0 [-] wxyz (..., 4).
+    """Return the quaternion of a rotation matrix [-] wxyz (..., 4), with w >= 0.
 
     The largest component is computed first (Shepperd, 1978), which is the most accurate order.
     """
@@ -107,7 +119,10 @@ def quat_from_matrix(m: ArrayLike) -> Array:
 
 
 def quat_rotate(q: ArrayLike, v: ArrayLike) -> Array:
-    """Return q * v * conj(q), shapes (..., 4), (..., 3) -> (..., 3). Example: q_nb rotates v_b into v_n."""
+    """Rotate vectors v (..., 3) by quaternions q (..., 4): return q * v * conj(q).
+
+    Example: q_nb rotates v_b into v_n.
+    """
     q, v = np.asarray(q, float), np.asarray(v, float)
     u, w = q[..., 1:], q[..., :1]
     t = 2.0 * _cross(u, v)
@@ -115,7 +130,10 @@ def quat_rotate(q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return the cross product. For small arrays this is about ten times faster than np.cross."""
+    """Return the cross product of two arrays of vectors (..., 3).
+
+    For small arrays this is about ten times faster than np.cross.
+    """
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
@@ -124,7 +142,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def quat_exp(rotation_vector: ArrayLike) -> Array:
-    """Return the unit quaternion wxyz (..., 4) of a rotation vector: axis times angle [rad] (..., 3)."""
+    """Return the unit quaternion wxyz (..., 4) of a rotation vector (axis times angle) [rad] (..., 3)."""
     v = np.asarray(rotation_vector, float)
     half = 0.5 * np.sqrt((v * v).sum(-1, keepdims=True))
     q = np.empty((*v.shape[:-1], 4))
@@ -135,7 +153,10 @@ def quat_exp(rotation_vector: ArrayLike) -> Array:
 
 
 def quat_log(q: ArrayLike) -> Array:
-    """Return the rotation vector of q [rad] (..., 3). Its angle is at most pi."""
+    """Return the rotation vector (axis times angle) of a quaternion [rad] (..., 3).
+
+    Its angle is at most pi.
+    """
     q = np.asarray(q, float)
     q = q * np.where(q[..., :1] < 0, -1.0, 1.0)
     v = q[..., 1:]
@@ -146,7 +167,7 @@ def quat_log(q: ArrayLike) -> Array:
 
 
 def quat_slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
-    """Interpolate at constant rate from a (fraction 0) to b (fraction 1) [-] wxyz (..., 4).
+    """Interpolate at constant rate from attitude a (fraction 0) to b (fraction 1) [-] wxyz (..., 4).
 
     Takes the shorter way, of at most pi.
     """

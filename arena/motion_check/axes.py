@@ -1,4 +1,7 @@
-"""Rotation between the axes of a captured body and those of the inertial sensors, from rotation rates and gravity. Pure."""
+"""Rotation between the axes of a captured body and those of the vehicle's inertial sensors. Pure.
+
+It is computed from rotation rates and gravity.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ _ALONG = 0.94  # cosine of the largest angle between a rotation and a main axis 
 
 @dataclass(frozen=True, kw_only=True)
 class Axes:
-    """Rotation of a captured body relative to the vehicle's inertial sensors, as found by `fit_axes`.
+    """Rotation of a captured body relative to the vehicle's inertial sensors, from `fit_axes`.
 
     turned_rad: vector of the rotation from captured body axes to the axes of the sensors [rad] [FRD] (3,)
     agreement: agreement of captured and measured vectors after this rotation, -1 to 1 [-]
@@ -33,14 +36,16 @@ class Axes:
 
 
 def fit_axes(rates: tuple[Array, Array], down: tuple[Array, Array]) -> Axes | None:
-    """Return the rotation with which captured rotation rates and gravity agree best with the measured ones; None if the motion
-    does not determine the rotation.
+    """Return the rotation between the captured axes and the sensor axes; None if it is not determined.
 
-    rates, down: captured and measured rotation rates [rad/s] [FRD] (N, 3), directions down [-] [FRD] (M, 3), at the
-        same times
+    It is the rotation with which captured rotation rates and gravity agree best with the measured values. The
+    motion may be too small to determine it.
 
-    The rotation is that of Kabsch (1976). A rate is an axial vector: a reflection also reverses it. Gravity is a polar
-    vector. A reflection therefore is a rotation of the rates that fits the reversed gravity.
+    rates, down: captured and measured rotation rates [rad/s] [FRD] (N, 3), directions down [-] [FRD] (M, 3),
+    at the same times
+
+    The rotation is that of Kabsch (1976). A rate is an axial vector: a reflection also reverses it. Gravity
+    is a polar vector. A reflection therefore is a rotation of the rates that fits the reversed gravity.
     """
     turn, fall = _cross_correlation(*rates), _cross_correlation(*down)
     proper, mirrored = _rotation(turn + fall), _rotation(turn - fall)
@@ -52,7 +57,7 @@ def fit_axes(rates: tuple[Array, Array], down: tuple[Array, Array]) -> Axes | No
 
 
 def turn_words(axes: Axes) -> str:
-    """Return how the captured body is turned relative to the vehicle, such as `turned by 90 deg about the vertical axis`."""
+    """Return how the body is turned as text, such as `turned by 90 deg about the vertical axis`."""
     deg, (x, y, z) = axes.turned_deg, axes.turned_rad / max(float(np.linalg.norm(axes.turned_rad)), 1e-9)
     if abs(z) > _ALONG:
         side = "right" if z > 0 else "left"
@@ -66,7 +71,9 @@ def turn_words(axes: Axes) -> str:
 
 
 def _cross_correlation(captured: Array, measured: Array) -> Array:
-    """Return the normalised cross-correlation matrix of two series of vectors [-] (3, 3). Its trace is 1 for equal series.
+    """Return the normalised cross-correlation matrix of two series of vectors [-] (3, 3).
+
+    Its trace is 1 for equal series.
 
     captured, measured: vectors at the same times (N, 3)
     """

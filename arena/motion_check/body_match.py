@@ -1,4 +1,4 @@
-"""Search for the rigid body that moves with a vehicle.
+"""Search for the captured rigid body that moves with a vehicle.
 
 It compares only the sizes of rotation rates, so the axes of a body may be wrong. Pure.
 
@@ -29,7 +29,7 @@ Rates = tuple[Array, Array]
 
 @dataclass(frozen=True, kw_only=True)
 class BodyMatch:
-    """How well the rotation of one captured body agrees with the vehicle's gyroscope.
+    """Agreement of a captured body's rotation with the vehicle's gyroscope.
 
     correlation: of the sizes of both rotation rates over time, -1 to 1 [-]
     ratio: captured rotation rate divided by the measured one, root mean squares [-]
@@ -41,12 +41,14 @@ class BodyMatch:
 
     @property
     def moves_with_vehicle(self) -> bool:
-        """True if the body moves as the vehicle does, so that it can be the vehicle's body."""
+        """True if the body rotates as the gyroscope measures, so that it can be the vehicle's body."""
         return self.correlation >= MOVES_WITH and _SMALLEST_RATIO <= self.ratio <= _LARGEST_RATIO
 
 
 def match_body(body: str, captured: Rates, gyro: Rates) -> BodyMatch:
-    """Compare the sizes of captured and measured rotation rates, with the delay at which they agree best.
+    """Compare the captured rotation rates of a body with those of the gyroscope.
+
+    They are compared at the delay at which they agree best.
 
     captured, gyro: times [s] (N,) and rates [rad/s] [FRD] (N, 3), from `captured_rates` and `mean_rates`
     """
@@ -61,7 +63,7 @@ def match_body(body: str, captured: Rates, gyro: Rates) -> BodyMatch:
 
 
 def similar_bodies(own: BodyMatch, others: Mapping[str, BodyMatch]) -> list[str]:
-    """Return the names of other bodies that move with the vehicle nearly as well as its own body, or better."""
+    """Return the names of other bodies that move with the vehicle about as well as its own body."""
     return [
         name
         for name, other in others.items()

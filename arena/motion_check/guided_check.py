@@ -1,4 +1,4 @@
-"""Guided identity and axes check of one vehicle: the motion, its recording and the verdict. Pure."""
+"""Guided identity and axes check of one vehicle: motion, recording and verdict. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from arena.motion_check.verdict import Verdict, judge
 
 
 class GuidedCheck:
-    """Guided check that a captured rigid body is the vehicle's (identity) and has the vehicle's axes (axes).
+    """Guided check of a captured body: it must be the vehicle's (identity) and have its axes (axes).
 
     A person moves the vehicle by hand. The check ends with a verdict.
 
@@ -37,7 +37,10 @@ class GuidedCheck:
         return self._motion.text
 
     def on_imu(self, accel_b: Sequence[float], gyro_b: Sequence[float], boot_s: float, now: float) -> None:
-        """Process a sample of the inertial sensors. boot_s: its time by the autopilot's clock [s]. now: time of arrival [s]."""
+        """Process a sample of the inertial sensors.
+
+        boot_s: time of the sample by the autopilot's clock [s]. now: time of arrival [s].
+        """
         if self.verdict is None and all(map(math.isfinite, (*accel_b, *gyro_b))):
             self._recorded.add_imu(now, boot_s, accel_b, gyro_b)
             self._motion.on_imu(accel_b, gyro_b, now)
@@ -55,7 +58,7 @@ class GuidedCheck:
             self._recorded.add_other(body, now, q_nb)
 
     def tick(self, now: float, offset_s: float | None) -> None:
-        """End the check when the motion is complete or has failed, and make the verdict.
+        """End the check if the motion is complete or has failed, and compute the verdict.
 
         offset_s: this computer's clock minus the autopilot's clock [s].
         """
@@ -68,6 +71,9 @@ class GuidedCheck:
             self.verdict = judge(self._body, self._motion, self._recorded, offset_s, self._limit_deg)
 
     def stop(self, why: str) -> None:
-        """End the check without a result."""
+        """End the check without a result.
+
+        why: reason for the user
+        """
         if self.verdict is None:
             self.verdict = Verdict(problems=(why,))

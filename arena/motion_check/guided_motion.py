@@ -1,4 +1,4 @@
-"""Guided motion of a vehicle by hand: which step comes next, from its accelerometer and gyroscope. Pure.
+"""Motion of a vehicle in the hands of a person, step by step, as its inertial sensors measure it. Pure.
 
 A person lifts the vehicle, tilts it nose down, levels it, tilts it right side down, and puts it down. The steps follow
 the inertial sensors only, so that a wrong captured body cannot end the motion too early.
@@ -28,7 +28,7 @@ _MIN_SAMPLES = 6
 
 
 class Step(StrEnum):
-    """Steps of the guided motion, in the order in which the person carries them out."""
+    """Steps of the guided motion, in their order."""
 
     REST = "rest"
     LIFT = "lift"
@@ -60,10 +60,10 @@ class _Sample:
 
 
 class GuidedMotion:
-    """Guided motion of one vehicle, which a person moves by hand: finds the current step, and whether the motion is complete or
-    has failed.
+    """Guided motion of one vehicle: finds which step the person carries out, and if the motion has failed.
 
-    Pass each sample of the inertial sensors to `on_imu`, each sent pose to `on_pose`, and call `tick` a few times a second.
+    Pass each sample of the inertial sensors to `on_imu`, each sent pose to `on_pose`, and call `tick` a few
+    times a second.
     step: current step
     since: time at which each step began [s]
     note: what was wrong with the motion in this step, for the person; "" if nothing was
@@ -98,7 +98,7 @@ class GuidedMotion:
         self._pose_at = now
 
     def on_imu(self, accel_b: Sequence[float], gyro_b: Sequence[float], now: float) -> None:
-        """Process a sample: specific force [m/s2] [FRD] and rotation rate [rad/s] [FRD]."""
+        """Process a sample of accelerometer [m/s2] [FRD] and gyroscope [rad/s] [FRD]."""
         self._check_gap("data of its inertial sensors", self._imu_at, now)
         elapsed_s, self._imu_at = min(now - self._imu_at, GAP_S), now
         self._samples.append(_Sample(now, accel_b, gyro_b))
@@ -116,7 +116,7 @@ class GuidedMotion:
             self._advance(math.degrees(math.asin(down[0])), math.degrees(math.asin(down[1])), down[2], now)
 
     def tick(self, now: float) -> None:
-        """Check for missing data, and for a step that takes too long. In both cases the motion has failed."""
+        """Check for missing data, and for a step that takes too long: the motion then fails."""
         self._check_gap("pose of its body", self._pose_at, now)
         self._check_gap("data of its inertial sensors", self._imu_at, now)
         if self.failure or self.step is Step.DONE:
@@ -137,7 +137,7 @@ class GuidedMotion:
         return "No pose of its body is sent to the autopilot" if now - self._pose_at > GAP_S else ""
 
     def _advance(self, nose_deg: float, right_deg: float, down: float, now: float) -> None:
-        """Begin the next step if the vehicle has the attitude that completes this step.
+        """Begin the next step if the attitude of the vehicle completes the present step.
 
         nose_deg, right_deg: angles of the nose and of the right side below the horizontal [deg]
         down: cosine of the tilt [-]
@@ -153,7 +153,7 @@ class GuidedMotion:
             self._next(now)
 
     def _step_complete(self, level: bool, now: float) -> bool:
-        """Return whether the current step is complete. Call this method in all steps except the two tilts (see `_tilt`).
+        """Return whether the present step is complete, for all steps except the two tilts.
 
         level: the vehicle is level now
         """

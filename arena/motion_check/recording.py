@@ -1,4 +1,4 @@
-"""Motion of one vehicle during a check: samples of its inertial sensors and of captured bodies, with their times. Pure."""
+"""Recording of a vehicle's motion during a check: inertial sensors and captured bodies. Pure."""
 
 from __future__ import annotations
 
@@ -35,7 +35,10 @@ class Recording:
     others: dict[str, tuple[list[float], list[Sequence[float]]]] = field(default_factory=dict)
 
     def add_imu(self, at: float, boot_s: float, accel_b: Sequence[float], gyro_b: Sequence[float]) -> None:
-        """Add a sample of the inertial sensors. A sample that is not newer than the last one is skipped."""
+        """Add a sample of the inertial sensors.
+
+        A sample that is not newer than the last one is skipped.
+        """
         if self.imu_boot and boot_s <= self.imu_boot[-1]:
             return
         self.imu_at.append(at)
@@ -65,13 +68,13 @@ class Recording:
         return np.array(self.imu_at) if offset_s is None else np.array(self.imu_boot) + offset_s
 
     def rise_m(self, begin: float) -> float:
-        """Return by how much the captured body was lifted above its position at the time `begin` [m]."""
+        """Return how far the captured body was lifted since the time `begin` [m]."""
         down = [p[2] for at, p in zip(self.pose_at, self.p_n, strict=True) if at >= begin]
         return down[0] - min(down) if down else 0.0
 
 
 def captured_down(times: Array, at: list[float], q_nb: list[Sequence[float]]) -> Array:
-    """Return the direction down [-] [FRD] (N, 3) at the given times, interpolated from captured attitudes.
+    """Return the direction down in body axes at given times, from captured attitudes [-] [FRD] (N, 3).
 
     times: [s] (N,). at, q_nb: times [s] and values [-] wxyz of the captured attitudes
     """
@@ -80,8 +83,9 @@ def captured_down(times: Array, at: list[float], q_nb: list[Sequence[float]]) ->
 
 
 def measured_down(accel_b: Sequence[float]) -> tuple[float, float, float] | None:
-    """Return the direction down [-] [FRD], measured with the accelerometer; None while the vehicle accelerates, because the
-    accelerometer then measures more than gravity.
+    """Return the direction down by the accelerometer [-] [FRD] (3,); None while the vehicle accelerates.
+
+    An accelerating vehicle measures more than gravity.
 
     accel_b: mean specific force [m/s2] [FRD]
     """

@@ -1,4 +1,4 @@
-"""Comparison of the rotation that motion capture sees with the rotation that a gyroscope measures. Pure."""
+"""Comparison of captured rotation with the rotation that a gyroscope measures. Pure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _RANK = 0.15  # less motion than this share about a second axis does not show by
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """Result of a comparison of captured rates with gyroscope rates.
+    """Result of comparing captured angular rates with gyroscope rates.
 
     captured_rad_s, gyro_rad_s: root mean square of the rates [rad/s]
     same_axes: correlation of the rates as they are, -1 to 1 [-]
@@ -37,12 +37,12 @@ class Comparison:
 
     @property
     def turned_deg(self) -> float | None:
-        """Angle between the captured body axes and the gyroscope's axes [deg]; None if the angle is not determined."""
+        """Angle between the captured body axes and the gyroscope's axes [deg]; None if not determined."""
         return None if self.turned_rad is None else math.degrees(float(np.linalg.norm(self.turned_rad)))
 
 
 def captured_rates(times: ArrayLike, q_nb: ArrayLike, span_s: float = SMOOTHING_S) -> tuple[Array, Array]:
-    """Compute mean angular rates from captured attitudes. Return times [s] (M,) and rates [rad/s] [FRD] (M, 3).
+    """Compute angular rates from captured attitudes. Return times [s] (M,), rates [rad/s] [FRD] (M, 3).
 
     Each rate is the mean from span_s/2 before its time to span_s/2 after it.
     times: increasing [s] (N,). q_nb: captured attitudes [-] wxyz (N, 4)
@@ -57,7 +57,7 @@ def captured_rates(times: ArrayLike, q_nb: ArrayLike, span_s: float = SMOOTHING_
 
 
 def mean_rates(times: ArrayLike, gyro_b: ArrayLike, span_s: float = SMOOTHING_S) -> tuple[Array, Array]:
-    """Compute mean angular rates from gyroscope samples. Return times [s] (M,) and rates [rad/s] [FRD] (M, 3).
+    """Compute mean rates of the gyroscope. Return times [s] (M,), rates [rad/s] [FRD] (M, 3).
 
     Each rate is the mean from span_s/2 before its time to span_s/2 after it.
     times: increasing [s] (N,). gyro_b: gyroscope samples [rad/s] [FRD] (N, 3)
@@ -71,7 +71,7 @@ def mean_rates(times: ArrayLike, gyro_b: ArrayLike, span_s: float = SMOOTHING_S)
 def compare(
     captured: tuple[Array, Array], gyro: tuple[Array, Array], largest_delay_s: float = LARGEST_DELAY_S
 ) -> Comparison | None:
-    """Find the delay at which captured rates agree best with gyroscope rates, and compare the rates at this delay.
+    """Find the delay at which captured angular rates agree best with the gyroscope, and compare them.
 
     Returns None if there are not enough samples.
     captured, gyro: times [s] (N,) and rates [rad/s] [FRD] (N, 3), from `captured_rates` and `mean_rates`. The delay is
@@ -101,7 +101,7 @@ def compare(
 
 
 def _fit(captured: Array, gyro: Array) -> tuple[float, float, Array | None]:
-    """Find the rotation of the captured axes with which captured rates and gyroscope rates agree best.
+    """Find the rotation of the captured axes with which captured and gyroscope rates agree best.
 
     Returns the correlation after this rotation, the correlation without this rotation, and its rotation vector [rad].
     The rotation is that of Kabsch (1976), without a reflection.
@@ -122,7 +122,10 @@ def _vector(m: Array) -> Array:
 
 
 def _peak(scores: Array, best: int) -> float:
-    """Return the distance [grid steps] from the best score to the true maximum, by a parabola through three scores."""
+    """Return the offset of the true maximum from the best score [grid steps].
+
+    A parabola through three scores gives the maximum.
+    """
     if not 0 < best < len(scores) - 1:
         return 0.0
     before, top, after = scores[best - 1 : best + 2]

@@ -1,4 +1,4 @@
-"""Verdict on a guided motion: whether the captured body is the vehicle's, with the right axes, and how late its poses are. Pure."""
+"""Verdict on a guided motion: identity and axes of the captured body, and delay of its poses. Pure."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ _REDEFINE = "Put the vehicle level with its nose along the x axis of the cameras
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Verdict of an axes check. problems: what is wrong, each with what to do; empty if the check has passed.
+    """Verdict of an axes check.
+
+    problems: what is wrong, each with what to do; empty if the check has passed.
 
     own: agreement of the vehicle's own body with the gyroscope; None without enough data
     others: other body -> its agreement
@@ -45,7 +47,7 @@ class Verdict:
 
     @property
     def passed(self) -> bool:
-        """True if nothing is wrong."""
+        """True if no problem was found."""
         return not self.problems
 
 
@@ -90,7 +92,7 @@ def judge(
 
 
 def _body_problem(own: BodyMatch, others: Mapping[str, BodyMatch]) -> str:
-    """Return why it is not certain that the captured body is this vehicle; "" if it is certain."""
+    """Return why the captured body may not be this vehicle's; "" if it certainly is."""
     similar = similar_bodies(own, others)
     if not own.moves_with_vehicle:
         what = (
@@ -165,11 +167,10 @@ def _rise_problems(rise_m: float) -> list[str]:
 def _delay(
     captured: tuple[Array, Array], gyro: tuple[Array, Array], motion: GuidedMotion
 ) -> tuple[float, float] | None:
-    """Return by how much the captured motion is later than the gyroscope's, and the error of this delay [s]; None if the delay
-    cannot be measured.
+    """Return the delay of the captured motion and the error of this delay [s]; None if unknown.
 
-    The delay is measured over the whole motion, and again over each tilt (nose down, right side down). The largest
-    difference between these values is a part of the error.
+    The delay is relative to the gyroscope. It is measured over the whole motion, and again over each tilt
+    (nose down, right side down). The largest difference between these values is a part of the error.
     """
     middle, end = motion.since[Step.RIGHT_DOWN], motion.since[Step.DONE]
     parts = [compare(captured, _within(gyro, *span)) for span in ((0.0, end), (0.0, middle), (middle, end))]

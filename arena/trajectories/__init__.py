@@ -1,4 +1,6 @@
-"""Trajectories: pure functions of time that give position, velocity and acceleration. They send nothing.
+"""Trajectories: pure functions of time that return position, velocity and acceleration.
+
+They send nothing.
 
 A trajectory is any object with `duration_s` and `at(t)`. All vectors are NED, in metres and seconds.
 """

@@ -1,4 +1,4 @@
-"""Trajectories from CSV files."""
+"""Reader of trajectories in CSV files."""
 
 from __future__ import annotations
 
@@ -66,7 +66,10 @@ def read_csv(path: str | Path) -> Sampled:
 
 
 def _numbers(path: Path, line: int, row: list[str], columns: list[int]) -> list[float]:
-    """Return the numbers in these columns of a row; NaN for an empty cell. Raises InputError for a text that is not a number."""
+    """Return the numbers in some columns of a row; NaN for an empty cell.
+
+    Raises InputError for a text that is not a number.
+    """
     if len(row) <= max(columns):
         raise InputError(f"{path}:{line}: got {len(row)} cells, expected at least {max(columns) + 1}")
     try:

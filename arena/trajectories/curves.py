@@ -1,4 +1,4 @@
-"""Closed curves: Lissajous figures and circles. They begin and end at rest.
+"""Closed curves that begin and end at rest: Lissajous figures and circles.
 
 A curve is a function of its phase. At the beginning and at the end, the phase rate rises and falls smoothly, so that
 velocity and acceleration have no steps.
@@ -19,7 +19,7 @@ from arena.trajectories.trajectory import Reference, from_rest
 
 @dataclass(frozen=True)
 class _Phase:
-    """Phase of a curve over time: rises from rest to a constant rate, and back to rest.
+    """Phase of a closed curve over time: accelerates from rest to a constant rate, and back to rest.
 
     total: phase at the end [rad].  rate: largest phase rate [rad/s].  ramp_s: duration of the rise and of the fall [s].
     """
@@ -34,7 +34,7 @@ class _Phase:
         return self.total / self.rate + self.ramp_s
 
     def at(self, t: float) -> tuple[float, float, float]:
-        """Return phase [rad], phase rate [rad/s] and its derivative [rad/s2] at time `t` [s]."""
+        """Return phase [rad], phase rate [rad/s] and phase acceleration [rad/s2] at time `t` [s]."""
         end = self.duration_s
         if t <= 0.0 or t >= end:
             return (0.0 if t <= 0.0 else self.total), 0.0, 0.0
@@ -55,7 +55,10 @@ def _area(t: float, rise_s: float) -> float:
 
 
 class Lissajous:
-    """Lissajous figure: on each axis k, offset_k = amplitude_k sin(frequency_k s + phase_k) - amplitude_k sin(phase_k), with the phase s.
+    """Lissajous figure: a sine on each axis, with its own amplitude, frequency and phase.
+
+    With the phase s of the curve, the offset on axis k is
+        amplitude_k sin(frequency_k s + phase_k) - amplitude_k sin(phase_k)
 
     The vehicle begins and ends at `start` if the frequencies are integers.
     start: position at the beginning [m] [NED] (3,).  amplitude: [m] [NED] (3,).
@@ -101,7 +104,7 @@ class Lissajous:
 
 
 class Circle:
-    """Horizontal circle with constant height.
+    """Horizontal circle at constant height.
 
     start: position at the beginning [m] [NED] (3,).  radius_m: [m].
     bearing: direction from `start` to the centre [rad], clockwise from north.

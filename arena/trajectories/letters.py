@@ -1,4 +1,4 @@
-"""Points of letters and words, for formations: one vehicle flies to each point. Pure.
+"""Points on the strokes of letters and words, for formations with one vehicle per point. Pure.
 
 A letter is a list of strokes on a grid of width 1 and height 1. Points that two strokes share are taken once.
 """
@@ -61,7 +61,9 @@ STROKES: dict[str, Sequence[Sequence[_Point]]] = {
 
 
 def letter_points(letter: str, *, width_m: float, height_m: float, spacing_m: float) -> Array:
-    """Return points on the strokes of a letter [m]: right and up from its lower left corner (n, 2).
+    """Return points on the strokes of a letter (n, 2) [m].
+
+    The points are right and up from the lower left corner of the letter.
 
     letter: A to Z.  width_m, height_m: size of the letter [m].
     spacing_m: distance between two points of a stroke [m], at most; no two points are nearer than 0.7 of it.
@@ -82,7 +84,9 @@ def letter_points(letter: str, *, width_m: float, height_m: float, spacing_m: fl
 
 
 def word_points(word: str, *, width_m: float, height_m: float, spacing_m: float, gap_m: float) -> list[Array]:
-    """Return the points of each letter of a word [m], right and up from the lower left corner of the word, one array (n, 2) per letter.
+    """Return the points of each letter of a word [m], one array (n, 2) per letter.
+
+    The points are right and up from the lower left corner of the word.
 
     gap_m: space between two letters [m]. The other arguments are those of `letter_points`. Spaces have the width of a letter.
     """

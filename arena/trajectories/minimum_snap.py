@@ -55,7 +55,7 @@ class MinimumSnap:
 
 
 def segment_times(waypoints: ArrayLike, speed_m_s: float, least_s: float = 0.5) -> Array:
-    """Return the duration of each segment for a mean speed [s] (n - 1,).
+    """Return the duration of each segment between waypoints for a mean speed [s] (n - 1,).
 
     waypoints: [m] [NED] (n, 3).  speed_m_s: mean speed [m/s].  least_s: shortest duration of a segment [s].
     The first and the last segment get twice the time, because the vehicle starts and stops there.
@@ -69,7 +69,10 @@ def segment_times(waypoints: ArrayLike, speed_m_s: float, least_s: float = 0.5) 
 
 
 def _powers(u: float, order: int) -> Array:
-    """Return the derivative of order `order` of (1, u, u^2, ..., u^7) (8,)."""
+    """Return a derivative of (1, u, u^2, ..., u^7) (8,).
+
+    order: order of the derivative
+    """
     row = np.zeros(_COEFFICIENTS)
     for power in range(order, _COEFFICIENTS):
         row[power] = factorial(power) / factorial(power - order) * u ** (power - order)
@@ -77,7 +80,10 @@ def _powers(u: float, order: int) -> Array:
 
 
 def _solve(points: Array, times: Array) -> Array:
-    """Return the coefficients of each segment and axis (n - 1, 8, axes). The argument of a polynomial runs from 0 to 1."""
+    """Return the polynomial coefficients of each segment and axis (n - 1, 8, axes).
+
+    The argument of a polynomial runs from 0 to 1.
+    """
     count = len(times)
     size = _COEFFICIENTS * count
     matrix, right = np.zeros((size, size)), np.zeros((size, points.shape[1]))

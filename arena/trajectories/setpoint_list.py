@@ -1,4 +1,7 @@
-"""A list of positions, each held for a time. Between two positions the reference jumps."""
+"""Trajectory of positions that are each held for a time.
+
+Between two positions the reference jumps.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,9 @@ from arena.trajectories.trajectory import Reference
 
 
 class SetpointList:
-    """Positions that are held one after the other, without feed-forward: the autopilot plans the way between them.
+    """Positions that are held one after the other.
+
+    There is no feed-forward: the autopilot plans the way between the positions.
 
     setpoints: (position [m] [NED] (3,), yaw [rad], time for which it is held [s]) of each setpoint.
     Raises InputError if the list is empty or a time is not above 0.

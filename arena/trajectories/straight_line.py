@@ -15,7 +15,9 @@ _PEAK = 1.875  # greatest speed of `from_rest`, in multiples of the mean speed
 
 
 class StraightLine:
-    """Flight along a straight line, from rest to rest. The heading turns by the shorter way.
+    """Flight along a straight line, from rest to rest.
+
+    The heading turns by the shorter way.
 
     start, end: positions [m] [NED] (3,).  yaw: headings at both ends [rad].
     speed: greatest speed [m/s].  shortest_s: shortest duration [s].

@@ -1,4 +1,6 @@
-"""Moves from rest to rest in the shortest time, within limits of velocity, acceleration and jerk. The library `ruckig` computes them.
+"""Moves from rest to rest in the shortest time, with limited velocity, acceleration and jerk.
+
+The library `ruckig` computes the moves.
 
 L. Berscheid and T. Kroeger, "Jerk-limited real-time trajectory generation with arbitrary target states", RSS 2021.
 """
@@ -19,7 +21,10 @@ from arena.trajectories.trajectory import Reference
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Largest absolute values on each axis: horizontal and vertical velocity [m/s], acceleration [m/s2] and jerk [m/s3]."""
+    """Largest velocity [m/s], acceleration [m/s2] and jerk [m/s3], horizontal and vertical.
+
+    They are absolute values on each axis.
+    """
 
     horizontal_m_s: float = 2.0
     vertical_m_s: float = 1.0
@@ -28,7 +33,7 @@ class Limits:
 
 
 class TimeOptimal:
-    """Straight moves through waypoints with a stop at each, every move in the shortest time.
+    """Straight moves through waypoints in the shortest time, with a stop at each waypoint.
 
     All axes of a move are synchronised, so that the way is nearly straight.
     waypoints: positions [m] [NED] (n, 3), n >= 2.  yaw: [rad].

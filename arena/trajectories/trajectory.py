@@ -1,4 +1,4 @@
-"""The interface of a trajectory, and trajectories made from another one."""
+"""Interface of a trajectory, and trajectories that are made from another trajectory or from samples."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from arena.geometry import Array
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """Desired motion of a vehicle at one instant.
+    """Desired motion of a vehicle at one instant: position, velocity, acceleration and yaw.
 
     pos: position [m] [NED] (3,).  vel: velocity [m/s] [NED] (3,).  acc: acceleration without gravity [m/s2] [NED] (3,).
     yaw: [rad].  yaw_rate: [rad/s].
@@ -28,7 +28,7 @@ class Reference:
 
 
 class Trajectory(Protocol):
-    """A movement of limited duration.
+    """Interface of a trajectory, a movement of limited duration.
 
     duration_s: time from the beginning to the end [s].
     """
@@ -37,13 +37,19 @@ class Trajectory(Protocol):
     def duration_s(self) -> float: ...
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s] after the beginning. Before the beginning and after the end the vehicle stands still."""
+        """Return the reference at time `t` [s] after the beginning.
+
+        Before the beginning and after the end the vehicle stands still.
+        """
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Moved:
-    """A trajectory at another place: every position is shifted by `offset` [m] [NED] (3,)."""
+    """Trajectory that is shifted by an offset.
+
+    offset: [m] [NED] (3,)
+    """
 
     trajectory: Trajectory
     offset: Array
@@ -60,7 +66,7 @@ class Moved:
 
 
 def positions_along(trajectory: Trajectory, step_s: float = 0.05, most: int = 200) -> Array | None:
-    """Return positions of a trajectory at equal times, from the beginning to the end [m] [NED] (k, 3).
+    """Return positions of a trajectory at equal time steps, from begin to end [m] [NED] (k, 3).
 
     None for classes outside `arena.trajectories`: their method `at` may be slow or have side effects.
     step_s: time between two positions [s], longer if there would be more than `most` positions.
@@ -75,7 +81,9 @@ def positions_along(trajectory: Trajectory, step_s: float = 0.05, most: int = 20
 
 
 class Sampled:
-    """A trajectory through samples, for example from a file. Positions follow cubic Hermite polynomials, yaw is linear.
+    """Trajectory through samples, for example from a file.
+
+    Positions follow cubic Hermite polynomials. Yaw is linear.
 
     t: times of the samples [s], increasing (n,).  pos: positions [m] [NED] (n, 3).
     vel: velocities [m/s] [NED] (n, 3); None: from central differences.  yaw: [rad] (n,), None: zero.
@@ -138,7 +146,7 @@ class Sampled:
 
 
 def from_rest(t: float, rise_s: float) -> tuple[float, float, float]:
-    """Return a smooth rise from 0 to 1 and its first two derivatives [-], [1/s], [1/s2].
+    """Return a smooth rise from 0 to 1 over `rise_s`, and its first two derivatives [-], [1/s], [1/s2].
 
     The rise is the polynomial of degree five whose first and second derivatives are zero at both ends:
     10 u^3 - 15 u^4 + 6 u^5, with u = t / rise_s.
