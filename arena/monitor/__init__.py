@@ -1,1 +1,1 @@
-"""Live page of a running arena, made with viser: `arena monitor`. Nobody in the arena needs this process."""
+"""Live web page of a running arena, made with viser: `arena monitor`. No other process needs this process."""

@@ -1,4 +1,4 @@
-"""Process of the page: `python -m arena.monitor`, which does the same as `arena monitor`.
+"""Process of the live web page: `python -m arena.monitor`, which does the same as `arena monitor`.
 
 It only receives. If it dies or hangs, nothing in the arena changes.
 """
@@ -25,7 +25,7 @@ NOT_INSTALLED = "the page needs the package viser. Install it: pip install 'flyi
 def serve(
     run: Path | None, host: str, port: int, *, token: bool = False, say: Callable[[str], None] = print
 ) -> int:
-    """Serve the page until a signal ends the process. Return the exit code.
+    """Serve the live page until a signal ends the process, and return the exit code.
 
     run: folder of the run to watch; None for the only running arena.  port: the next free port is used if it is taken.
     token: require a token on a loopback address, too.

@@ -1,4 +1,6 @@
-"""Access to the page: decides about each HTTP request, before the server reads anything else of it. Pure.
+"""Access control of the live page: allows or refuses each HTTP request. Pure.
+
+The decision is made before the server reads anything else of the request.
 
 - On a loopback address, only programs of the same user, and of root, may connect: other users of the computer must not press buttons.
   Requests for another host name, and WebSocket connections that another web page has opened, are refused, too: a page of the internet
@@ -28,8 +30,9 @@ _WRONG_USER = (
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """Answer to a request. allowed: whether the server answers it.  cookie: value of Set-Cookie in a redirection; "" for none.
+    """Decision about an HTTP request: allowed or refused, with the text or the cookie for the client.
 
+    allowed: whether the server answers the request. cookie: value of Set-Cookie in a redirection; "" for none.
     why: text for a refused client.
     """
 
@@ -40,8 +43,9 @@ class Decision:
 
 @dataclass(frozen=True, kw_only=True)
 class Access:
-    """Rules for one server. host: address that the server binds.  port: its port.  token: "" if none is needed.
+    """Access rules of one server of the live page.
 
+    host, port: address that the server binds. token: secret that a client must send; "" if none is needed.
     uids: user ids whose programs need no token.
     """
 
@@ -51,7 +55,7 @@ class Access:
     uids: frozenset[int] = frozenset()
 
     def decide(self, path: str, headers: Mapping[str, str], uid: int | None = None) -> Decision:
-        """Return whether a request is allowed.
+        """Return whether an HTTP request is allowed, with the text or the cookie for the client.
 
         path: path of the request with its query.  headers: names in lower case.  uid: user who has opened the connection; None: unknown.
         """
@@ -78,12 +82,15 @@ class Access:
 
     @property
     def cookie_name(self) -> str:
-        """Return the name of the cookie. Browsers send cookies to all ports of a host, so the name contains the port."""
+        """Return the name of the page's cookie. It contains the port.
+
+        Browsers send a cookie to all ports of a host, so each page needs a name of its own.
+        """
         return f"arena_monitor_{self.port}"
 
     @property
     def url(self) -> str:
-        """Return the URL of the page, with the token."""
+        """Return the URL of the page, with the token if a token is needed."""
         host = "127.0.0.1" if self.host in ("0.0.0.0", "::") else self.host
         shown = f"[{host}]" if ":" in host else host
         return f"http://{shown}:{self.port}/" + (f"?token={self.token}" if self.token else "")
@@ -93,7 +100,9 @@ class Access:
 
 
 def access_for(host: str, port: int, *, token: bool = False) -> Access:
-    """Return who may open the page at this address. If other computers can reach the address, a random token is required.
+    """Return the access rules of a page at this address.
+
+    If other computers can reach the address, a random token is required.
 
     token: require a token on a loopback address, too.
     Raises InputError if `host` is not a numeric address.
@@ -110,7 +119,7 @@ def access_for(host: str, port: int, *, token: bool = False) -> Access:
 
 
 def _is_local_name(host: str) -> bool:
-    """Return whether the header Host names this computer: localhost or a loopback address, with or without a port."""
+    """Return whether an HTTP header Host names this computer: localhost or a loopback address."""
     name = urlsplit(f"//{host}").hostname or ""
     if name == "localhost":
         return True

@@ -1,4 +1,4 @@
-"""The part of the page that each browser has for itself: chosen vehicle, camera, plots and buttons.
+"""Widgets of the live page that each browser has for itself: chosen vehicle, camera, plots and buttons.
 
 Two people who look at the same arena can therefore not change the vehicle for which the other one presses a button.
 """
@@ -35,7 +35,7 @@ _WORDS: dict[Action, str] = {"land": "LAND ALL", "kill": "KILL ALL", "hold": "HO
 
 
 class ClientView:
-    """Widgets and camera of one browser.
+    """Widgets and camera of one browser that shows the live page.
 
     client: the browser.  commands: gives the emergency commands.
     vehicles: names of the vehicles.  run: returns the folder of the run that the buttons command; None while there is none.
@@ -80,11 +80,11 @@ class ClientView:
 
     @property
     def row(self) -> int:
-        """Return the index of the chosen vehicle."""
+        """Return the index of the vehicle that the user has chosen."""
         return self._vehicles.index(self._vehicle.value) if self._vehicle.value in self._vehicles else 0
 
     def follow(self, fleet: FleetSnapshot) -> None:
-        """Move the camera with the chosen vehicle, if the user wants this. Call it for every picture."""
+        """Move the camera with the chosen vehicle, if the user has selected this. Call it for every picture."""
         if not self._follow.value or self._client.camera is None:
             return
         p_n = fleet.p_n[self.row]
@@ -105,7 +105,7 @@ class ClientView:
         self._followed_w = p_w
 
     def update_plots(self, history: History) -> None:
-        """Draw the plots again."""
+        """Draw the plots of the chosen vehicle again, with new samples."""
         found = history.of_vehicle(self.row)
         if found is None:
             return
@@ -113,7 +113,7 @@ class ClientView:
             one.update(*found)
 
     def change_arena(self, vehicles: Sequence[str]) -> None:
-        """Offer the vehicles of another arena."""
+        """Show the vehicles of another arena in the list of vehicles."""
         self._vehicles = tuple(vehicles)
         self._vehicle.options = list(vehicles) or ["-"]
         self._on_vehicle()
@@ -134,13 +134,16 @@ class ClientView:
         self._commands.give(action, run, vehicles)
 
     def _refuse(self, why: str) -> None:
-        """Show that a button has commanded nothing. A person who presses it must not wait for a result."""
+        """Show the user that a button has sent no command, and why.
+
+        Otherwise the user would wait for a result.
+        """
         self._client.add_notification(
             "NOT COMMANDED", f"{why}. Use `arena land-all` in a terminal", color="red"
         )
 
     def _confirm(self, action: Action) -> None:
-        """Show the second step of LAND ALL and KILL ALL, which names the vehicles."""
+        """Show the confirmation dialog of LAND ALL or KILL ALL, which names the vehicles."""
         vehicles, run = self._vehicles, self._run()
         if run is None or not vehicles:
             self._refuse("the page shows no arena that can be commanded")
@@ -177,7 +180,7 @@ class ClientView:
 
 
 def _calls(function: Callable[[], None]) -> Callable[[Any], Coroutine[Any, Any, None]]:
-    """Return a coroutine function for an event of viser that calls `function`."""
+    """Return a coroutine function that viser can call for an event, and that calls `function`."""
 
     async def on_event(_: Any) -> None:
         function()
@@ -186,7 +189,7 @@ def _calls(function: Callable[[], None]) -> Callable[[Any], Coroutine[Any, Any, 
 
 
 class _Plot:
-    """A plot with the list from which its quantity is chosen."""
+    """A plot, and the list from which the user chooses its quantity."""
 
     def __init__(self, gui: viser.GuiApi, tab: viser.GuiTabHandle, number: int, title: str) -> None:
         self._gui, self._tab, self._order = gui, tab, 10.0 * number
@@ -198,7 +201,7 @@ class _Plot:
         self._show(title)
 
     def update(self, times: Array, states: FleetSnapshot) -> None:
-        """Draw the plot again. times: [s].  states: one row per time."""
+        """Draw the plot again. times: [s] (T,). states: state of the vehicle, with one row per time."""
         if self._choice.value != self._shown:
             self._show(self._choice.value)
         if self._chart is None:
@@ -229,7 +232,7 @@ class _Plot:
 
 
 def series(quantity: Quantity) -> tuple[Any, ...]:
-    """Return uPlot's description of the lines of a plot.
+    """Return the description of a plot's lines for uPlot, the library that draws the plots.
 
     Only the last one, which is not drawn, sets the range of the axis: uPlot finds no range for a line that begins with NaN.
     """
@@ -248,7 +251,7 @@ def series(quantity: Quantity) -> tuple[Any, ...]:
 
 
 def axes() -> tuple[Any, ...]:
-    """Return uPlot's description of the axes: time and value."""
+    """Return the description of a plot's axes (time and value) for uPlot, the library that draws the plots."""
     grid = {"stroke": "#2c3546", "width": 1}
     one = {"stroke": "#8b97ab", "grid": grid, "ticks": grid, "font": "11px system-ui", "size": 24}
     return (one, {**one, "size": 44})

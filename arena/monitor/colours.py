@@ -1,4 +1,4 @@
-"""Colours of the page, as RGB 0..255. Pure."""
+"""Colours of the live page, as RGB values from 0 to 255. Pure."""
 
 from __future__ import annotations
 
@@ -22,11 +22,14 @@ GOOD, WARN, BAD, DIM = "#3ddc84", "#facc15", "#f87171", "#8b97ab"
 
 
 def trail(row: int) -> Rgb:
-    """Return the colour of a vehicle's trail. Neighbouring rows have different hues. row: index of the vehicle."""
+    """Return the colour of a vehicle's trail. Vehicles with neighbouring indices get different hues.
+
+    row: index of the vehicle.
+    """
     red, green, blue = colorsys.hls_to_rgb((0.55 + 0.618034 * row) % 1.0, 0.5, 0.95)
     return int(255 * red), int(255 * green), int(255 * blue)
 
 
 def css(rgb: Rgb) -> str:
-    """Return a colour as text for a style sheet, such as `#3898ff`."""
+    """Return a colour as text for CSS, such as `#3898ff`."""
     return "#{:02x}{:02x}{:02x}".format(*rgb)

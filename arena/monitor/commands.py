@@ -1,6 +1,7 @@
-"""Emergency commands of the page. Each one is a process of its own: `arena land-all`, `arena kill-all`, or HOLD.
+"""Emergency commands of the live page. Each command runs as a separate process.
 
-A hung page cannot stop such a process, and the process continues when the page ends.
+The processes are `arena land-all`, `arena kill-all`, and `arena.monitor.hold`. A hung page cannot stop such a
+process, and the process continues when the page ends.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ WORDS: dict[Action, str] = {"hold": "HOLD", "land": "LAND", "kill": "KILL"}
 
 @dataclass(kw_only=True)
 class Command:
-    """A command that was given on the page.
+    """An emergency command that a user has given on the live page.
 
     began: wall time [s].  lines: output of the process so far.  exit_code: None while the process runs.
     """
@@ -36,7 +37,7 @@ class Command:
     exit_code: int | None = None
 
     def result(self, vehicle: str) -> tuple[Verdict, str]:
-        """Return the verdict about one vehicle and the last line about it."""
+        """Return (verdict, last line of output) of this command for one vehicle."""
         text = next((line for line in reversed(self.lines) if line.startswith(f"{vehicle}: ")), "")
         text = text.removeprefix(f"{vehicle}: ")
         if "NOT CONFIRMED" in text:
@@ -56,7 +57,10 @@ _CONFIRMED: dict[Action, tuple[str, ...]] = {
 
 
 def argv(action: Action, run: Path, vehicles: Sequence[str]) -> list[str]:
-    """Return the command line of the process. run: run folder.  vehicles: names of all vehicles to command."""
+    """Return the command line of the process for an emergency command.
+
+    run: run folder. vehicles: names of all vehicles to command.
+    """
     if action == "hold":
         return [sys.executable, "-m", "arena.monitor.hold", "--run", str(run), *vehicles]
     chosen = ["--run", str(run), "--only", ",".join(vehicles)]
@@ -66,14 +70,20 @@ def argv(action: Action, run: Path, vehicles: Sequence[str]) -> list[str]:
 
 
 class Commands:
-    """The newest commands of the page, newest first. `give` starts a process and returns at once."""
+    """List of the newest emergency commands of the live page.
+
+    `give` starts the process of a command and returns at once.
+    """
 
     def __init__(self) -> None:
         self._commands: deque[Command] = deque(maxlen=MAX_COMMANDS)
         self.changes = 0
 
     def give(self, action: Action, run: Path, vehicles: Sequence[str]) -> Command:
-        """Start the process of a command, in a session of its own, and read its output in a thread."""
+        """Start the process of an emergency command, and read its output in a thread.
+
+        The process has a session of its own.
+        """
         command = Command(action=action, vehicles=tuple(vehicles), began=time.time())
         self._commands.appendleft(command)
         self.changes += 1
@@ -95,7 +105,7 @@ class Commands:
         return command
 
     def newest(self) -> list[Command]:
-        """Return the commands, newest first."""
+        """Return the emergency commands, newest first."""
         return list(self._commands)
 
     def _read(self, command: Command, process: subprocess.Popen[str]) -> None:

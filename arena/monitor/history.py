@@ -18,7 +18,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """A line of a plot. name: as in the legend.  values: function that returns the value of each vehicle (N,)."""
+    """A line of a plot.
+
+    name: text in the legend. values: function that returns the value of each vehicle (N,).
+    """
 
     name: str
     values: Callable[[FleetSnapshot], Array]
@@ -26,7 +29,7 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """A plot that a user can choose: its title with unit, and its lines, such as actual and setpoint.
+    """A plot that the user can choose: title with unit, and lines such as actual value and setpoint.
 
     span: least height of the plot, in its unit, so that noise is not drawn over the whole plot.
     """
@@ -121,7 +124,7 @@ def euler_degrees(q_nb: Array) -> Array:
 
 
 class History:
-    """Snapshots of the last `seconds`, at most `rate_hz` per second, from which the lines of a plot are computed.
+    """Snapshots of all vehicles of the last `seconds`, at most `rate_hz` per second, for the plots.
 
     Times are those of the run [s].
     """
@@ -131,7 +134,7 @@ class History:
         self._samples: list[tuple[float, FleetSnapshot]] = []
 
     def add(self, time_s: float, fleet: FleetSnapshot) -> bool:
-        """Add a snapshot if it is not too near to the last one. Return whether it was added.
+        """Add a snapshot of all vehicles. Return False if it was too soon after the last snapshot and not added.
 
         A time that goes back, such as after a jump in a replay, begins a new history.
         """
@@ -145,7 +148,9 @@ class History:
         return True
 
     def of_vehicle(self, row: int) -> tuple[Array, FleetSnapshot] | None:
-        """Return the times [s] (T,) and one vehicle's state at these times, with one row per time; None without a sample.
+        """Return the sample times [s] (T,) and the states of one vehicle at these times.
+
+        The states have one row per time. Returns None without a sample.
 
         row: index of the vehicle.
         """
@@ -164,7 +169,9 @@ def _column(values: list[Any]) -> Any:
 
 
 def plot(quantity: Quantity, times: Array, states: FleetSnapshot, window_s: float) -> tuple[Array, ...]:
-    """Return the times before the newest one [s], from -window_s to 0, the values of each line, and the range of the axis.
+    """Return the data of a plot for uPlot: times, values of each line, and range of the axis, as arrays.
+
+    Times are relative to the newest time [s], from -window_s to 0.
 
     All have the same shape. The first time has unknown values, so that all plots have the same range of time. The last array
     is not drawn: its values alternate between the ends of the axis, which is at least `quantity.span` high.

@@ -1,4 +1,4 @@
-"""Process of the button HOLD: commands AUTO.LOITER and waits until each vehicle reports it.
+"""Process of the button HOLD: commands AUTO.LOITER, and waits until each vehicle reports this mode.
 
     python -m arena.monitor.hold --run DIR uav1 uav2
 
@@ -40,7 +40,7 @@ _RECEIVED = {
 
 
 class Hold:
-    """Hold of one vehicle: returns the frames to send, and the result. Pure.
+    """Hold command to one vehicle, without sockets: returns the frames to send and the result. Pure.
 
     now: monotonic [s].
     """
@@ -55,7 +55,7 @@ class Hold:
         self.confirmed = False
 
     def on_datagram(self, data: bytes, now: float) -> None:
-        """Read telemetry of the vehicle."""
+        """Update the result from a telemetry datagram of the vehicle."""
         self._telemetry.on_datagram(data, now)
         state = self._telemetry.heartbeat
         if state is None or self.result:
@@ -71,7 +71,7 @@ class Hold:
             self._end(f"NOT CONFIRMED: {refusal}")
 
     def due(self, now: float) -> list[bytes]:
-        """Return the frames to send now. After TIMEOUT_S there is a result."""
+        """Return the MAVLink frames to send now. After TIMEOUT_S the command ends with a result."""
         if self.result:
             return []
         state = self._telemetry.heartbeat
@@ -89,13 +89,16 @@ class Hold:
         return [self._command(mavlink.MAV_CMD_DO_SET_MODE, _MODE_ENABLED, *_MAIN_AND_SUB), request]
 
     def _warning(self) -> str:
-        """Return what the user must know if the command has not ended OFFBOARD: no control was taken from a program."""
+        """Return a warning if a program may take the vehicle out of hold again, else "".
+
+        This is possible if the vehicle was not in OFFBOARD when the command was sent.
+        """
         if self._commanded_in == OFFBOARD:
             return ""
         return f", but a program may take it to {OFFBOARD}, because it was in {self._commanded_in}. LAND prevents this"
 
     def _refusal(self) -> str | None:
-        """Return why the vehicle or the router has refused the mode; None if neither has."""
+        """Return why the vehicle or the router has refused the mode; None without a refusal."""
         for ack in self._telemetry.acks:
             refused = ack.result not in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
             if ack.command == mavlink.MAV_CMD_DO_SET_MODE and refused:
@@ -112,7 +115,7 @@ class Hold:
 
 
 def hold(targets: tuple[Target, ...]) -> int:
-    """Hold the vehicles and print a line for each. Return the exit code."""
+    """Command vehicles to hold, and print one line per vehicle. Return the exit code."""
     now = time.monotonic()
     holds = [(Hold(t.name, t.id, now, simulated=t.run is not None), _open(t)) for t in targets]
     printed: set[str] = set()

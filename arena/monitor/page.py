@@ -1,4 +1,4 @@
-"""The page: receives the state of the arena 20 times a second and draws it for all browsers."""
+"""The live page: receives the state of the arena 20 times a second, and draws it for all browsers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ _PANEL_WIDTH = 380
 
 
 class Feed(Protocol):
-    """Source of the states that the page draws: a `LiveFeed`, or one that a test or benchmark makes.
+    """Source of the arena states that the page draws, such as a `LiveFeed`.
+
+    A test or a benchmark can use another source.
 
     waiting_for: why there is no arena; "" if there is one.
     """
@@ -40,7 +42,7 @@ class Feed(Protocol):
 
 
 class Page:
-    """The page of one monitor.
+    """The live page of one process `arena monitor`.
 
     All methods run in the thread of viser's event loop, because viser is not safe when several threads send messages.
     """
@@ -60,7 +62,10 @@ class Page:
         server.on_client_disconnect(self._on_disconnect)
 
     async def draw(self) -> None:
-        """Draw PICTURE_S after PICTURE_S, for ever. An error in a picture is printed once, and the next picture is drawn."""
+        """Draw the page periodically, until the process ends.
+
+        An error in a picture is printed once, and the next picture is drawn. The period is PICTURE_S.
+        """
         printed: set[str] = set()
         due = time.monotonic()
         while True:
@@ -69,12 +74,14 @@ class Page:
             except Exception as error:
                 if (text := f"{type(error).__name__}: {error}") not in printed:
                     printed.add(text)
-                    print(f"monitor: a picture was not drawn ({text})", file=sys.stderr, flush=True)
+                    print(
+                        f"monitor: a picture of the page was not drawn ({text})", file=sys.stderr, flush=True
+                    )
             due = max(due + PICTURE_S, time.monotonic())
             await asyncio.sleep(due - time.monotonic())
 
     def step(self, now: float | None = None) -> None:
-        """Draw one picture. now: monotonic [s]."""
+        """Draw one picture of the page. now: monotonic [s]."""
         now = time.monotonic() if now is None else now
         snapshot = self._snapshot = self._feed.poll(now)
         run = None if snapshot is None else snapshot.run
@@ -106,7 +113,7 @@ class Page:
             view.follow(fleet)
 
     def _build(self) -> None:
-        """Add the widgets that all browsers share."""
+        """Add the widgets that all browsers share to the page."""
         from viser import Icon
 
         gui = self._server.gui
@@ -142,13 +149,16 @@ class Page:
         self._show(self._events, "events", tables.events_html(snapshot.events, details=self._details.value))
 
     def _show(self, widget: Any, key: str, html: str) -> None:
-        """Send a text to the browsers if it has changed."""
+        """Send a text to the browsers, if the text has changed. key: name of the text."""
         if self._shown.get(key) != html:
             self._shown[key] = html
             widget.content = html
 
     def _change_arena(self, snapshot: Snapshot | None) -> None:
-        """Draw the room of another arena, or an empty page. The last picture stays until the next arena begins."""
+        """Draw the room of another arena. None means that the arena has ended.
+
+        After the end of an arena, its last picture stays until the next arena begins.
+        """
         self._run = None if snapshot is None else snapshot.run
         if snapshot is None:
             return
@@ -166,7 +176,10 @@ class Page:
         self._views[client.client_id] = view
 
     def _commanded_run(self) -> Path | None:
-        """Return the run that the buttons command; None without an arena, and in a replay, which nobody can command."""
+        """Return the run folder of the arena that the buttons command.
+
+        Returns None without an arena, and for a replay, because nobody can command a replay.
+        """
         snapshot = self._snapshot
         return None if snapshot is None or snapshot.playback is not None else snapshot.run
 
@@ -175,12 +188,12 @@ class Page:
 
 
 async def show(server: viser.ViserServer, feed: Feed) -> None:
-    """Make the page, and draw it for ever. Run it in the event loop of the server."""
+    """Make the live page and draw it until the process ends. Run it in the event loop of the server."""
     await Page(server, feed).draw()
 
 
 def look_at(server: viser.ViserServer, settings: Settings) -> None:
-    """Put the camera of new browsers to the south of the vehicles' start, where it sees the space around them."""
+    """Set the initial camera of new browsers: south of the vehicles' start positions, looking at them."""
     north, east, up = settings.size_m
     starts = world_from_ned([v.start_n for v in settings.vehicles])
     low, high = starts.min(axis=0), starts.max(axis=0)

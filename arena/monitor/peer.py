@@ -1,4 +1,4 @@
-"""User who has opened a TCP connection on this computer, from the kernel's table /proc/net/tcp."""
+"""Finds the user whose program has opened a TCP connection on this computer, in /proc/net/tcp."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ Address = tuple[str, int]
 
 
 def peer_uid(client: Address, server: Address, folder: Path = Path("/proc/net")) -> int | None:
-    """Return the user id of the program at the other end of a connection; None if it is not on this computer, or not found.
+    """Return the user id of the program at the client's end of a TCP connection.
 
-    client, server: numeric address and port of both ends.  folder: with the kernel's tables.
+    Returns None if the program is not on this computer, or was not found. client, server: numeric address and
+    port of both ends. folder: with the kernel's tables.
     """
     name = "tcp6" if ":" in client[0] else "tcp"
     try:
@@ -24,7 +25,9 @@ def peer_uid(client: Address, server: Address, folder: Path = Path("/proc/net"))
 
 
 def uid_in(table: str, local: Address, remote: Address) -> int | None:
-    """Return the user id of a TCP connection's owner; None if the table does not contain the connection.
+    """Return the user id of a TCP connection's owner, or None if the table does not list the connection.
+
+    table: text of /proc/net/tcp. local, remote: addresses of the connection.
 
     table: text of /proc/net/tcp or /proc/net/tcp6.  local, remote: address and port of the owner's end, and of the other end.
     """
@@ -37,7 +40,7 @@ def uid_in(table: str, local: Address, remote: Address) -> int | None:
 
 
 def allowed_uids() -> frozenset[int]:
-    """Return the user ids that may use the page of `arena monitor` without a token.
+    """Return the user ids that may open the page of `arena monitor` without a token.
 
     They are the user of this process, and root. If this process was started with sudo, the user who called sudo is a third one.
     """
@@ -46,7 +49,10 @@ def allowed_uids() -> frozenset[int]:
 
 
 def _written(address: Address) -> str:
-    """Return an address as the kernel writes it: each group of 4 bytes as a number of this machine, in hexadecimal digits."""
+    """Return an address in the hexadecimal form of /proc/net/tcp.
+
+    Each group of 4 bytes is a number in the byte order of this machine.
+    """
     packed = ipaddress.ip_address(address[0]).packed
     words = (int.from_bytes(packed[i : i + 4], sys.byteorder) for i in range(0, len(packed), 4))
     return "".join(f"{word:08X}" for word in words) + f":{address[1]:04X}"

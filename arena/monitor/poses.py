@@ -1,4 +1,4 @@
-"""Poses of vehicles, rotors and setpoints in the axes of the page: world axes, z up, and FLU bodies. Pure."""
+"""Poses of vehicles, rotors and setpoints in the axes of the page: world axes (z up) and FLU bodies. Pure."""
 
 from __future__ import annotations
 
@@ -20,13 +20,19 @@ TURN_PER_FRAME = 1.2
 
 
 def world_positions(p_n: Array) -> Array:
-    """Convert positions to world axes [m] (N, 3). Unknown positions are far below the floor. p_n: [m] [NED] (N, 3)."""
+    """Convert positions p_n [m] [NED] (N, 3) to world axes [m] (N, 3).
+
+    Unknown positions are placed far below the floor, where nobody sees them.
+    """
     known = np.isfinite(p_n).all(axis=-1, keepdims=True)
     return np.where(known, world_from_ned(np.where(known, p_n, 0.0)), (0.0, 0.0, HIDDEN_M))
 
 
 def world_attitudes(q_nb: Array) -> Array:
-    """Convert attitudes to FLU in world axes [-] wxyz (N, 4). Unknown attitudes are level. q_nb: [-] wxyz (N, 4)."""
+    """Convert attitudes q_nb [-] wxyz (N, 4) to FLU body axes in world axes [-] wxyz (N, 4).
+
+    Unknown attitudes are level.
+    """
     known = np.isfinite(q_nb).all(axis=-1, keepdims=True)
     return q_wf_from_q_nb(np.where(known, q_nb, (1.0, 0.0, 0.0, 0.0)))
 
@@ -46,7 +52,7 @@ def rotor_poses(p_w: Array, q_wf: Array, places_f: Array, angles: Array) -> tupl
 
 
 def rotor_turns(motors: Array, directions: Array) -> Array:
-    """Return how far each rotor turns until the next picture [rad] (N, R).
+    """Return the angle by which each drawn rotor turns until the next picture [rad] (N, R).
 
     motors: output 0..1 [-] (N, R); NaN stands still.  directions: +1 counter-clockwise, -1 clockwise, seen from above (R,).
     """
@@ -55,7 +61,9 @@ def rotor_turns(motors: Array, directions: Array) -> Array:
 
 
 def setpoint_positions(fleet: FleetSnapshot) -> Array:
-    """Return the position setpoints [m] [NED] (N, 3). Axes that are not controlled have the vehicle's own position.
+    """Return the position setpoints [m] [NED] (N, 3).
+
+    An axis without a position setpoint gets the position of the vehicle.
 
     A vehicle without a position setpoint, or without a position, has NaN.
     """
@@ -66,12 +74,14 @@ def setpoint_positions(fleet: FleetSnapshot) -> Array:
 
 
 def follows_program(fleet: FleetSnapshot) -> tuple[bool, ...]:
-    """Return for each vehicle whether it flies by its program, so that the program's planned path is of interest."""
+    """Return for each vehicle whether its program flies it (armed and OFFBOARD), so that its path is drawn."""
     return tuple(a is True and m == "OFFBOARD" for a, m in zip(fleet.armed, fleet.modes, strict=True))
 
 
 def path_segments(paths: Sequence[Array]) -> Array:
-    """Return the segments of planned paths [m] [world axes] (S, 2, 3); at least one, which is out of sight.
+    """Return the line segments of all planned paths [m] [world axes] (S, 2, 3).
+
+    Without a path, there is one segment that nobody can see.
 
     paths: [m] [NED] (k, 3) each.
     """

@@ -1,4 +1,4 @@
-"""The 3D scene of the page: room, geofence, vehicles, trails and setpoints, drawn with viser.
+"""The 3D scene of the live page: room, geofence, vehicles, trails and setpoints, drawn with viser.
 
 Vehicles with the same profile are instances of one mesh, so a picture of many vehicles needs few messages.
 """
@@ -29,7 +29,7 @@ _LABEL_ABOVE_M = 0.12
 
 
 class Scene:
-    """Scene of one arena. Call `update` for every picture.
+    """3D scene of one arena. Call `update` for every picture.
 
     server: the viser server.  settings: the arena.
     """
@@ -80,7 +80,7 @@ class Scene:
     def update(
         self, fleet: FleetSnapshot, time_s: float, labels: Sequence[str], paths: Sequence[Array] = ()
     ) -> None:
-        """Draw one picture.
+        """Draw one picture of the 3D scene.
 
         time_s: time of the run [s].  labels: text beside each vehicle; "" hides it.  paths: planned paths [m] [NED] (k, 3) each.
         """
@@ -98,7 +98,7 @@ class Scene:
             self._update_paths(paths, poses.follows_program(fleet))
 
     def _update_paths(self, paths: Sequence[Array], shown: tuple[bool, ...]) -> None:
-        """Draw the planned paths, if a path has changed, or whether it is shown."""
+        """Draw the planned paths again, if a path or its visibility has changed."""
         if paths is self._drawn_paths[0] and shown == self._drawn_paths[1]:
             return
         self._drawn_paths = (paths, shown)
@@ -117,7 +117,7 @@ class Scene:
                 self._labels[i].position = (p_w[i, 0], p_w[i, 1], p_w[i, 2] + above)
 
     def _set_label(self, i: int, text: str) -> None:
-        """Change the text of a vehicle's label; add the label if it is missing, and remove it if the text is empty."""
+        """Set the text of a vehicle's label. An empty text removes the label."""
         label = self._labels[i]
         if text and label is not None:
             label.text = text
@@ -166,7 +166,7 @@ class Scene:
 
 
 class _Group:
-    """Vehicles that have the same mesh: the same profile and the same kind.
+    """Drawn vehicles that share one mesh, because they have the same profile and the same kind.
 
     rows: their indices.  many: draw them simply, because they are small in a picture of many vehicles.
     """
@@ -252,7 +252,7 @@ def _groups(vehicles: Sequence[VehicleSettings]) -> list[list[int]]:
 
 
 def draw_room(server: viser.ViserServer, settings: Settings) -> None:
-    """Draw floor, walls as lines, axes, geofence and obstacles."""
+    """Draw the room: floor, edges of the walls, axes, geofence and obstacles."""
     north, east, up = settings.size_m
     scene = server.scene
     scene.add_grid(

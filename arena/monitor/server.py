@@ -1,4 +1,4 @@
-"""The viser server of the page, with the access check in front of it.
+"""The viser server of the live page, with an access check for every request.
 
 viser serves the page and the WebSocket on one port with the library websockets, which calls `process_request` before it reads or
 sends anything else. This module puts the check there.
@@ -25,7 +25,10 @@ _MAX_PORTS = 20
 
 
 def free_port(host: str, port: int) -> int:
-    """Return the first free TCP port from `port` on, on the address `host`. Raises RunError if there is none nearby."""
+    """Return the first free TCP port of `host`, starting at `port`.
+
+    Raises RunError if no port is free near this number.
+    """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for candidate in range(port, port + _MAX_PORTS) if port else (0,):
         with contextlib.closing(socket.socket(family, socket.SOCK_STREAM)) as sock:
@@ -40,14 +43,14 @@ def free_port(host: str, port: int) -> int:
 
 
 def open_server(access: Access) -> viser.ViserServer:
-    """Start the server, and return it. It accepts only the requests that `access` allows.
+    """Start the viser server of the live page, with the access check, and return it.
 
     Raises RunError if the check is not in place, for example because another version of viser works differently.
     """
     import viser
 
     class LocalServer(viser.ViserServer):
-        """Server that no client can publish on the internet."""
+        """Viser server without the function that publishes the page on the internet."""
 
         def request_share_url(self, verbose: bool = True) -> str | None:
             return None
@@ -66,7 +69,10 @@ def open_server(access: Access) -> viser.ViserServer:
 
 @contextlib.contextmanager
 def _check_in_front(access: Access, checked: threading.Event) -> Iterator[None]:
-    """Make the servers that start in this context check each request first. checked: set as soon as a server has the check."""
+    """Add the access check to the servers that start inside the `with` block.
+
+    checked: event that is set as soon as a server has the check.
+    """
     import websockets.asyncio.server as library
 
     original = library.serve
@@ -84,13 +90,16 @@ def _check_in_front(access: Access, checked: threading.Event) -> Iterator[None]:
 
 
 def _uid_of(connection: Any) -> int | None:
-    """Return the user id of the program that has opened a connection of the library websockets; None if it is unknown."""
+    """Return the user id of the program at the other end of a connection; None if unknown.
+
+    connection: of the library websockets.
+    """
     client, server = connection.remote_address, connection.local_address
     return None if client is None or server is None else peer_uid(client[:2], server[:2])
 
 
 def _checked(access: Access, inner: Any) -> Any:
-    """Return a function that answers a request by `access`, and lets `inner` answer the allowed ones."""
+    """Return a function for websockets that refuses requests by `access`, and passes allowed requests to `inner`."""
     from websockets.datastructures import Headers
     from websockets.http11 import Response
 

@@ -1,4 +1,7 @@
-"""Texts and HTML tables of the page. Pure. Every text from outside is escaped."""
+"""Texts and HTML tables of the live page. Pure.
+
+Every text from outside is escaped.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ _STYLE = "font-size:12px;line-height:1.5;font-variant-numeric:tabular-nums;paddi
 
 
 def label(fleet: FleetSnapshot, row: int) -> str:
-    """Return the label beside a vehicle: name, kind, mode, battery and pose age."""
+    """Return the text beside a drawn vehicle: name, kind, mode, battery and pose age."""
     first = f"{fleet.names[row]} ({fleet.kinds[row]})"
     mode = fleet.modes[row] or "no heartbeat"
     figures = [mode if fleet.armed[row] is not False else f"{mode}, disarmed"]
@@ -43,7 +46,10 @@ def label(fleet: FleetSnapshot, row: int) -> str:
 
 
 def status_html(snapshot: Snapshot | None, waiting_for: str) -> str:
-    """Return the header: name of the arena, phase, time and real-time factor, or why there is no arena."""
+    """Return the header of the page as HTML: arena, phase, time, real-time factor.
+
+    Without an arena, the header contains the reason. snapshot: None without an arena.
+    """
     if snapshot is None:
         return _block(
             f'<b>No arena</b><br><span style="color:{DIM}">{escape(waiting_for or "waiting for an arena")}</span>'
@@ -60,7 +66,10 @@ def status_html(snapshot: Snapshot | None, waiting_for: str) -> str:
 
 
 def vehicles_html(fleet: FleetSnapshot, *, most: int = 250) -> str:
-    """Return the table of vehicles: kind, mode, height, battery and pose age. most: largest number of rows."""
+    """Return the HTML table of vehicles: kind, mode, height, battery and pose age.
+
+    most: largest number of rows.
+    """
     rows = [_vehicle_row(fleet, i) for i in range(min(len(fleet.names), most))]
     return _table(("vehicle", "mode", "height", "battery", "pose"), rows)
 
@@ -91,7 +100,7 @@ def _vehicle_row(fleet: FleetSnapshot, i: int) -> Sequence[str]:
 
 
 def processes_html(processes: Iterable[ProcessRow]) -> str:
-    """Return the table of processes: state, CPU, memory and restarts."""
+    """Return the HTML table of processes: state, CPU, memory and restarts."""
     rows = []
     for p in processes:
         if p.member_of:
@@ -106,7 +115,10 @@ def processes_html(processes: Iterable[ProcessRow]) -> str:
 
 
 def events_html(events: Sequence[Event], *, details: bool) -> str:
-    """Return the newest events, newest first. details: show events of every normal flight, too."""
+    """Return the HTML list of events, newest first.
+
+    details: also show the events of every normal flight.
+    """
     shown = [e for e in events if details or not e.detail][-MAX_EVENTS:]
     rows = [
         (
@@ -123,7 +135,7 @@ def events_html(events: Sequence[Event], *, details: bool) -> str:
 
 
 def commands_html(commands: Sequence[Command], *, most: int = 3) -> str:
-    """Return the newest commands with the confirmation of each vehicle."""
+    """Return the HTML list of the newest emergency commands, with the result of each vehicle."""
     texts = []
     for command in commands[:most]:
         clock = time.strftime("%H:%M:%S", time.localtime(command.began))
@@ -139,7 +151,7 @@ def commands_html(commands: Sequence[Command], *, most: int = 3) -> str:
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 2) -> str:
-    """Return a table. left: number of columns whose text begins at the left; numbers end at the right."""
+    """Return an HTML table. left: number of left-aligned columns; the other columns are right-aligned."""
     sides = ["left" if k < left else "right" for k in range(len(head))]
     cell = 'style="text-align:{};padding:1px 0 1px 8px;font-weight:{};color:{}"'
     top = "".join(f"<th {cell.format(s, 500, DIM)}>{h}</th>" for h, s in zip(head, sides, strict=True))

@@ -1,4 +1,4 @@
-"""Time bar of a replay: shows the position in the record, and asks the supervisor for a jump or a pause."""
+"""Time bar of a replay on the live page: shows the position, and requests jumps and pauses."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _STEP_S = 0.1
 
 
 class TimeBar:
-    """Slider and pause button, shown only in a replay. All browsers share them, because there is one replay.
+    """Slider and pause button of a replay. All browsers share them.
 
-    gui: of the server.
+    gui: widgets of the viser server. Without a replay, slider and button are hidden.
     """
 
     def __init__(self, gui: viser.GuiApi) -> None:
@@ -36,7 +36,7 @@ class TimeBar:
         self._button.on_click(self._on_button)
 
     def update(self, run: Path | None, playback: Playback | None) -> None:
-        """Show the position in the record. run: run folder.  playback: None hides the bar."""
+        """Show the present position of the replay. run: run folder. playback: None hides the bar."""
         self._run = run
         is_replay = playback is not None
         if self._slider.visible != is_replay:
@@ -62,7 +62,10 @@ class TimeBar:
 
 
 def request(run: Path, **packet: Any) -> None:
-    """Send a request to the replay, in a thread, because the supervisor may be slow. run: run folder.  packet: its keys."""
+    """Send a request, such as a jump or a pause, to the replay in a thread.
+
+    The supervisor may be slow to reply. run: run folder. packet: keys of the request.
+    """
     threading.Thread(target=_send, args=(run, packet), daemon=True).start()
 
 

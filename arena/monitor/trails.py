@@ -1,4 +1,7 @@
-"""Trails of all vehicles as pieces of line segments. A finished piece does not change, so it is sent to a browser once. Pure."""
+"""Trails of all vehicles, as pieces of line segments. Pure.
+
+A finished piece does not change, so a browser receives each piece once.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class Trails:
-    """Recorder of trails. Add positions a few times a second; draw `piece` after each call.
+    """Recorder of the vehicles' trails. Add positions a few times a second, and draw `piece` after each call.
 
     vehicles: number of vehicles.  steps: number of positions in a piece.
     number: count of finished pieces.
@@ -24,7 +27,9 @@ class Trails:
         self.number = 0
 
     def add(self, p_n: Array) -> bool:
-        """Add the positions of all vehicles. Return whether the piece is now complete; then call `next_piece`.
+        """Add the positions of all vehicles. Return True if the piece of the trail is complete.
+
+        Then call `next_piece`.
 
         p_n: [m] [NED] (N, 3), NaN if unknown.
         """
@@ -32,7 +37,7 @@ class Trails:
         return len(self._points) > self._steps
 
     def piece(self) -> tuple[Array, NDArray[np.int_]]:
-        """Return the segments of the present piece [m] [world axes] (S, 2, 3), and the vehicle of each segment (S,)."""
+        """Return the segments of the present piece [m] [world axes] (S, 2, 3), and their vehicle indices (S,)."""
         if len(self._points) < 2:
             return np.zeros((0, 2, 3)), np.zeros(0, int)
         points = np.stack(self._points)
@@ -43,6 +48,6 @@ class Trails:
         return world_positions(pairs.reshape(-1, 3)).reshape(-1, 2, 3), rows
 
     def next_piece(self) -> None:
-        """Begin the next piece at the last positions."""
+        """Start a new piece of all trails at the last positions."""
         self._points = self._points[-1:]
         self.number += 1

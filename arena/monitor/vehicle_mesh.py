@@ -1,4 +1,4 @@
-"""Meshes of a vehicle, made from the places of its rotors: hull with arms and motors, and the blades of one rotor.
+"""Meshes of a vehicle, computed from the positions of its rotors: the hull, and the blades of one rotor.
 
 Axes are those of the body, FLU. All lengths are in metres.
 """
@@ -31,7 +31,7 @@ def rotor_places(vehicle: VehicleSettings) -> Array:
 
 
 def rotor_radius(vehicle: VehicleSettings) -> float:
-    """Return a radius with which neighbouring rotors do not touch [m]."""
+    """Return the radius of the drawn rotors [m], small enough that neighbouring rotors do not touch."""
     places = rotor_places(vehicle)[:, :2]
     if len(places) < 2:
         return 0.4 * vehicle.radius_m
@@ -40,7 +40,10 @@ def rotor_radius(vehicle: VehicleSettings) -> float:
 
 
 def hull_glb(vehicle: VehicleSettings, colour: Rgb) -> bytes:
-    """Return the hull as a binary glTF file. Front arms and roof have the colour, and a white nose points forward."""
+    """Return the hull of a vehicle (arms, motors, roof, nose) as a binary glTF file.
+
+    Front arms and roof have the given colour. A white nose points forward.
+    """
     trimesh = _trimesh()
 
     size = vehicle.radius_m
@@ -67,7 +70,10 @@ def hull_glb(vehicle: VehicleSettings, colour: Rgb) -> bytes:
 
 
 def simple_hull_glb(vehicle: VehicleSettings, colour: Rgb) -> bytes:
-    """Return a hull with about an eighth of the faces of `hull_glb`: a box, a flat arm to each rotor, and a white nose."""
+    """Return a simple hull with few faces, as a binary glTF file: a box, flat arms, and a white nose.
+
+    It has about an eighth of the faces of `hull_glb`.
+    """
     trimesh = _trimesh()
 
     size = vehicle.radius_m
@@ -130,7 +136,7 @@ def _nose(size: float, height: float) -> Any:
 
 
 def _trimesh() -> Any:
-    """Return the module trimesh, which is a part of viser. It has too few types for mypy."""
+    """Return the module trimesh, which is installed with viser. It has too few types for mypy."""
     return importlib.import_module("trimesh")
 
 

@@ -1,4 +1,4 @@
-"""Tools for PX4 parameters: tables of facts by PX4 version, generation, checks, comparison, and transfer to and from vehicles.
+"""Tools for PX4 parameters: tables by PX4 version, generation, checks, comparison, and transfer.
 
 facts/         tables of parameters, changes and failsafes by PX4 version
 generation/    makes parameters of one version from requirements                          (imports facts)

@@ -1,4 +1,4 @@
-"""Readers of files with a vehicle's parameters: QGroundControl's `.params`, and PX4's logs (ULog).
+"""Readers of files with PX4 parameters: QGroundControl's `.params` files, and PX4's logs (ULog).
 
 The kind of a file is detected from its first bytes, not from its name. This module only reads names and values; `checks`
 checks them.
@@ -27,7 +27,7 @@ _EXPECTED = "expected a .params file of QGroundControl, lines `NAME value`, or a
 
 @dataclass(frozen=True, kw_only=True)
 class ParamSource:
-    """Parameters that were read from a file, a log, a vehicle or a YAML, with information about this source.
+    """A set of PX4 parameters, with information about its source: a file, a log, a vehicle or a YAML.
 
     values: parameter -> value; an int if the source gives the type INT32.
     types: parameter -> type; empty if the source has no types.
@@ -44,7 +44,10 @@ class ParamSource:
 
 
 def read_values(path: Path | str) -> ParamSource:
-    """Read the parameters of a `.params` file or ULog. Raises InputError with every wrong line."""
+    """Read the parameters in a `.params` file or a ULog.
+
+    Raises InputError with a list of all wrong lines.
+    """
     path = Path(path)
     data = _read(path)
     if data.startswith(MAGIC):
@@ -94,7 +97,10 @@ def _parse_ulog_file(path: Path, data: bytes) -> ParamSource:
 
 
 def _release(packed: str | float | None) -> str:
-    """Decode ver_sw_release (major, minor, patch, release type; one byte each) to `1.16.0`; "" if it is missing."""
+    """Convert the number ver_sw_release of a ULog to a PX4 version such as `1.16.0`; "" if it is missing.
+
+    The four bytes are major, minor, patch, release type.
+    """
     if not isinstance(packed, int) or packed <= 0:
         return ""
     return f"{packed >> 24 & 255}.{packed >> 16 & 255}.{packed >> 8 & 255}"
@@ -138,7 +144,7 @@ def _type(kind: int) -> Type:
 
 
 def _type_error(entry: Entry) -> str:
-    """Return an error text if the value does not fit its type (INT32 or FLOAT), else ""."""
+    """Return an error text if a parameter value does not fit its type (INT32 or FLOAT), else ""."""
     if entry.kind is not None and entry.kind in INTEGERS and not INT32_MIN <= entry.value <= INT32_MAX:
         return f"got {entry.value:.0f}, expected an integer from {INT32_MIN} to {INT32_MAX}"
     try:

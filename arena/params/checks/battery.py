@@ -1,4 +1,4 @@
-"""Rules for the battery: PX4 can measure it, its thresholds are in order, and a low battery causes a landing. Pure."""
+"""Rules for battery parameters: PX4 measures the battery, and a low battery causes a landing. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _MIN_CELL_V = 3.2  # voltage of a lithium polymer cell under load, below which t
 
 
 def low_battery(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if PX4's reaction to a low battery is only a warning, or if PX4 has no reaction."""
+    """Yield a finding if a low battery causes only a warning, or no reaction of PX4."""
     name, expected = "COM_LOW_BAT_ACT", "2 (land)"
     action, fix = current_action(ctx, "low_battery"), f"set {name} 2 (land)"
     if action == "warn":
@@ -34,7 +34,10 @@ def low_battery(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def battery_thresholds(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding for each battery threshold that is not below the next higher one, or that the charge never reaches."""
+    """Yield a finding for each battery threshold of PX4 that has no effect.
+
+    A threshold must be below the next higher threshold and above 0.
+    """
     low, critical, emergency = (ctx.value(f"BAT_{n}_THR") for n in ("LOW", "CRIT", "EMERGEN"))
     if low is None or critical is None or emergency is None:
         return

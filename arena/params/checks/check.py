@@ -1,7 +1,8 @@
-"""Check of PX4 parameters (from a file, a log or a vehicle) for flights in an indoor arena. Pure.
+"""Check of PX4 parameters for flights in an indoor arena. Pure.
 
-`RULES` lists every rule. A rule is a function that reads the parameters of one vehicle and yields findings: what is wrong, why it
-matters, what to do. Parameters that are not given count as the version's defaults. A problem caused only by defaults is a note.
+The parameters come from a file, a log or a vehicle. `RULES` lists every rule. A rule is a function that reads
+the parameters of one vehicle and yields findings: what is wrong, why it matters, what to do. Parameters that
+are not given count as the version's defaults. A problem caused only by defaults is a note.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def check(
     environment: Environment | None = None,
     types: Mapping[str, Type] | None = None,
 ) -> list[Finding]:
-    """Return all findings about a vehicle's parameters, errors first.
+    """Return all findings (problems) of a vehicle's parameters, errors first.
 
     values: parameter -> value.
     version: PX4 version of the parameters.
@@ -66,7 +67,7 @@ def check(
 
 
 def check_written(values: Mapping[str, float], version: Version | str) -> list[Finding]:
-    """Return all findings about the parameters that a user has written in the YAML.
+    """Return all findings (problems) of the parameters that a user has written in the YAML.
 
     Each parameter is checked alone, because the YAML contains only a few of them.
 
@@ -89,7 +90,7 @@ def _findings(
 
 
 def finding_line(f: Finding) -> str:
-    """Return a finding as one line: severity, parameter, value, expected value, problem, consequence, what to do."""
+    """Return a finding as one line of text: severity, parameter, values, problem, consequence, advice."""
     got = "missing" if f.value is None else f"got {f.value:g}"
     why, fix = (text[:1].upper() + text[1:].rstrip(".") for text in (f.why, f.fix))
     return f"{f.severity}: {f.name}: {got}, expected {f.expected}: {f.problem}. {why}. {fix}."

@@ -1,6 +1,7 @@
-"""Comparison of two sets of parameters (of the same PX4 version or of two), or of one set with PX4's defaults. Pure.
+"""Comparison of two parameter sets, or of one set with PX4's defaults. Pure.
 
-Parameters that users do not set are left out (`NOT_SETTINGS`): calibrations, counters and the autopilot's own state.
+The sets can be of different PX4 versions. Parameters that users do not set are left out (`NOT_SETTINGS`):
+calibrations, counters and the autopilot's own state.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from arena.params.facts.parameter_table import Parameter, Version, parameters
 
 
 class Difference(NamedTuple):
-    """A parameter that differs between two sets.
+    """A parameter whose values differ between two sets.
 
     a, b: values in the first and second set; None if the set does not have the parameter.
     note: remark for the user, or "".
@@ -29,8 +30,9 @@ class Difference(NamedTuple):
 
 
 class ExcludedNames(NamedTuple):
-    """Names of parameters that comparisons leave out, because they are not settings of the user: calibrations, counters and the
-    like.
+    """Parameter names that comparisons leave out, because they are not settings of the user.
+
+    Examples are calibrations and counters.
 
     names: regular expression that matches the whole parameter name.
     why: the reason for leaving them out.
@@ -56,12 +58,14 @@ _PATTERNS = tuple((re.compile(excluded.names), excluded.why) for excluded in NOT
 
 
 def exclusion_reason(name: str) -> str:
-    """Return why comparisons leave out a parameter, such as "a counter of flights"; "" if they include it: a user's setting."""
+    """Return why comparisons leave out a parameter, such as "a counter of flights"; "" if they include it."""
     return next((why for pattern, why in _PATTERNS if pattern.fullmatch(name)), "")
 
 
 def same(a: float, b: float, kind: str = "") -> bool:
-    """Return whether two values are equal when an autopilot stores them: INT32 exactly, FLOAT in 32 bits.
+    """Return whether an autopilot would store two values as the same value.
+
+    INT32 values are compared exactly, FLOAT values in 32 bits.
 
     kind: type of the parameter. "" if unknown; then two Python ints count as INT32.
     """
@@ -80,7 +84,9 @@ def diff(
     *,
     include_excluded: bool = False,
 ) -> list[Difference]:
-    """Return the parameters that differ, sorted by name. Values of the older version are converted to the newer one first.
+    """Return the parameters whose values differ between two sets, sorted by name.
+
+    Values of the older PX4 version are converted to the newer version first.
 
     version: PX4 version of `a`; "" if unknown.
     version_b: PX4 version of `b`; None for the same version as `a`.
@@ -120,7 +126,7 @@ def _type(name: str, table: Mapping[str, Parameter]) -> str:
 def _converted(
     older: Mapping[str, float], since: Version, to: Version
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """Return the older values converted to the newer version, and {new name: note about the conversion}."""
+    """Convert parameter values to a newer PX4 version. Return the values, and {new name: note for the user}."""
     together = convert(older, since, to).values
     values: dict[str, float] = {}
     notes: dict[str, str] = {}

@@ -1,4 +1,6 @@
-"""Rules for EKF2: it must fuse the sensors that the arena has (external vision, GPS or neither), with the right delay and noise. Pure.
+"""Rules for EKF2: it must fuse the arena's position sensors, with the right delay and noise. Pure.
+
+The sensors are external vision, GPS or neither.
 
 Bits of EKF2_EV_CTRL (PX4 1.14 and newer): horizontal position 1, height 2, velocity 4, yaw 8.
 Bits of EKF2_AID_MASK (PX4 1.13 and older): GPS 1, vision position 8, vision yaw 16.
@@ -20,7 +22,7 @@ _EV_CTRL_SINCE = 14  # EKF2_EV_CTRL replaced EKF2_AID_MASK
 
 
 def estimator_runs(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if EKF2 is off or another estimator runs."""
+    """Yield a finding if EKF2 is off, or if PX4 runs a different estimator."""
     why = "only EKF2 can use the poses that the arena sends"
     if ctx.value("EKF2_EN") == 0:
         fix = "set EKF2_EN 1, and LPE_EN and ATT_EN 0"
@@ -91,7 +93,7 @@ def height_reference(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def vision_delay(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if EKF2's delay of external vision is not set, or differs from the arena's latency."""
+    """Yield a finding if EKF2_EV_DELAY is not set, or differs from the arena's pose latency."""
     name, value = "EKF2_EV_DELAY", ctx.value("EKF2_EV_DELAY")
     if not ctx.environment.vision or value is None:
         return
@@ -144,7 +146,7 @@ def magnetometer(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def gps_is_fused(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if EKF2 fuses GPS although the arena has no GPS."""
+    """Yield a finding if EKF2 fuses GPS in an arena without GPS."""
     new = ctx.minor >= _EV_CTRL_SINCE
     name = "EKF2_GPS_CTRL" if new else "EKF2_AID_MASK"
     used = ctx.bits(name) if new else ctx.bits(name) & 1
@@ -161,7 +163,7 @@ def gps_is_fused(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def gps_is_required(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding for each preflight check that requires GPS although the arena has no GPS."""
+    """Yield a finding for each preflight check that requires GPS in an arena without GPS."""
     if ctx.environment.gps:
         return
     if ctx.value("COM_ARM_WO_GPS") == 0:
@@ -185,7 +187,7 @@ def gps_is_required(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def time_without_aid(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if EKF2 reports a valid position for too long after poses and GPS have stopped."""
+    """Yield a finding if EKF2 keeps its position valid for too long without poses and GPS."""
     name, value = "EKF2_NOAID_TOUT", ctx.value("EKF2_NOAID_TOUT")
     if value is not None and value * 1e-6 > _MAX_WITHOUT_AID_S:
         yield ctx.finding(

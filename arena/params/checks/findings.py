@@ -1,4 +1,4 @@
-"""`Finding`, the result of a parameter check, and `CheckContext`, the input of a rule. Pure: no files, no sockets."""
+"""`Finding`, the result of a parameter check, and `CheckContext`, the input of a rule. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Severity = Literal["error", "warning", "note"]
 
 
 class Finding(NamedTuple):
-    """A problem that a check found in the value of one parameter.
+    """A problem that a parameter check has found, with its consequence and advice.
 
     severity: error: the vehicle cannot fly in the arena, or a failsafe does not work.
         warning: the vehicle flies or lands worse than it could.  note: for information.
@@ -37,7 +37,7 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Environment:
-    """The equipment and the room of an arena, as far as the rules need them.
+    """Equipment and room of an arena (motion capture, GPS, RC, height) for the parameter rules.
 
     vision: whether the vehicle gets poses from motion capture.
     gps: whether the vehicle has a GPS receiver with reception.
@@ -57,7 +57,7 @@ class Environment:
 
 @dataclass(frozen=True, kw_only=True)
 class CheckContext:
-    """The parameters of one vehicle, completed with the defaults of its PX4 version.
+    """Input of a parameter rule: the parameters of one vehicle, with PX4's defaults for missing values.
 
     given: parameter -> value in the file, log or vehicle.
     types: parameter -> type in the file; empty if the file has no types.
@@ -70,12 +70,12 @@ class CheckContext:
 
     @cached_property
     def table(self) -> Mapping[str, Parameter]:
-        """Return parameter name -> definition, for every parameter of this PX4 version."""
+        """Return {parameter name: definition} for every parameter of this PX4 version."""
         return parameters(self.version)
 
     @cached_property
     def values(self) -> Mapping[str, float]:
-        """The given values, and the version's default for every other parameter."""
+        """All parameter values: the given values, and PX4's defaults for missing parameters."""
         return {**defaults(self.version), **self.given}
 
     @property
@@ -83,15 +83,15 @@ class CheckContext:
         return self.version.minor
 
     def value(self, name: str) -> float | None:
-        """Return the value of a parameter, or None if this PX4 version does not have the parameter."""
+        """Return the value of a parameter, or None if this PX4 version has no such parameter."""
         return self.values.get(name) if name in self.table else None
 
     def default(self, name: str) -> float | None:
-        """Return the default value of a parameter, or None if this PX4 version does not have the parameter."""
+        """Return the default value of a parameter, or None if this PX4 version has no such parameter."""
         return self.table[name].default if name in self.table else None
 
     def bits(self, name: str) -> int:
-        """Return the value of a parameter that is a bit mask.
+        """Return the value of a bit mask parameter as an integer.
 
         Return 0 if this PX4 version does not have the parameter, or if the value is not finite.
         """
@@ -109,7 +109,7 @@ class CheckContext:
         fix: str,
         related: tuple[str, ...] = (),
     ) -> Finding:
-        """Create a finding (a problem of one parameter). Its severity is "note" if only default values cause the problem.
+        """Create a finding. Its severity becomes "note" if only PX4's default values cause the problem.
 
         The reason: a parameter that is not in the file may have another value than the default in the vehicle.
         related: other parameters that the problem depends on.

@@ -1,4 +1,4 @@
-"""Rules for circuit breakers, the attitude failure detector, landing, hover thrust and the geofence. Pure."""
+"""Rules for circuit breakers, attitude failure detector, landing, hover thrust and geofence. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MAX_ARMED_AFTER_LANDING_S = 5.0
 
 
 class _Breaker(NamedTuple):
-    """A circuit breaker parameter of PX4, and the problem that it causes when set.
+    """A circuit breaker parameter of PX4, and the problem that it causes if a user sets it.
 
     since, until: first and last minor version with this problem.
     """
@@ -105,7 +105,7 @@ def circuit_breakers(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def attitude_limits(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if the attitude failure detector is off, or if a normal flight can trigger it."""
+    """Yield a finding if the attitude failure detector is off, or so sensitive that a normal flight triggers it."""
     limits: Mapping[str, float] = {
         name: value for name in ("FD_FAIL_R", "FD_FAIL_P") if (value := ctx.value(name)) is not None
     }

@@ -1,6 +1,7 @@
-"""Rules for the reactions to a loss of setpoints, RC or ground station, and for failsafe actions that are wrong indoors. Pure.
+"""Rules for PX4's reactions to a loss of setpoints, RC or ground station. Pure.
 
-`facts.failsafe_table` has the action of each parameter value. These rules assume a room of about 5 m by 5 m by 3 m.
+They also find failsafe actions that are wrong indoors. `facts.failsafe_table` has the action of each
+parameter value. These rules assume a room of about 5 m by 5 m by 3 m.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _STOPS_MOTORS: tuple[Action, ...] = ("disarm", "terminate")
 
 
 def settings_text(ctx: CheckContext, event: Event, action: Action) -> str:
-    """Return the settings that make PX4 take an action after an event, as text: "NAV_RCL_ACT 4".
+    """Return the parameters that make PX4 take an action after an event, as text: "NAV_RCL_ACT 4".
 
     Returns "" if the PX4 version cannot take the action.
     """
@@ -48,7 +49,7 @@ def expected_text(settings: str, name: str, action: Action) -> str:
 
 
 def current_action(ctx: CheckContext, event: Event) -> Action | None:
-    """Return the action that PX4 takes after an event with the vehicle's current parameters.
+    """Return the action that PX4 takes after an event with the present parameters of the vehicle.
 
     Returns None if the failsafe table does not list these parameter values.
     """
@@ -56,7 +57,10 @@ def current_action(ctx: CheckContext, event: Event) -> Action | None:
 
 
 def _parameter(ctx: CheckContext, event: Event) -> str:
-    """Return the parameter that selects the action for an event; "" if the action is fixed in this PX4 version."""
+    """Return the name of the parameter that selects PX4's action after an event.
+
+    Returns "" if this PX4 version has a fixed action.
+    """
     return next(
         (name for settings in failsafe_actions(event, ctx.version).settings.values() for name in settings), ""
     )
@@ -66,7 +70,7 @@ def _parameter(ctx: CheckContext, event: Event) -> str:
 
 
 def offboard_loss_action(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if PX4's action after lost setpoints is unsafe indoors."""
+    """Yield a finding if PX4's action after a loss of setpoints is unsafe indoors."""
     name, action = "COM_OBL_RC_ACT", current_action(ctx, "offboard_loss")
     land = settings_text(ctx, "offboard_loss", "land")
     expected, fix = expected_text(land, name, "land"), f"set {land} (land)"
@@ -93,7 +97,7 @@ def offboard_loss_action(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def offboard_loss_action_without_rc(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if PX4 does not react to lost setpoints when there is no RC.
+    """Yield a finding if PX4 does not react to a loss of setpoints in a flight without RC.
 
     PX4 1.13 and older have a separate parameter for this case.
     """
@@ -113,7 +117,7 @@ def offboard_loss_action_without_rc(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def offboard_loss_time(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if the time-out for lost setpoints is too short or too long."""
+    """Yield a finding if the time-out for the loss of setpoints is too short or too long."""
     name, value = "COM_OF_LOSS_T", ctx.value("COM_OF_LOSS_T")
     if value is None:
         return
@@ -144,7 +148,7 @@ def offboard_loss_time(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def rc_input(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if PX4 expects RC and the arena has no RC, or if PX4 ignores the arena's RC."""
+    """Yield a finding if PX4 requires RC in an arena without RC, or ignores the RC of an arena with RC."""
     name, value = "COM_RC_IN_MODE", ctx.value("COM_RC_IN_MODE")
     none = rc_input_mode("none", ctx.version)
     if value is None:
@@ -181,7 +185,7 @@ def rc_input(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def rc_loss(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if the loss of RC causes no reaction. Yields nothing if the arena has no RC."""
+    """Yield a finding if PX4 does not react to a loss of RC. Yields nothing in an arena without RC."""
     if not ctx.environment.rc:
         return
     action = current_action(ctx, "rc_loss")
@@ -208,7 +212,7 @@ def rc_loss(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def data_link_loss(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if PX4 reacts to the loss of the ground station even in OFFBOARD, in which a user program flies the vehicle."""
+    """Yield a finding if the loss of the ground station triggers a failsafe in OFFBOARD."""
     name, value = "NAV_DLL_ACT", ctx.value("NAV_DLL_ACT")
     in_offboard = current_action(ctx, "data_link_loss_in_offboard")
     if ctx.minor >= 14 and value and in_offboard not in ("none", None):
@@ -265,7 +269,7 @@ def motors_stop_in_flight(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding for each failsafe that returns to home and first climbs to the height of the ceiling or above."""
+    """Yield a finding for each failsafe whose return to home first climbs to the ceiling or higher."""
     altitude = ctx.value("RTL_RETURN_ALT")
     ceiling = ctx.environment.height_m or _LOW_ROOM_M
     if altitude is None or altitude < ceiling:
@@ -287,7 +291,7 @@ def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def hold_before_failsafe(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if PX4 waits too long after a failure (COM_FAIL_ACT_T) before its failsafe acts.
+    """Yield a finding if PX4 waits too long (COM_FAIL_ACT_T) before a failsafe acts.
 
     Meanwhile the vehicle only holds its position.
     """

@@ -1,4 +1,4 @@
-"""Rules that need only the table of parameters: unknown and renamed parameters, types, ranges. Pure."""
+"""Rules for single parameters: unknown names, renamed parameters, types and ranges. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MAV_PARAM_TYPE = {"INT32": "6 (INT32)", "FLOAT": "9 (FLOAT)"}
 
 
 def unknown_names(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding for each given parameter that this PX4 version does not have or no longer uses.
+    """Yield a finding for each given parameter that does not exist, or has no effect, in this PX4 version.
 
     The finding suggests the parameter's newer or older name, or the most similar name.
     """
@@ -28,9 +28,10 @@ def unknown_names(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def _change_before(name: str, ctx: CheckContext) -> Change | None:
-    """Return the PX4 change since which a parameter has no effect in the vehicle's version; None if there is none.
+    """Return the newest PX4 change that ended the effect of a parameter, or None without such a change.
 
-    PX4 has removed, renamed or redefined the parameter. If PX4 did so several times, the newest change is returned.
+    The change was made in the vehicle's PX4 version or before: PX4 has removed, renamed or redefined the
+    parameter.
     """
     done = [c for c in CHANGES if c.old == name and c.since <= ctx.minor and name not in c.new]
     return done[-1] if done and (done[-1].still_defined or name not in ctx.table) else None
@@ -65,7 +66,7 @@ def _replaced(name: str, value: float, change: Change, ctx: CheckContext) -> Fin
 
 
 def _of_another_version(name: str, value: float, ctx: CheckContext) -> Finding | None:
-    """Return the finding for a parameter that exists only in older or newer PX4 versions; None if it exists in no version."""
+    """Return a finding if a parameter exists only in older or newer PX4 versions, else None."""
     having = [version for version in versions() if name in parameters(version)]
     later = [version for version in having if version.minor > ctx.minor]
     if later:
@@ -103,7 +104,10 @@ def _misspelt(name: str, value: float, ctx: CheckContext) -> Finding:
 
 
 def nearest_name(name: str, version: Version) -> str:
-    """Return the most similar parameter name of this PX4 version, else of any version; "" if there is no similar name."""
+    """Return the most similar parameter name that PX4 has; "" if no name is similar.
+
+    Names of this PX4 version come first, then names of all versions.
+    """
     every = {known for each in versions() for known in parameters(each)}
     for names in (parameters(version).keys(), every):
         if found := difflib.get_close_matches(name.upper(), names, n=1, cutoff=0.85):
@@ -112,7 +116,7 @@ def nearest_name(name: str, version: Version) -> str:
 
 
 def types_and_ranges(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding for each value that does not fit its parameter's type or is outside PX4's limits.
+    """Yield a finding for each value with a wrong type or outside PX4's limits.
 
     A type in the file that differs from PX4's type is a finding, too.
     """
@@ -148,7 +152,7 @@ def types_and_ranges(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def _type_error(value: float, p: Parameter) -> tuple[str, str, str] | None:
-    """Return (expected, problem, why) if the value does not fit the parameter's type, else None."""
+    """Return (expected, problem, reason) if a value does not fit the type of its parameter, else None."""
     if not math.isfinite(value):
         return (
             "a finite number",
@@ -164,15 +168,13 @@ def _type_error(value: float, p: Parameter) -> tuple[str, str, str] | None:
 
 
 def _within(value: float, p: Parameter) -> bool:
-    """Return whether a value is within PX4's limits. The rounding error of a 32-bit float is tolerated."""
+    """Return whether a value is within PX4's limits, with a tolerance for 32-bit rounding."""
     slack = 0.0 if p.type == "INT32" else 1e-6 * max(abs(value), 1e-6)
     return (p.min is None or value >= p.min - slack) and (p.max is None or value <= p.max + slack)
 
 
 def _checked_elsewhere(name: str) -> bool:
     """Return whether `types_and_ranges` must skip the limits of this parameter.
-
-    It does so if the limits do not apply or another rule checks them.
 
     Circuit breakers have their own rule. Counters of flight time can exceed their limits.
     """

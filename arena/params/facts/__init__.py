@@ -1,4 +1,4 @@
-"""Tables of facts about the parameters of PX4 1.9 to 1.18: names and limits, changes between versions, failsafes.
+"""Tables about PX4 parameters of versions 1.9 to 1.18: names, limits, changes between versions, failsafes.
 
 parameter_table    px4_parameters.csv: name, type, unit, default, limits of every parameter, by version
 parameter_changes  parameter_changes.csv: parameters that were removed, renamed or converted between two versions

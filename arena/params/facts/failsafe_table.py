@@ -1,8 +1,9 @@
-"""Table of PX4's failsafes by version: the parameter values of each action, and the delays. Pure apart from reading two files.
+"""Table of PX4's failsafes by version: the parameter values of each action, and the delays.
 
-failsafe_actions.csv has one row per event and span of versions. The column `actions` lists `PARAMETER: action=value ...`, with
-`;` between parts. An action that needs no parameter is listed without a value. These versions cannot take an action that is
-missing in their row; the column `note` gives the reason. In failsafe_delays.csv, seconds = value * scale_s + fixed_s.
+Pure, apart from reading two files. failsafe_actions.csv has one row per event and span of versions. The
+column `actions` lists `PARAMETER: action=value ...`, with `;` between parts. An action that needs no
+parameter is listed without a value. These versions cannot take an action that is missing in their row; the
+column `note` gives the reason. In failsafe_delays.csv, seconds = value * scale_s + fixed_s.
 
 Sources: PX4's commander of v1.9.2, v1.10.2, v1.11.3, v1.12.3, v1.13.3, v1.14.4, v1.15.4, v1.16.0, v1.17.0, and main of 2026-07-08
 for 1.18. `source` names the files below src/modules/commander: up to 1.13 state_machine_helper.cpp and Commander.cpp, from 1.14 on
@@ -87,7 +88,7 @@ EVENTS: Mapping[Event, str] = {
 
 
 class FailsafeActions(NamedTuple):
-    """The actions that PX4 can take after one event, for a span of versions.
+    """Actions that PX4 versions `since` to `until` can take after one event.
 
     since, until: first and last minor version.
     settings: action -> {parameter: value} that selects the action; {} if the action needs no parameter.
@@ -104,7 +105,7 @@ class FailsafeActions(NamedTuple):
 
 
 class FailsafeDelay(NamedTuple):
-    """A delay between an event and the action: seconds = parameter value * scale_s + fixed_s.
+    """A delay of PX4 between an event and its failsafe: parameter value * scale_s + fixed_s [s].
 
     since, until: first and last minor version.
     """
@@ -139,19 +140,22 @@ _RC_PRIORITY_MODES: tuple[tuple[int, int], ...] = ((9, 0), (16, 3), (17, 5), (17
 
 
 def failsafe_actions(event: Event, version: Version | str) -> FailsafeActions:
-    """Return the row of failsafe_actions.csv for an event and a PX4 version: the possible actions and their parameter values."""
+    """Return the actions that a PX4 version can take after an event, with their parameter values.
+
+    This is a row of failsafe_actions.csv.
+    """
     minor = Version.of(version).minor
     return next(row for row in all_actions() if row.event == event and row.since <= minor <= row.until)
 
 
 def supported_actions(event: Event, version: Version | str) -> tuple[Action, ...]:
-    """Return the actions that a PX4 version can take after an event, mildest first."""
+    """Return the actions that a PX4 version can take after an event, mildest action first."""
     settings = failsafe_actions(event, version).settings
     return tuple(action for action in ACTIONS if action in settings)
 
 
 def settings_for(event: Event, action: Action, version: Version | str) -> Mapping[str, int]:
-    """Return the values with which PX4 takes `action` after `event`, as {parameter: value}.
+    """Return {parameter: value} with which PX4 takes `action` after `event`.
 
     Raises InputError with the reason if the version cannot take the action.
     """
@@ -165,7 +169,10 @@ def settings_for(event: Event, action: Action, version: Version | str) -> Mappin
 
 
 def selected_action(event: Event, values: Mapping[str, float], version: Version | str) -> Action | None:
-    """Return the action that the parameter values select for an event, or None if the table does not have these values."""
+    """Return the action that PX4 takes after an event with these parameter values.
+
+    Returns None if the table does not list these values.
+    """
     settings = failsafe_actions(event, version).settings
     for action in ACTIONS:
         if action in settings and all(values.get(name) == value for name, value in settings[action].items()):
@@ -174,13 +181,13 @@ def selected_action(event: Event, values: Mapping[str, float], version: Version 
 
 
 def delays(event: Event, version: Version | str) -> tuple[FailsafeDelay, ...]:
-    """Return the delays that pass between an event and the action, in order."""
+    """Return the delays of PX4 between an event and its failsafe action, in order of time."""
     minor = Version.of(version).minor
     return tuple(d for d in _all_delays() if d.event == event and d.since <= minor <= d.until)
 
 
 def rc_input_mode(source: str, version: Version | str) -> int:
-    """Return the value of COM_RC_IN_MODE for a source of manual control.
+    """Return the value of COM_RC_IN_MODE that selects a source of manual control.
 
     source: radio, joystick, both, first or none.
 
@@ -201,7 +208,7 @@ def rc_input_mode(source: str, version: Version | str) -> int:
 
 
 def rc_priority_modes(version: Version | str) -> tuple[int, ...]:
-    """Return the values of COM_RC_IN_MODE with which a joystick cannot replace a pilot's RC transmitter."""
+    """Return the values of COM_RC_IN_MODE with which an RC transmitter has priority over a joystick."""
     minor = Version.of(version).minor
     return tuple(value for since, value in _RC_PRIORITY_MODES if minor >= since)
 
@@ -247,7 +254,7 @@ def _minor(text: str) -> int:
 
 
 def _settings(text: str) -> Mapping[Action, Mapping[str, int]]:
-    """Parse one field of the column `actions` in failsafe_actions.csv, such as `PARAMETER: action=value ...; PARAMETER: ...`.
+    """Parse a cell of the column `actions` in failsafe_actions.csv: `PARAMETER: action=value ...; ...`.
 
     If PX4 has no parameter that selects the action, the column contains the action alone.
     """

@@ -1,9 +1,10 @@
-"""Parameters that PX4 removed, renamed or redefined between 1.9 and 1.18. Pure apart from reading one file, once.
+"""Parameters that PX4 removed, renamed or redefined between versions 1.9 and 1.18.
 
-parameter_changes.csv lists the parameters that an indoor multicopter can have in an old parameter file. Outputs and mixers
-(PWM_*, CA_*), receivers and other vehicle types are left out. "PX4 converts it itself" means that PX4 converts a stored value
-when the new version starts for the first time. `convert` changes values to the names and numbers of a newer version (never of
-an older one) and reports every change.
+Pure, apart from reading one file, once. parameter_changes.csv lists the parameters that an indoor multicopter
+can have in an old parameter file. Outputs and mixers (PWM_*, CA_*), receivers and other vehicle types are
+left out. "PX4 converts it itself" means that PX4 converts a stored value when the new version starts for the
+first time. `convert` changes values to the names and numbers of a newer version (never of an older one) and
+reports every change.
 
 The column `conversion` defines how a value of the old parameter becomes values of the new parameters:
     (empty)               not converted: no new parameter, or the user must choose a new value
@@ -32,7 +33,7 @@ Conversion = Callable[[float], Mapping[str, float]]
 
 
 class Change(NamedTuple):
-    """A change of PX4 that removed, renamed or redefined one parameter.
+    """A change in PX4 that removed, renamed or redefined one parameter.
 
     old: name of the parameter.
     since: minor version of the change.
@@ -53,7 +54,7 @@ class Change(NamedTuple):
 
 
 class ConvertedParams(NamedTuple):
-    """Result of converting parameters to the names and values of a newer PX4 version.
+    """Parameters that were converted to a newer PX4 version, with notes for the user.
 
     values: parameters of the newer version.
     notes: one sentence for each parameter that was renamed, converted or dropped.
@@ -64,7 +65,10 @@ class ConvertedParams(NamedTuple):
 
 
 def changes(since: Version | str, to: Version | str) -> tuple[Change, ...]:
-    """Return the changes between two versions, oldest first. Raises InputError if `to` is older than `since`."""
+    """Return PX4's parameter changes after version `since` up to version `to`, oldest first.
+
+    Raises InputError if `to` is older than `since`.
+    """
     first, last = (Version.of(v) for v in (since, to))
     if (last.major, last.minor) < (first.major, first.minor):
         raise InputError(
@@ -74,9 +78,10 @@ def changes(since: Version | str, to: Version | str) -> tuple[Change, ...]:
 
 
 def successors(name: str, since: Version | str, to: Version | str) -> tuple[str, ...]:
-    """Return the parameters of version `to` that replace the parameter `name` of version `since`; () if there are none.
+    """Return the names in PX4 version `to` that replace the parameter `name` of version `since`.
 
-    If the parameter has not changed, the result is its own name.
+    The result is () if no parameter replaces it. If the parameter has not changed, the result is its own
+    name.
     """
     names: tuple[str, ...] = (name,)
     for change in changes(since, to):
@@ -86,7 +91,7 @@ def successors(name: str, since: Version | str, to: Version | str) -> tuple[str,
 
 
 def convert(values: Mapping[str, float], since: Version | str, to: Version | str) -> ConvertedParams:
-    """Convert parameters to the names and values of a newer version.
+    """Convert parameters to the names and values of a newer PX4 version.
 
     If `values` already has a new name, that value is kept. Raises InputError if `to` is older than `since`.
     """
@@ -144,7 +149,7 @@ def _keep(low: float, high: float, name: str, value: float) -> Mapping[str, floa
 
 
 def _ekf2_aid_mask(value: float) -> Mapping[str, float]:
-    """Convert the bits of EKF2_AID_MASK to the parameters that replace it.
+    """Convert the bits of EKF2_AID_MASK to the parameters that replace it in newer PX4 versions.
 
     Bits: 1 GNSS, 2 optical flow, 4 no accelerometer bias, 8 vision position, 16 vision yaw, 32 drag, 128 GNSS yaw,
     256 vision velocity.
@@ -160,7 +165,7 @@ def _ekf2_aid_mask(value: float) -> Mapping[str, float]:
 
 
 def _ekf2_hgt_mode(value: float) -> Mapping[str, float]:
-    """Convert EKF2_HGT_MODE, which selects one height source, to the height reference and one switch per source."""
+    """Convert EKF2_HGT_MODE to the parameters that replace it: height reference, and a switch per source."""
     mode = int(value)
     return {
         "EKF2_HGT_REF": mode,
@@ -196,7 +201,7 @@ _FUNCTIONS: Mapping[str, Conversion] = {
 
 
 def _conversion(text: str, new: tuple[str, ...]) -> Conversion | None:
-    """Parse one field of the column `conversion`, which says how the new values of a parameter are computed from the old value."""
+    """Parse a cell of the column `conversion`: the rule from the old value to the new values of a parameter."""
     kind, _, rest = text.partition(" ")
     if not kind:
         return None
@@ -216,7 +221,7 @@ def _conversion(text: str, new: tuple[str, ...]) -> Conversion | None:
 
 
 def _number_table(pairs: list[str]) -> dict[float, float]:
-    """Parse pairs "before=after": ["0=4", "1=5"] to {0: 4, 1: 5}."""
+    """Parse pairs "before=after", such as ["0=4", "1=5"], to a dict, such as {0: 4, 1: 5}."""
     return {int(old): int(new) for old, new in (pair.split("=") for pair in pairs)}
 
 

@@ -1,4 +1,4 @@
-"""The table of PX4's parameters by version, from px4_parameters.csv. Pure apart from reading that file, once.
+"""The table of PX4's parameters by version, read once from px4_parameters.csv.
 
 A row is valid from version `since` to version `until`. All patch releases of a minor version share their rows, which come from
 its last patch release. v1.16.0 and v1.16.2 do not differ.
@@ -44,7 +44,7 @@ class Parameter(NamedTuple):
     reboot: bool
 
     def expected_instead(self, value: float) -> str:
-        """Return "" if the parameter may have this value, else a text that describes the allowed values.
+        """Return a text about the allowed values if `value` is not allowed, else "".
 
         The check is needed because PX4 accepts any number over MAVLink.
         """
@@ -65,7 +65,7 @@ def _range(least: float, most: float) -> str:
 
 @dataclass(frozen=True, order=True)
 class Version:
-    """A minor version of PX4, such as 1.16. The table has one set of parameters per minor version."""
+    """A minor version of PX4, such as 1.16. The parameter table has one parameter set per minor version."""
 
     major: int
     minor: int
@@ -73,7 +73,10 @@ class Version:
 
     @classmethod
     def of(cls, version: Version | str) -> Version:
-        """Return a `Version` unchanged, or parse a text such as 1.16. Raises InputError if the text is not a version of the table."""
+        """Convert a text such as "1.16" to a `Version`; a `Version` is returned unchanged.
+
+        Raises InputError if the version is not in the table.
+        """
         return cls.parse(version) if isinstance(version, str) else version
 
     @classmethod
@@ -94,7 +97,7 @@ class Version:
 
     @property
     def table(self) -> str:
-        """Return the name by which the parameter table lists this version: major and minor number, such as "1.16"."""
+        """Return the name of this version in the parameter table: major and minor number, such as "1.16"."""
         return f"{self.major}.{self.minor}"
 
     def __str__(self) -> str:
@@ -102,9 +105,9 @@ class Version:
 
 
 class Provenance(NamedTuple):
-    """Source of the table's rows for one PX4 version.
+    """Origin of the table's rows for one PX4 version: PX4's tag or commit.
 
-    text: PX4's tag or commit; released: false if this is a development version.
+    text: PX4's tag or commit. released: false if this is a development version.
     """
 
     text: str
@@ -112,18 +115,21 @@ class Provenance(NamedTuple):
 
 
 def versions() -> tuple[Version, ...]:
-    """Return the versions of the table, oldest first."""
+    """Return the PX4 versions of the parameter table, oldest first."""
     return tuple(Version(*map(int, name.split("."))) for name in provenance())
 
 
 def parameters(version: Version | str) -> Mapping[str, Parameter]:
-    """Return parameter name -> parameter of a version. Raises InputError for a version that is not in the table."""
+    """Return {parameter name: definition} of a PX4 version.
+
+    Raises InputError if the version is not in the table.
+    """
     return _parameters(_table(version))
 
 
 @cache
 def parameter(name: str, version: Version | str) -> Parameter:
-    """Return one parameter of a PX4 version.
+    """Return the definition of one parameter in a PX4 version.
 
     Only the rows of this parameter are parsed, because the whole table has thousands of rows.
 
@@ -138,12 +144,18 @@ def parameter(name: str, version: Version | str) -> Parameter:
 
 
 def defaults(version: Version | str) -> Mapping[str, float]:
-    """Return parameter name -> default value of a version. Raises InputError for a version that is not in the table."""
+    """Return {parameter name: default value} of a PX4 version.
+
+    Raises InputError if the version is not in the table.
+    """
     return _defaults(_table(version))
 
 
 def _table(version: Version | str) -> str:
-    """Return the name of a version in the table, such as "1.16". Raises InputError for a version that is not in the table."""
+    """Return the name of a PX4 version in the parameter table, such as "1.16".
+
+    Raises InputError if the version is not in the table.
+    """
     version = Version.of(version)
     if version.table not in provenance():
         raise InputError(f"PX4 {version} is not in the table of parameters. {_known()}")
@@ -156,7 +168,7 @@ def _defaults(table: str) -> Mapping[str, float]:
 
 
 def is_unreleased(version: Version | str) -> bool:
-    """Return whether the table's rows of this PX4 version are from a development version.
+    """Return whether the table's rows of a PX4 version come from a development version.
 
     This is the case if PX4 had not released the version when the table was made.
     """
@@ -166,7 +178,7 @@ def is_unreleased(version: Version | str) -> bool:
 
 @cache
 def provenance() -> Mapping[str, Provenance]:
-    """Return PX4 minor version -> where the rows of that version come from, oldest version first."""
+    """Return {PX4 minor version: origin of its rows in the parameter table}, oldest version first."""
     heads = (found.groups() for line in _parts()[0] if (found := _HEAD.fullmatch(line)))
     return MappingProxyType({name: Provenance(text, mark == "=") for name, mark, text in heads})
 
@@ -190,7 +202,10 @@ def _parameter(row: list[str]) -> Parameter:
 
 @cache
 def _spans() -> tuple[tuple[list[str], int, int], ...]:
-    """Return the rows of the CSV file, each as (columns, first version, last version). A version is its index in `provenance()`."""
+    """Return the rows of px4_parameters.csv as (columns, first version, last version).
+
+    A version is its index in `provenance()`.
+    """
     return _spans_of(_parts()[1][1:])
 
 
@@ -201,7 +216,7 @@ def _spans_of(rows: list[str]) -> tuple[tuple[list[str], int, int], ...]:
 
 @cache
 def _parts() -> tuple[list[str], list[str]]:
-    """Return the comment lines of the CSV file (they name PX4's tags), and the lines of its table."""
+    """Return (comment lines, table lines) of px4_parameters.csv. The comments name PX4's tags."""
     lines = files(__package__).joinpath(CSV).read_text(encoding="utf-8").splitlines()
     head = next(place for place, line in enumerate(lines) if not line.startswith("#"))
     return lines[:head], lines[head:]

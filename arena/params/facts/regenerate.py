@@ -41,7 +41,7 @@ _GENERATED = {
 
 
 class Fact(NamedTuple):
-    """Row of px4_parameters.csv: the properties of one parameter as text."""
+    """Properties of one parameter in px4_parameters.csv, as text."""
 
     type: str
     unit: str
@@ -52,7 +52,7 @@ class Fact(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Content of px4_parameters.csv: the parameters of each PX4 version, and the source file that defines each parameter.
+    """Content of px4_parameters.csv: the parameters of each PX4 version, with the file that defines each parameter.
 
     facts: version -> parameter name -> properties.
     sources: version -> parameter name -> file in PX4's source tree.
@@ -65,7 +65,7 @@ class Table(NamedTuple):
 
 
 def read_xml(data: bytes) -> dict[str, Fact]:
-    """Parse the content of a parameters.xml. Return parameter name -> properties of the parameter."""
+    """Parse a parameters.xml of PX4. Return {parameter name: properties}."""
     found = {}
     for node in ElementTree.fromstring(data).iter("parameter"):
         text = {child.tag: (child.text or "").strip() for child in node}
@@ -84,7 +84,7 @@ def read_xml(data: bytes) -> dict[str, Fact]:
 
 
 def read_json(data: bytes) -> dict[str, Fact]:
-    """Parse the content of a parameters.json. Return parameter name -> properties of the parameter.
+    """Parse a parameters.json of PX4. Return {parameter name: properties}.
 
     Prefer parameters.xml. Up to 1.18 the JSON file sets rebootRequired for parameters that do not need a reboot (14 in 1.16).
     """
@@ -100,7 +100,7 @@ def _row(row: Mapping[str, Any]) -> Fact:
 
 
 def read(path: Path) -> dict[str, Fact]:
-    """Read a parameter file of PX4 (.xml, .json, .xml.xz or .json.xz). Return parameter name -> properties of the parameter."""
+    """Read a parameter file of PX4 (.xml, .json, .xml.xz or .json.xz). Return {parameter name: properties}."""
     data = path.read_bytes()
     name = path.name
     if name.endswith(".xz"):
@@ -140,7 +140,7 @@ def _named(found: dict[str, Fact]) -> dict[str, Fact]:
 
 
 def sources(tree: Path, names: Sequence[str]) -> dict[str, str]:
-    """Return parameter name -> file in PX4's folder `src` that defines the parameter.
+    """Return {parameter name: file in PX4's folder `src` that defines the parameter}.
 
     Some names are not in any file, because PX4's build generates them. Such a name is found by its pattern or
     prefix.
@@ -169,7 +169,7 @@ def sources(tree: Path, names: Sequence[str]) -> dict[str, str]:
 
 
 def load(text: str) -> Table:
-    """Parse the text of px4_parameters.csv."""
+    """Parse the text of px4_parameters.csv to a `Table`."""
     of = {
         line[2:].split(" ", 1)[0]: line[2:].split(" ", 1)[1]
         for line in text.splitlines()
@@ -186,7 +186,10 @@ def load(text: str) -> Table:
 
 
 def dump(table: Table) -> str:
-    """Return the text of px4_parameters.csv. Consecutive versions share a row if the parameter has the same properties in them."""
+    """Return the text of px4_parameters.csv for a `Table`.
+
+    Consecutive PX4 versions share a row if the parameter has the same properties in them.
+    """
     out = io.StringIO()
     order = sorted(table.facts, key=_key)
     out.writelines(f"# {version} {table.of[version]}\n" for version in order)
@@ -221,7 +224,7 @@ def _key(version: str) -> tuple[int, ...]:
 def replaced(
     table: Table, version: str, facts: dict[str, Fact], found: Mapping[str, str], of: str, over: bool
 ) -> Table:
-    """Return a copy of the table with new parameters for one PX4 version.
+    """Return a copy of the table, with the given parameters for one PX4 version.
 
     facts: new parameters of the version.
     found: parameter name -> source file in PX4's tree.

@@ -1,1 +1,1 @@
-"""Generation of the parameters of one PX4 version from an arena's requirements."""
+"""Generation of PX4 parameters of one PX4 version from the requirements of an arena."""

@@ -1,7 +1,7 @@
-"""Generation of the PX4 parameters that configure an arena's failsafes, for one PX4 version. Pure.
+"""Generation of the PX4 parameters that configure an arena's failsafes. Pure.
 
-`facts.failsafe_table` has the parameter values of each action. Events for which the YAML sets only an action
-(`Failsafe.actions`) need no code here.
+The parameters are those of one PX4 version. `facts.failsafe_table` has the parameter values of each action.
+Events for which the YAML sets only an action (`Failsafe.actions`) need no code here.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ def _attitude(w: LineWriter, f: Failsafe) -> Iterator[Line]:
 def _reaction(
     w: LineWriter, key: str, event: Event, action: Action, *, when: str = "", report: bool = True
 ) -> Iterator[Line]:
-    """Yield the parameters with which PX4 takes the failsafe action `action` after `event`.
+    """Yield the parameters that make PX4 take the failsafe action `action` after `event`.
 
     key: key in the YAML's section `failsafe`.
     when: description of the event; "" for that of `EVENTS`.
@@ -180,7 +180,7 @@ def _settings(w: LineWriter, event: Event, action: Action) -> Mapping[str, int]:
 
 
 def _delay(w: LineWriter, key: str, event: Event, name: str, seconds: float, meaning: str) -> Line:
-    """Return the parameter that sets the delay between an event and its failsafe.
+    """Return the parameter that sets PX4's delay between an event and its failsafe action.
 
     seconds: wanted total delay [s]. The fixed delay that PX4 adds to the parameter's value is subtracted.
     """

@@ -1,4 +1,4 @@
-"""Generation of PX4 parameters from requirements, with the names and units of one PX4 version. Pure.
+"""Generation of PX4 parameters from an arena's requirements, for one PX4 version. Pure.
 
 `Generated.not_possible` lists requirements for which a version has no parameter. The module `failsafes` makes the parameters of
 failsafes.
@@ -35,7 +35,7 @@ _OLD_VELOCITY_GAINS = {
 
 
 class Generated(NamedTuple):
-    """Result of `generate`: the parameters of one vehicle, and the requirements that could not be met.
+    """The generated parameters of one vehicle, and the requirements that PX4 cannot meet.
 
     lines: one per parameter, with value and reason.
     not_possible: one sentence per requirement for which this version has no parameter.
@@ -51,7 +51,7 @@ class Generated(NamedTuple):
 
 
 def generate(required: Requirements, version: Version | str) -> Generated:
-    """Return the parameters that meet the requirements in this PX4 version.
+    """Return the PX4 parameters with which a vehicle meets the requirements in this PX4 version.
 
     Parameters that the user sets replace generated parameters of the same name.
     Raises InputError for a version that is not in the table.
@@ -115,7 +115,10 @@ def _sensors(w: LineWriter) -> Iterator[Line]:
 
 
 def _geofence(w: LineWriter) -> Iterator[Line]:
-    """Yield the parameters of a cylindrical geofence that contains the whole box, because PX4 has no box-shaped geofence."""
+    """Yield the parameters of PX4's geofence: a cylinder that contains the whole box of the YAML.
+
+    PX4 has no geofence in the shape of a box.
+    """
     fence = w.required.fence
     if fence is None:
         return

@@ -1,4 +1,4 @@
-"""`Line`, one generated parameter, and `LineWriter`, which makes lines and collects unmet requirements. Pure."""
+"""Helper classes of the parameter generation: `Line`, one parameter, and `LineWriter`. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from arena.params.generation.requirements import Requirements
 
 
 class Line(NamedTuple):
-    """A generated parameter, with the effect of its value and the reason for it.
+    """A generated PX4 parameter, with the effect of its value and the reason for it.
 
     meaning: effect of this value, as text.
     reason: source of the requirement: `arena.yaml:7`, `profile iris`, `arena's default`, ...
@@ -24,7 +24,7 @@ class Line(NamedTuple):
 
 
 class LineWriter:
-    """Creates the `Line`s (generated parameters) of one vehicle, and collects unmet requirements.
+    """Creates the generated parameters (`Line`) of one vehicle, and collects requirements that PX4 cannot meet.
 
     required: requirements of the vehicle.
     version: PX4 version of the vehicle.
@@ -37,16 +37,19 @@ class LineWriter:
         self.not_possible: list[str] = []
 
     def line(self, name: str, value: float, meaning: str, requirement: str) -> Line:
-        """Return a `Line` (a generated parameter) with its name, value and meaning, and the reason why the arena needs this value.
+        """Return a generated parameter, with the reason why the arena needs this value.
+
+        meaning: effect of the value, as text.
 
         requirement: key of `Requirements.reasons`; its value becomes the line's reason.
         """
         return Line(name, value, meaning, self.required.reasons.get(requirement, "arena's default"))
 
     def within_limits(self, name: str, value: float, requirement: str) -> float:
-        """Return `value`, or the nearest value within PX4's limits, rounded if the parameter is an INT32.
+        """Return `value`, or the nearest value that PX4 allows.
 
-        If the value had to change, a sentence is added to `not_possible`.
+        The value is rounded if the parameter is an INT32. If the value had to change, a sentence is added to
+        `not_possible`.
         """
         known = self.known[name]
         accepted = min(

@@ -1,4 +1,4 @@
-"""The requirements of an arena for a vehicle's PX4, independent of the PX4 version. Data only.
+"""The requirements that an arena has for a vehicle's PX4, independent of the PX4 version. Data only.
 
 The defaults of failsafes are defined in `arena.schema.models` only, so every field here must be given.
 """
@@ -20,7 +20,7 @@ ACTION_ONLY_EVENTS: tuple[Event, ...] = tuple(
 
 @dataclass(frozen=True, kw_only=True)
 class Failsafe:
-    """PX4's reaction to each failure or lost connection, and the time before the reaction.
+    """Required reactions of PX4 to failures and lost connections, with the delay of each reaction.
 
     offboard_loss, offboard_loss_after_s: action after this time without setpoints [s].
     position_loss, position_loss_after_s: action after this time without poses [s]; `land` descends without a position estimate.
@@ -47,7 +47,7 @@ class Failsafe:
 
 @dataclass(frozen=True, kw_only=True)
 class FenceCylinder:
-    """A cylindrical geofence around the vehicle's home position.
+    """A geofence in the shape of a cylinder around the vehicle's home position.
 
     radius_m: horizontal distance from home [m].
     height_m: height above home [m].
@@ -72,7 +72,7 @@ class Rotor:
 
 @dataclass(frozen=True, kw_only=True)
 class Requirements:
-    """Everything that an arena requires of one vehicle's PX4.
+    """All requirements of an arena for the PX4 of one vehicle.
 
     system_id: MAVLink system id (MAV_SYS_ID).
     simulated: the vehicle has the simulated body. A real body keeps its own hover thrust, gains, vision delay and noise, rotor

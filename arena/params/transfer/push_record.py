@@ -1,7 +1,8 @@
-"""Record of a push (writing parameters to vehicles), kept in push.json: wanted values, old values, and values written so far.
+"""Record of a push (writing parameters to vehicles) in push.json, with which the push can be resumed.
 
-The record is saved before the first value of a vehicle is written, and repeatedly during the push. A resumed push writes
-`wanted` again, except values that the vehicle already has. `before` keeps the values from before the first attempt.
+It contains the wanted values, the old values, and the values written so far. The record is saved before the
+first value of a vehicle is written, and repeatedly during the push. A resumed push writes `wanted` again,
+except values that the vehicle already has. `before` keeps the values from before the first attempt.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _FORMAT = "arena params push 1"
 
 @dataclass(kw_only=True)
 class VehicleRecord:
-    """Values of one vehicle in the record of a push (writing parameters to vehicles): wanted, old and written so far.
+    """Values of one vehicle in the record of a parameter push: wanted, old and written values.
 
     wanted: parameter -> value that the user wants.
     before: parameter -> old value, for parameters that differed.
@@ -40,7 +41,7 @@ class VehicleRecord:
 
 
 class PushRecord:
-    """Record of a push (writing parameters to vehicles), kept in the file `path`.
+    """Record of a parameter push to several vehicles, kept in the file `path`.
 
     Each `save` replaces the whole file.
     """
@@ -52,7 +53,7 @@ class PushRecord:
     def begin(
         cls, path: Path, wanted: Mapping[str, Mapping[str, float]], at: Mapping[str, str] | None = None
     ) -> PushRecord:
-        """Return the record of a new push. Its file is not written before the first `save`.
+        """Return the record of a new push. The first `save` writes its file.
 
         wanted: vehicle -> {parameter: value}.
         at: vehicle -> address, as text.
@@ -67,7 +68,10 @@ class PushRecord:
 
     @classmethod
     def read(cls, path: Path) -> PushRecord:
-        """Read the record of a push from its file. Raises InputError if the file is missing or is not such a record."""
+        """Read the record of a push from its file.
+
+        Raises InputError if the file is missing or is not the record of a push.
+        """
         try:
             raw = json.loads(path.read_text())
             if raw["format"] != _FORMAT:
@@ -80,12 +84,12 @@ class PushRecord:
 
     @property
     def unfinished(self) -> bool:
-        """True if the push to at least one vehicle has written values, but did not complete."""
+        """True if the push to a vehicle was interrupted after the first value was written."""
         return any(vehicle.written and vehicle.ending != "done" for vehicle in self.vehicles.values())
 
     @property
     def wanted(self) -> dict[str, dict[str, float]]:
-        """Wanted values of the vehicles whose push did not complete: vehicle -> {parameter: value}."""
+        """{vehicle: {parameter: value}} of the vehicles whose push is not complete."""
         return {name: dict(v.wanted) for name, v in self.vehicles.items() if v.ending != "done"}
 
     def update(
@@ -96,7 +100,7 @@ class PushRecord:
         ending: str,
         uid: str = "",
     ) -> bool:
-        """Add new values to the record of one vehicle; return whether the record has changed.
+        """Add new values of one vehicle to the record. Return whether the record has changed.
 
         before: old values. A value that is already in the record is kept.
         """
@@ -113,7 +117,7 @@ class PushRecord:
         return new != old
 
     def save(self) -> None:
-        """Write the file. Raises OSError if the file cannot be written."""
+        """Write the record to its file. Raises OSError if the file cannot be written."""
         vehicles = {name: asdict(vehicle) for name, vehicle in self.vehicles.items()}
         text = json.dumps({"format": _FORMAT, "vehicles": vehicles}, indent=1)
         part = self.path.with_name(f".{self.path.name}.{os.getpid()}")
@@ -129,7 +133,7 @@ class PushRecord:
             raise
 
     def delete(self) -> None:
-        """Remove the file after a complete push."""
+        """Remove the file of the record, after a complete push."""
         self.path.unlink(missing_ok=True)
 
 

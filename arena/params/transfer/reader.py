@@ -1,4 +1,4 @@
-"""Reader of one vehicle's parameters: some by name, or the whole list. Pure.
+"""Reader of one vehicle's parameters over MAVLink: some by name, or the whole list. Pure.
 
 After PARAM_REQUEST_LIST the vehicle sends the whole list. Parameters whose message was lost are then requested by index.
 """
@@ -26,7 +26,7 @@ _MAX_LIST_REQUESTS = 5
 
 
 class ParamReader(Transfer):
-    """Transfer that reads parameters from one vehicle: those with given names, or all of them.
+    """Transfer that reads parameters from one vehicle: those with the given names, or all.
 
     names: names of the parameters to read; None: the vehicle's whole list.
     values: parameter name -> value read.
@@ -105,7 +105,7 @@ class ParamReader(Transfer):
 
 
 class _ParamList:
-    """The part of a vehicle's parameter list that has been received so far.
+    """A vehicle's list of all parameters, as far as it was received.
 
     count: length of the list; 0 while unknown.
     received: index in the list -> parameter name.
@@ -119,23 +119,24 @@ class _ParamList:
 
     @property
     def missing(self) -> list[str | int]:
-        """Return the indices of those parameters in the vehicle's list that have not been received."""
+        """Return the indices of the parameters in the vehicle's list that were not received."""
         return [index for index in range(self.count) if index not in self.received]
 
     def has_stopped(self, now: float) -> bool:
-        """Return whether the vehicle has stopped sending the list: the list is complete, or nothing new has
-        arrived for some time.
+        """Return whether the vehicle has stopped sending its parameter list.
+
+        This is true if the list is complete, or if nothing new has arrived for some time. now: monotonic [s].
         """
         return now - self._new_at >= _LIST_PAUSE_S * max(self.requests, 1) or (
             self.count > 0 and len(self.received) == self.count
         )
 
     def restart(self, now: float) -> None:
-        """Record that the whole list was requested again, and restart the wait for its parameters. now: time of the request [s]."""
+        """Record that the whole list was requested again. now: time of the request [s]."""
         self.requests, self._new_at = self.requests + 1, now
 
     def add(self, value: Value, now: float) -> bool:
-        """Add a received parameter. Return whether the vehicle's total number of parameters has changed.
+        """Add a received parameter to the list. Return whether the vehicle's number of parameters has changed.
 
         After such a change all earlier indices are invalid, so the parameters received before are discarded.
         """
@@ -151,7 +152,7 @@ class _ParamList:
 
 
 def record_answer(window: RequestWindow[str | int], value: Value, now: float) -> None:
-    """Record the arrival of a PARAM_VALUE. It answers two requests: the one with the parameter's name and the one with its index."""
+    """Record that a PARAM_VALUE has arrived, as answer to the requests by its name and by its index."""
     window.answer(value.name, now)
     if value.place != NO_INDEX:
         window.answer(value.place, now)

@@ -1,4 +1,4 @@
-"""Repetition of requests to a vehicle over a lossy link, with several requests in flight. Pure.
+"""Repetition of requests to a vehicle over a lossy link, several requests at a time. Pure.
 
 PX4 does not answer a request for a parameter that it does not have. This looks like a lost packet. A request counts as
 "ignored" after so many unanswered tries that packet loss alone would explain them in one case of a million; the loss of the
@@ -52,12 +52,12 @@ class LinkEstimate:
         self._timeout_s = min(max(self._mean_s + 4.0 * self._deviation_s, _MIN_TIMEOUT_S), _MAX_TIMEOUT_S)
 
     def timeout_s(self, tries: int) -> float:
-        """Return how long to wait for an answer [s] after a request was sent for the `tries`-th time."""
+        """Return how long to wait for an answer [s] after the last of `tries` requests."""
         return self._timeout_s * _BACKOFF ** min(tries - 1, _BACKOFF_STEPS)
 
     @property
     def tries_until_ignored(self) -> int:
-        """Number of unanswered tries after which a request counts as ignored.
+        """Number of unanswered tries after which the vehicle seems to ignore a request.
 
         So many unanswered tries are too improbable to be explained by packet loss.
         """
@@ -68,7 +68,7 @@ class LinkEstimate:
 
 @dataclass(kw_only=True)
 class _Request:
-    """State of one request to a vehicle: how often it was sent, and how long to wait for the answer.
+    """State of one request to a vehicle: number of tries, and time-out of the last try.
 
     tries: number of times that the request was sent.
     sent_at: time of the last try [s].
@@ -86,7 +86,7 @@ class _Request:
 
 
 class RequestWindow(Generic[Key]):
-    """A set of requests, each of which is repeated until it is answered or counts as ignored or lost.
+    """Requests that are repeated until the vehicle answers, ignores them, or the link fails.
 
     keys: one key per request: a parameter name or an index.
     link: measured quality of the link; several windows can share it.
@@ -109,7 +109,7 @@ class RequestWindow(Generic[Key]):
         return [key for key, request in self._requests.items() if request.state in states]
 
     def due(self, now: float) -> list[Key]:
-        """Return the keys of the requests to send now, first or repeated.
+        """Return the keys of the requests to send now, new or repeated.
 
         If all of them are repetitions, the probe is added. An answer to the probe shows that the link works.
         """
@@ -128,7 +128,9 @@ class RequestWindow(Generic[Key]):
         return [key for key, _ in chosen] + ([self._probe] if needs_probe else [])
 
     def answer(self, key: Key, now: float) -> None:
-        """Record an answer to a request. Answers to requests that were not sent, or are closed, are ignored.
+        """Record an answer to a request.
+
+        Answers to requests that were not sent, or are closed, are ignored.
 
         key: key of the request, or of the probe (a request that the vehicle always answers)
         """
@@ -138,13 +140,13 @@ class RequestWindow(Generic[Key]):
             self._close(key, request, "answered")
 
     def refuse(self, key: Key, state: RequestState) -> None:
-        """Close a request to which the vehicle replied with an error. state: new state of the request."""
+        """Close a request that the vehicle has refused. state: new state of the request."""
         request = self._count_answer(key)
         if request is not None:
             self._close(key, request, state)
 
     def _count_answer(self, key: Key) -> _Request | None:
-        """Count an answer, and return the open request with this key.
+        """Count an answer for the link quality, and return its request; None if it is not open.
 
         The answer is ignored and None is returned if the request has not been sent, or is closed. An answer to the probe is
         counted, but None is returned.

@@ -1,8 +1,7 @@
-"""Parameter transfers with many vehicles at the same time. One thread polls all sockets and serial devices.
+"""Parameter transfers with many vehicles at the same time, in one thread.
 
-    pull(targets, names)        read parameters
-    push(targets, wanted)       write parameters that differ
-    reboot(targets)             reboot autopilots, so that new values take effect
+The thread polls all sockets and serial devices. pull(targets, names) read parameters push(targets, wanted)
+write parameters that differ reboot(targets) reboot autopilots, so that new values take effect
 
 If a vehicle cannot be reached, only its own transfer ends. Ctrl-C ends all transfers; the results so far are returned.
 """
@@ -49,7 +48,7 @@ class Traffic:
 
 @dataclass(frozen=True, kw_only=True)
 class PushReport:
-    """Result of writing parameters to one vehicle.
+    """Result of a push (writing parameters) to one vehicle.
 
     ending: "done", or why the transfer ended early.
     results: parameter -> outcome.
@@ -67,17 +66,17 @@ class PushReport:
 
     @property
     def holds(self) -> bool:
-        """True if reading back showed that the vehicle has every wanted value."""
+        """True if reading back has shown that the vehicle has every wanted value."""
         return self.ending == "done" and all(r.outcome in ("same", "written") for r in self.results.values())
 
     def with_outcome(self, *outcomes: Outcome) -> list[str]:
-        """Return the names of the parameters with one of the given outcomes."""
+        """Return the names of the parameters whose outcome is one of `outcomes`."""
         return [name for name, result in self.results.items() if result.outcome in outcomes]
 
 
 @dataclass(frozen=True, kw_only=True)
 class PullReport:
-    """Result of reading the parameters of one vehicle.
+    """Result of a pull (reading parameters) from one vehicle.
 
     ending: "done", or why the transfer ended early.
     why: why the connection could not be opened; "" if it was opened.
@@ -93,7 +92,7 @@ class PullReport:
 
     @property
     def complete(self) -> bool:
-        """True if the transfer was not ended early and no parameter is missing."""
+        """True if every requested parameter was read."""
         return self.ending == "done" and not self.missing
 
 
@@ -106,7 +105,7 @@ def push(
     reboot_names: frozenset[str] = frozenset(),
     on_progress: OnProgress | None = None,
 ) -> dict[str, PushReport]:
-    """Write parameters to vehicles: read the current values, write those that differ, and read them back.
+    """Write parameters to vehicles: read the present values, write those that differ, and read these back.
 
     wanted: vehicle -> {parameter: value}.
     dry_run: only read and compare.
@@ -144,7 +143,10 @@ def pull(
     names: Sequence[str] | None = None,
     on_progress: OnProgress | None = None,
 ) -> dict[str, PullReport]:
-    """Read parameters of every vehicle. names: names of the parameters; None for all parameters."""
+    """Read parameters from vehicles. Return {vehicle: result}.
+
+    names: names of the parameters; None for all parameters.
+    """
 
     def make(name: str, now: float) -> ParamReader:
         uid = UidCheck(targets[name].uid) if targets[name].uid else None
@@ -158,7 +160,7 @@ def pull(
 
 
 def reboot(targets: Mapping[str, ParamTarget]) -> dict[str, str]:
-    """Reboot autopilots. Return vehicle -> why it does not reboot ("" if it reboots)."""
+    """Reboot the autopilots of vehicles. Return {vehicle: why it does not reboot}; "" if it reboots."""
 
     def make(name: str, now: float) -> Rebooter:
         uid = UidCheck(targets[name].uid)
@@ -192,7 +194,7 @@ def _push_report(connection: _Connection[ParamWriter], reboot_names: frozenset[s
 
 
 def _expected_uid(name: str, target: ParamTarget, record: PushRecord | None) -> str:
-    """Return the hardware uid that the vehicle must have.
+    """Return the hardware uid that the vehicle must have, so that no other vehicle is written.
 
     If a push is resumed and its record contains a uid, this uid is returned; otherwise the uid of `target`.
     """
@@ -217,7 +219,7 @@ AnyTransfer = TypeVar("AnyTransfer", bound=Transfer)
 
 
 class _Connection(Generic[AnyTransfer]):
-    """Connection to one vehicle: its transfer, and either its open socket or device, or the error from opening it."""
+    """Connection to one vehicle for a parameter transfer: open socket or device, or the error from opening it."""
 
     def __init__(self, transfer: AnyTransfer, target: ParamTarget) -> None:
         self.transfer, self._no_connection = transfer, ""
@@ -232,7 +234,7 @@ class _Connection(Generic[AnyTransfer]):
 
     @property
     def why(self) -> str:
-        """Text for the user: why the connection could not be opened, or why this is not the expected vehicle; "" if all is well."""
+        """Text about a failed connection or a wrong vehicle, for the user; "" without a problem."""
         return self._no_connection or (self.transfer.uid.problem if self.transfer.uid is not None else "")
 
     @property
@@ -263,7 +265,7 @@ class _Connection(Generic[AnyTransfer]):
 
 
 class _RecordKeeper:
-    """Saves the record of a push to its file while the push runs.
+    """Writer that saves the record of a push to its file while the push runs.
 
     It saves immediately after old values were read, because they may be needed to undo the push.
     Otherwise it saves at most twice per second.
@@ -300,7 +302,7 @@ def _run(
     on_progress: OnProgress | None,
     before_send: BeforeSend[AnyTransfer] | None,
 ) -> dict[str, _Connection[AnyTransfer]]:
-    """Run parameter transfers with several vehicles until all transfers are done.
+    """Run the parameter transfers of several vehicles until all of them have ended.
 
     make: function (vehicle name, monotonic time [s]) that returns the transfer of a vehicle.
     before_send: callback that is called each time before frames are sent.

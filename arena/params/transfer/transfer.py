@@ -43,7 +43,7 @@ Outcome = Literal["same", "written", "refused", "unknown", "unanswered", "differ
 
 
 class ParamResult(NamedTuple):
-    """Outcome of writing one parameter: whether the vehicle has the wanted value, and if not, why.
+    """Outcome of writing one parameter to a vehicle, with its old and new values.
 
     outcome: same: the vehicle already had the value.
         written: the value was set and read back.
@@ -67,7 +67,10 @@ class ParamResult(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """Progress of a transfer. n: steps done; of: total number of steps, 0 while it is unknown."""
+    """Progress of a transfer, for the display.
+
+    n: number of steps done. of: total number of steps; 0 while it is unknown.
+    """
 
     phase: str
     n: int
@@ -75,7 +78,7 @@ class Progress(NamedTuple):
 
 
 class Transfer:
-    """Base class of all transfers.
+    """Base class of a transfer with one vehicle over MAVLink, such as reading its parameters.
 
     Sends this program's heartbeat, tracks the vehicle's heartbeat, and ends on a time-out.
 
@@ -107,11 +110,11 @@ class Transfer:
         raise NotImplementedError
 
     def stop(self) -> None:
-        """End a running transfer as "interrupted"."""
+        """End the transfer with the result "interrupted", unless it has already ended."""
         self.ending = self.ending or "interrupted"
 
     def due(self, now: float) -> list[bytes]:
-        """Return the MAVLink frames that the transfer must send now. now: monotonic time [s]."""
+        """Return the MAVLink frames that must be sent now. now: monotonic time [s]."""
         self._update(now)
         if self.done:
             return []
@@ -126,7 +129,7 @@ class Transfer:
         return frames
 
     def receive(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Handle a received frame; frames of other senders than the vehicle's autopilot are ignored.
+        """Process a received MAVLink frame. Only frames of the vehicle's autopilot have an effect.
 
         data: bytes that contain the frame.
         now: monotonic time [s].
@@ -159,12 +162,12 @@ class Transfer:
             self._check_uid()
 
     def _check_uid(self) -> None:
-        """End the transfer if the hardware uid shows that this is the wrong vehicle."""
+        """End the transfer if the hardware uid shows that a wrong vehicle answers."""
         if self.uid is not None and self.uid.problem:
             self.ending = self.ending or "wrong vehicle"
 
     def _update(self, now: float) -> None:
-        """End the transfer if nothing was received from the vehicle for too long."""
+        """End the transfer if the vehicle has sent nothing for too long. now: monotonic time [s]."""
         if self._received_at is None and now - self._began > CONNECT_TIMEOUT_S:
             self.ending = self.ending or "no connection"
         elif self._received_at is not None and now - self._received_at > VEHICLE_TIMEOUT_S:
@@ -172,7 +175,7 @@ class Transfer:
         self._check_uid()
 
     def _probe(self, now: float) -> Iterable[Message]:
-        """Return a request to which every connected vehicle replies; no request if the vehicle has sent something recently.
+        """Return a request that every vehicle answers, if the vehicle has been silent; else return nothing.
 
         The answer shows that the vehicle is still connected, although a lossy link has dropped messages.
         """
@@ -182,7 +185,7 @@ class Transfer:
         return [request_read(self.system, PROBE)]
 
     def _disarmed(self, now: float) -> bool:
-        """Return whether a recent heartbeat shows that the vehicle is not armed."""
+        """Return whether a recent heartbeat has shown that the vehicle is disarmed."""
         recent = self._heartbeat_at is not None and now - self._heartbeat_at <= VEHICLE_TIMEOUT_S
         return self.armed is False and recent
 
@@ -190,17 +193,19 @@ class Transfer:
         raise NotImplementedError
 
     def _on_value(self, value: Value, now: float) -> None:
-        """Handle a PARAM_VALUE, which may be the answer to a request of another program."""
+        """Process a PARAM_VALUE. It may be the answer to a request of another program."""
 
     def _on_error(self, name: str, error: int, why: str) -> None:
-        """Handle a PARAM_ERROR that is addressed to this program."""
+        """Process a PARAM_ERROR that is addressed to this program."""
 
     def _on_ack(self, data: Buffer, frame: Frame) -> None:
-        """Handle a COMMAND_ACK, which may be addressed to another program."""
+        """Process a COMMAND_ACK. It may be addressed to another program."""
 
 
 class Rebooter(Transfer):
-    """Transfer that reboots a disarmed autopilot with MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN.
+    """Transfer that reboots the autopilot of a disarmed vehicle.
+
+    The command is MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN.
 
     refusal: the autopilot's answer if it refuses; else "".
     """

@@ -1,4 +1,4 @@
-"""Connections to vehicles for parameter transfers, by UDP socket or serial device. They send and receive MAVLink frames."""
+"""Connections to vehicles for parameter transfers, by UDP or serial device. They carry MAVLink frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from arena.wire.mavlink_signing import PARAMS, SignedConnection
 
 @dataclass(frozen=True, kw_only=True)
 class ParamTarget:
-    """Address of a vehicle for a parameter transfer: a UDP address, or a serial device.
+    """Address of a vehicle for a parameter transfer: a UDP address or a serial device.
 
     system: MAVLink system id.
     remote: (host, port) of the vehicle, the only accepted sender; None: the first sender with this system id.
@@ -37,21 +37,26 @@ class ParamTarget:
 
 
 class ParamTransport(Protocol):
-    """Interface of a connection to one vehicle, by UDP or by serial device: receives and sends MAVLink frames."""
+    """Interface of a connection to one vehicle that sends and receives MAVLink frames."""
 
     def fileno(self) -> int: ...
 
     def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
-        """Yield (received bytes, MAVLink frames in these bytes) for all data that has arrived from the vehicle. Never waits."""
+        """Yield (received bytes, MAVLink frames in them) of all data that the vehicle has sent. Never waits."""
 
     def send(self, frame: bytes) -> None:
-        """Send a frame. The frame is dropped if it cannot be sent now, because every request is repeated later."""
+        """Send a MAVLink frame. A frame that cannot be sent now is dropped.
+
+        Every request is repeated later.
+        """
 
     def close(self) -> None: ...
 
 
 class UdpParamTransport:
-    """UDP connection to a vehicle. Without a fixed remote address, the first sender with the vehicle's system id is used.
+    """UDP connection to a vehicle.
+
+    Without a fixed remote address, the first sender with the vehicle's system id is used.
 
     Raises RunError if the local address cannot be bound.
     """
@@ -119,7 +124,10 @@ class SerialParamTransport:
 
 
 class SignedParamTransport:
-    """Connection to a vehicle with a signing key: signs the frames to the vehicle, and ignores frames without a valid signature."""
+    """Connection to a vehicle that signs its MAVLink messages.
+
+    The connection signs frames to the vehicle, and ignores frames without a valid signature.
+    """
 
     def __init__(self, inner: ParamTransport, key: bytes, key_file: str) -> None:
         self._inner, self._timestamps = inner, TimestampFile(key_file)
@@ -143,7 +151,10 @@ class SignedParamTransport:
 
 
 def open_transport(target: ParamTarget) -> ParamTransport:
-    """Open the connection to a vehicle. Raises RunError if the address is in use, or the device or the signing key cannot be opened."""
+    """Open the UDP or serial connection to a vehicle.
+
+    Raises RunError if the address is in use, or the device or the signing key cannot be opened.
+    """
     if not target.key_file:
         return SerialParamTransport(target) if target.device else UdpParamTransport(target)
     try:

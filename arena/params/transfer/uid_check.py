@@ -1,4 +1,4 @@
-"""Check that a transfer is with the right vehicle, by the hardware uid of its autopilot. Pure.
+"""Check by hardware uid that the right vehicle answers. Pure.
 
 Two vehicles may have the same MAVLink system id. Nothing is read from or written to a vehicle before its uid is checked.
 """
@@ -14,7 +14,7 @@ _TRIES = 6
 
 
 class UidCheck:
-    """Check that the hardware uid of one vehicle is the expected one.
+    """Check that the autopilot of a vehicle has the expected hardware uid.
 
     expected: hardware uid in hexadecimal digits; NO_UID; "" for any uid, which is then kept for the whole transfer
     found: uid that the vehicle has sent, or NO_UID; "" before, or if it sends none and any uid is allowed
@@ -31,7 +31,10 @@ class UidCheck:
         self._next = 0.0
 
     def is_due(self, now: float) -> bool:
-        """Return whether to request the vehicle's uid now. Call this method only while the vehicle is connected."""
+        """Return whether the vehicle's uid must be requested now.
+
+        Call this method only while the vehicle is connected. now: monotonic time [s].
+        """
         if self.passed or self.problem or now < self._next:
             return False
         self._next = now + _REQUEST_S
@@ -45,7 +48,7 @@ class UidCheck:
         return False
 
     def receive(self, uid: HardwareUid) -> None:
-        """Process the uid in an AUTOPILOT_VERSION of the vehicle."""
+        """Compare the uid that the vehicle has sent in AUTOPILOT_VERSION with the expected uid."""
         found, expected = str(uid) or NO_UID, self.expected or self.found
         if expected and found != expected and not uid.matches(expected):
             self.problem = f"another vehicle answers: hardware uid {found}, expected {expected}"

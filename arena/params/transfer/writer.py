@@ -1,4 +1,4 @@
-"""Writer of one vehicle's parameters: reads first, writes only the values that differ, and reads them back. Pure.
+"""Writer of one vehicle's parameters over MAVLink: reads, writes values that differ, and reads them back. Pure.
 
     reading -> writing -> (reading parameters that were unknown, after others are written) -> reading back -> done
 
@@ -35,7 +35,7 @@ Step = Literal["unread", "differs", "sent", "acknowledged"]
 
 @dataclass(kw_only=True)
 class _ParamWrite:
-    """State of one parameter that is to be written.
+    """State of one parameter in a push: present value, wanted value and outcome.
 
     given: the value that the caller gave.
     wanted: the value rounded to the parameter's type; equal to `given` until the type is known.
@@ -59,12 +59,15 @@ class _ParamWrite:
     why: str = ""
 
     def close(self, outcome: Outcome, why: str = "") -> None:
-        """Set the final outcome of this parameter. why: reason for the outcome; "" keeps the earlier reason."""
+        """Set the final outcome of this parameter.
+
+        why: reason for the outcome; "" keeps the earlier reason.
+        """
         self.outcome, self.why = outcome, why or self.why
 
     @property
     def holds(self) -> bool:
-        """True if the value last read is the wanted value."""
+        """True if the vehicle has reported the wanted value."""
         return self.new is not None and alike(self.new, self.wanted, self.kind)
 
     @property
@@ -85,7 +88,7 @@ _STEPS_DONE: Mapping[Step, int] = {"unread": 0, "differs": 1, "sent": 1, "acknow
 
 
 class ParamWriter(Transfer):
-    """Transfer that writes parameters to one vehicle: reads the current values, writes those that differ, and reads them back.
+    """Transfer that writes parameters to one vehicle: reads them, writes values that differ, reads these back.
 
     wanted: parameter -> value.
     dry_run: only read and compare; the vehicle may then be armed.
@@ -114,12 +117,12 @@ class ParamWriter(Transfer):
 
     @property
     def result(self) -> dict[str, ParamResult]:
-        """Outcome of each parameter so far, in the order of `wanted`."""
+        """{parameter: outcome so far}, in the order of `wanted`."""
         return {name: param.result for name, param in self._params.items()}
 
     @property
     def before(self) -> dict[str, float]:
-        """Return the old value of each parameter whose value differed from the wanted value before the push.
+        """Return {parameter: old value} of the parameters that differed from the wanted values.
 
         All of them are known before the first value is written.
         """
@@ -127,7 +130,7 @@ class ParamWriter(Transfer):
 
     @property
     def written(self) -> dict[str, float]:
-        """Return parameter -> new value, for the values that the vehicle has acknowledged."""
+        """Return {parameter: new value} of the values that the vehicle has acknowledged."""
         return {
             n: p.wanted
             for n, p in self._params.items()
@@ -136,7 +139,7 @@ class ParamWriter(Transfer):
 
     @property
     def progress(self) -> Progress:
-        """Progress of the transfer. Each parameter has three steps: read, write, read back."""
+        """Progress of the push. Each parameter has three steps: read, write, read back."""
         closed = [
             p.outcome and (self.done or p.outcome not in _MAY_APPEAR_LATER) for p in self._params.values()
         ]
@@ -183,7 +186,7 @@ class ParamWriter(Transfer):
         self._window.refuse(name, "ignored" if error == DOES_NOT_EXIST or writing else "lost")
 
     def _compare(self, param: _ParamWrite, value: Value) -> None:
-        """Compare a value that was read with the wanted value. If they are the same, the parameter needs no writing (outcome `same`)."""
+        """Compare the present value of a parameter with the wanted value. Equal values are not written."""
         param.old = param.new = value.value
         param.kind = value.kind
         try:
@@ -220,10 +223,9 @@ class ParamWriter(Transfer):
             self.ending = "done"
 
     def _read_unknown_again(self) -> bool:
-        """Start to read again the parameters that the vehicle did not have, because PX4 may have them now.
+        """Request the parameters again that the vehicle did not have. Return whether there are any.
 
-        In PX4, some parameters exist only after another parameter has a certain value. Return whether there are parameters
-        to read.
+        In PX4, some parameters exist only after another parameter has a certain value.
         """
         acknowledged = sum(param.step == "acknowledged" for param in self._params.values())
         if acknowledged <= self._acknowledged:
@@ -239,7 +241,7 @@ class ParamWriter(Transfer):
         return self._start("reading", again)
 
     def _check_read_back(self, names: Iterable[str]) -> None:
-        """Compare the parameters that were read back with their wanted values.
+        """Compare the values that were read back with the wanted values.
 
         Mark each one as written, as refused, or to be written again.
 
@@ -269,7 +271,7 @@ class ParamWriter(Transfer):
         return [name for name, param in self._params.items() if not param.outcome and param.step in steps]
 
     def _start(self, phase: Phase, names: list[str]) -> bool:
-        """Start a phase (reading, writing or reading back). Return False if `names` is empty."""
+        """Start a phase of the push: reading, writing or reading back. Return False without parameters."""
         if names:
             self._phase, self._window = phase, self._new_window(names)
         return bool(names)
