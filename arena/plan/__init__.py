@@ -1,4 +1,4 @@
-"""Conversion of an `Arena` (the checked YAML) to a `Plan` (the processes to start, as data).
+"""Converts an `Arena` (the checked YAML) to a `Plan` (all processes to start, as data).
 
 Pure. The package does not import the code of these processes.
 
@@ -18,7 +18,7 @@ __all__ = ["LinkPlan", "Listen", "Plan", "ProcessSpec", "Restart", "VehiclePlan"
 
 
 def __getattr__(name: str) -> Any:
-    """Import `make_plan` only when it is first used, because the modules that it needs (the schema, pydantic) load slowly."""
+    """Import `make_plan` at its first use, because the modules that it needs load slowly."""
     if name == "make_plan":
         from arena.plan.make import make_plan
 

@@ -1,4 +1,4 @@
-"""Checks that need the plan: the processes that tools wait for, and the PX4 parameters that the user sets. Pure."""
+"""Checks of the YAML that need the plan: names under `needs`, PX4 versions, PX4 parameters, rotors. Pure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SIGNS_FROM = "1.18"
 
 
 def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
-    """Check keys of the YAML that can be checked only with the plan: `needs` of a tool, PX4 version, PX4 parameters, rotors.
+    """Check the keys of the YAML that can be checked only with the plan, such as `needs` of a tool.
 
     Raises InputError with every problem found.
 
@@ -39,7 +39,7 @@ def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
 
 
 def _tool_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]:
-    """Find tools with a wrong name under `needs`, the list of processes that must be ready before the tool starts.
+    """Find tools whose list `needs` contains a wrong name. The list names processes that must be ready first.
 
     The name of an unknown process is wrong, and the name of a tool that is listed later in the YAML. Therefore two tools never
     wait for each other.
@@ -64,7 +64,7 @@ def _tool_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]
 
 
 def _program_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]:
-    """Find user programs with a wrong name under `needs`, the list of tools that must be ready before the program starts.
+    """Find user programs whose list `needs` contains a wrong name. The list names tools that must be ready first.
 
     A name is wrong if the arena has no tool with this name. Names of other processes are wrong, too.
     """
@@ -91,7 +91,7 @@ def _rotors(arena: Arena) -> Iterator[Problem]:
 
 
 def _vision_delay(arena: Arena) -> Iterator[Problem]:
-    """Find a latency of the motion capture that is longer than EKF2 can compensate (EKF2_EV_DELAY)."""
+    """Find a motion-capture latency that is longer than EKF2 can compensate with EKF2_EV_DELAY."""
     for v in arena.simulated:
         delay_ms = requirements(arena, v).vision_delay_ms
         known = parameter("EKF2_EV_DELAY", px4_version(v))
@@ -115,7 +115,7 @@ def _versions(arena: Arena) -> Iterator[Problem]:
 
 
 def _parameters(arena: Arena) -> Iterator[Problem]:
-    """Find PX4 parameters under `params` and `measured` in the YAML whose name or value is wrong.
+    """Find PX4 parameters under `params` or `measured` in the YAML with a wrong name or value.
 
     Parameters of a `params_file` are not checked, because the file may come from another vehicle. For hardware, an unknown
     name is allowed if no known name is similar, because the PX4 build may have its own modules.
@@ -131,9 +131,7 @@ def _parameters(arena: Arena) -> Iterator[Problem]:
 
 
 def _radio(arena: Arena) -> Iterator[Problem]:
-    """Find vehicles with an RC transmitter for which the YAML sets COM_RC_IN_MODE to a value that lets PX4 ignore the
-    transmitter.
-    """
+    """Find vehicles with an RC transmitter that PX4 may ignore, because of COM_RC_IN_MODE in the YAML."""
     for v in arena.vehicles:
         value, modes = v.own_params.get("COM_RC_IN_MODE"), rc_priority_modes(px4_version(v))
         if v.radio == "required" and value is not None and value not in modes:
@@ -146,7 +144,7 @@ def _radio(arena: Arena) -> Iterator[Problem]:
 
 
 def _signing(arena: Arena) -> Iterator[Problem]:
-    """Find vehicles with a signing key whose PX4 version does not sign messages."""
+    """Find vehicles with a signing key whose PX4 version cannot sign messages."""
     for v in arena.vehicles:
         version = px4_version(v)
         if v.key_file and Version.parse(version) < Version.parse(_SIGNS_FROM):

@@ -1,4 +1,4 @@
-"""Makes the configuration file (slice) of the copilot, the process that watches all vehicles in flight.
+"""Makes the configuration file (slice) of the copilot, the process that monitors all vehicles.
 
 If a vehicle violates a safety rule of the YAML, the copilot commands hold, land or terminate. Pure.
 """
@@ -57,9 +57,10 @@ def _vehicle(job: Job, v: Vehicle) -> Json:
 
 
 def _walls(arena: Arena, v: Vehicle) -> Json:
-    """Return a box for the vehicle's centre.
+    """Return the box in which the vehicle's centre must stay, so that the vehicle does not touch a wall.
 
-    While the centre is in this box, the vehicle's body does not touch the room's walls.
+    While the centre is in this box, the vehicle's body does not touch the room's walls. The lengths are in
+    metres.
     """
     (north, east, up), radius = arena.world.size, v.profile.radius_m
     n, e = north / 2.0 - radius, east / 2.0 - radius
@@ -67,7 +68,10 @@ def _walls(arena: Arena, v: Vehicle) -> Json:
 
 
 def _captures(arena: Arena) -> list[Json]:
-    """Return the settings of the copilot's motion capture receivers: one receiver per server that sees at least one vehicle."""
+    """Return the settings of the copilot's motion-capture receivers, one per server.
+
+    A server that sees no vehicle has no receiver.
+    """
     found = []
     for simulated in (True, False):
         bodies = [v.mocap_body for v in arena.vehicles if v.simulated is simulated]

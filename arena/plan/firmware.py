@@ -1,4 +1,4 @@
-"""The PX4 parameters that the arena's YAML requires of each vehicle. The code calls them the vehicle's firmware. Pure.
+"""The PX4 parameters that the YAML requires of each vehicle, in the code called its firmware. Pure.
 
 `arena params`, the preflight check of hardware, the start of PX4 SITL and the built-in autopilots all use these functions.
 """
@@ -37,7 +37,9 @@ FORWARDING_MS = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Firmware:
-    """The PX4 parameters that one vehicle must have. `firmware` in arena's code means these parameters, not PX4's program.
+    """The PX4 parameters that one vehicle must have.
+
+    In arena's code, `firmware` means these parameters, not PX4's program.
 
     version: PX4 version whose parameter names are used.
     lines: one entry per parameter, with its value and reason.
@@ -55,7 +57,7 @@ class Firmware:
 
 
 def all_firmware(arena: Arena) -> dict[str, Firmware]:
-    """Return the PX4 parameters that each vehicle must have: vehicle name -> parameters.
+    """Return {vehicle name: PX4 parameters that the vehicle must have}.
 
     Raises InputError for a PX4 version that is not in the parameter table.
     """
@@ -63,7 +65,7 @@ def all_firmware(arena: Arena) -> dict[str, Firmware]:
 
 
 def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
-    """Return the PX4 parameters that a vehicle must have in this arena, each with its value and reason.
+    """Return the PX4 parameters that a vehicle must have, each with its value and reason.
 
     version: PX4 version to use instead of the vehicle's own; "" for the vehicle's own.
     Raises InputError for a PX4 version that is not in the parameter table.
@@ -76,7 +78,7 @@ def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
 
 
 def origins(arena: Arena) -> dict[str, Origin]:
-    """Return the PX4 version and the required parameters of every vehicle, each with the place that its value comes from.
+    """Return the PX4 version and the required parameters of all vehicles, each with the source of its value.
 
     The keys are `vehicles.NAME.px4_version` and `vehicles.NAME.params.PARAMETER`.
     """
@@ -90,7 +92,7 @@ def origins(arena: Arena) -> dict[str, Origin]:
 
 
 class WrittenParamFinding(NamedTuple):
-    """A problem of a parameter that the user wrote.
+    """A problem of a parameter that the user has written in the YAML or in a `params_file`.
 
     place: where the user wrote it, `arena.yaml:7` or the name of the `params_file`.
     """
@@ -101,7 +103,9 @@ class WrittenParamFinding(NamedTuple):
 
 
 def written_param_findings(arena: Arena) -> list[WrittenParamFinding]:
-    """Return the problems of all parameters under `params` and in `params_file`, in the order of the vehicles.
+    """Return the problems of all parameters that the user has written, in the order of the vehicles.
+
+    The user writes parameters under `params` and in `params_file`.
 
     Finds unknown, renamed and removed parameters (with the most similar name), wrong types, and values outside PX4's limits.
     Raises InputError for a PX4 version that is not in the parameter table.
@@ -134,7 +138,7 @@ def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
 
 
 def requirements(arena: Arena, v: Vehicle) -> Requirements:
-    """Return what the YAML requires of one vehicle's PX4 (failsafes, geofence, gains, ...), each with its reason.
+    """Return the requirements of the YAML for one vehicle's PX4, such as failsafes, each with its reason.
 
     `generate` converts the requirements to parameters of a PX4 version.
     """
@@ -165,7 +169,7 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
 
 
 def _declination_deg(arena: Arena, v: Vehicle) -> float | None:
-    """Return the declination of the simulated magnetic field [deg]; None if PX4 uses no simulated magnetometer.
+    """Return the declination of the simulated magnetic field [deg], or None if PX4 uses no magnetometer.
 
     PX4 uses no magnetometer if a pose forwarder sends it poses, because it takes the heading from the poses.
     """
@@ -176,7 +180,7 @@ def _declination_deg(arena: Arena, v: Vehicle) -> float | None:
 
 
 def _for_autopilot(required: Requirements, autopilot: str) -> Requirements:
-    """Return the requirements without those for which the autopilot has no parameters.
+    """Return the requirements for which the autopilot has parameters.
 
     The built-in autopilot has none for rotor geometry and RC mapping, because it reads both from the vehicle's profile.
     """
@@ -184,8 +188,9 @@ def _for_autopilot(required: Requirements, autopilot: str) -> Requirements:
 
 
 def unmeasured(arena: Arena, vehicle: Vehicle, version: str = "") -> dict[str, float]:
-    """Return the parameters that depend on a real vehicle's body (gains, hover thrust, ...), and that the user has neither
-    measured nor set in the YAML. arena does not write them, because its own values are those of the simulated body.
+    """Return parameters of a real vehicle's body that the user has neither measured nor set, such as gains.
+
+    arena does not write them, because its own values are those of the simulated body.
 
     Return parameter name -> value of the simulated body, for comparison; {} for a simulated vehicle.
     version: as in `firmware`.
@@ -199,7 +204,7 @@ def unmeasured(arena: Arena, vehicle: Vehicle, version: str = "") -> dict[str, f
 
 
 def _checked_lines(arena: Arena, v: Vehicle, made: Generated) -> tuple[Line, ...]:
-    """Return the required parameters, without those that the preflight check must not compare with the autopilot's values.
+    """Return the parameters whose values the preflight check must compare with those of the autopilot.
 
     For hardware with `preflight.params: false`, only the parameters that the user wrote are left.
     """
@@ -249,7 +254,7 @@ def _fence(arena: Arena, v: Vehicle) -> FenceCylinder | None:
 
 
 def requirements_failsafe(given: FailsafeKeys, *, has_sticks: bool) -> Failsafe:
-    """Return the failsafe actions that a vehicle's PX4 must be set to, from the section `failsafe` of the YAML.
+    """Return the required failsafe actions of a vehicle's PX4, from the section `failsafe` of the YAML.
 
     has_sticks: whether the vehicle has an RC transmitter.
     """

@@ -1,5 +1,6 @@
-"""Decides whether world, motion capture, forwarders, router and recorder of a simulated arena run in one process (fused arena),
-and converts a plan to it. Pure.
+"""Fused arena: one process contains the world, motion capture, forwarders, router and recorder. Pure.
+
+This module decides whether a simulated arena is fused, and converts its plan.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ REAL_TIME_FROM = 5
 
 
 def is_fused(arena: Arena) -> bool:
-    """Return whether world, motion capture, forwarders, router and recorder run in one process.
+    """Return whether the arena is fused: world, motion capture, forwarders, router and recorder in one process.
 
     Raises InputError if the YAML asks for one process and this is not possible.
     """
@@ -32,8 +33,7 @@ def is_fused(arena: Arena) -> bool:
 
 
 def why_many(arena: Arena) -> str:
-    """Return why world, motion capture, forwarders, router and recorder run as separate processes; "" if all of them run in one
-    process.
+    """Return why the arena is not fused (its parts run as separate processes); "" if it is fused.
 
     Raises InputError if the YAML asks for one process and this is not possible.
     """
@@ -42,7 +42,7 @@ def why_many(arena: Arena) -> str:
     if others:
         reason = f"{others[0].name} has autopilot: {others[0].autopilot}, which needs processes of its own"
         if asked == "one":
-            raise InputError(f"sim.processes: got one, but {reason}. Try auto or many.")
+            raise InputError(f"sim.processes: got `one`, but {reason}. Try `auto` or `many`.")
         return reason
     if asked == "many":
         return "sim.processes is many"
@@ -60,7 +60,7 @@ def _why_many_in_real_time(arena: Arena) -> str:
 
 
 def why_one(arena: Arena) -> str:
-    """Return why world, motion capture, forwarders, router and recorder run in one process. Call this function only for such an arena."""
+    """Return why the arena is fused (its parts run in one process). Call this function only for a fused arena."""
     if arena.sim.processes == "one":
         return "sim.processes is one"
     if arena.sim.speed == 1.0:
@@ -69,15 +69,18 @@ def why_one(arena: Arena) -> str:
 
 
 def could_be_member(process: str) -> bool:
-    """Return whether this process is `world`, or one that a fused arena runs inside `world` (motion capture, forwarder, router,
-    recorder).
+    """Return whether this process is `world`, or a process that a fused arena runs inside `world`.
+
+    These are motion capture, forwarders, router and recorder.
     """
     kind = process.partition(".")[0]
     return kind == "world" or kind in _MEMBERS
 
 
 def fuse(arena: Arena, processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, ...]:
-    """Return the processes of a plan after joining motion capture, forwarders, router and recorder with the process `world`.
+    """Join the processes of a plan to one process `world`: motion capture, forwarders, router, recorder.
+
+    Return the new list of processes.
 
     A process that waits for a joined process then also waits for `world`, and for the processes that the joined process
     waited for, such as PX4.
@@ -97,8 +100,9 @@ def fuse(arena: Arena, processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, .
 def fused_slices(
     arena: Arena, made: dict[str, dict[str, Any]], processes: Sequence[ProcessSpec]
 ) -> dict[str, dict[str, Any]]:
-    """Return the configuration files (slices) of a fused arena, and one more file that lists the processes which run inside
-    `world`.
+    """Return the configuration files (slices) of a fused arena: {file name: content}.
+
+    One more file lists the processes that run inside `world`.
 
     The world keeps the simulation time stopped until all user programs in Python use the simulation clock. With a copilot the
     world does not wait, because the copilot needs simulation time to become ready. The same holds for MAVROS if a program waits

@@ -1,4 +1,4 @@
-"""Functions for the addresses of a vehicle's MAVLink links, and `Job`, the input for planning one process.
+"""`Job`, the input for planning one process, and functions for addresses of MAVLink links.
 
 Pure.
 """
@@ -19,8 +19,7 @@ Address = list[Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """Input of the functions that describe one process of the plan: the arena, the vehicle or group of the process, and its PX4
-    parameters.
+    """Input for planning one process: the arena, the vehicle or group of the process, and PX4 parameters.
 
     fleet: vehicle name -> PX4 parameters that the vehicle must have.
     python: path of the Python interpreter for arena's processes and `.py` programs.
@@ -36,12 +35,12 @@ class Job:
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
-        """Return the vehicles of the group whose programs run in this process."""
+        """Return the vehicles whose programs run in this process, which belongs to a group."""
         return self.arena.groups[self.group]
 
     @property
     def v(self) -> Vehicle:
-        """Return the vehicle that this process belongs to. Raises ValueError if the process belongs to no single vehicle."""
+        """Return the vehicle of this process. Raises ValueError for a process without a vehicle."""
         if self.vehicle is None:
             raise ValueError(
                 "cannot plan the process: got no vehicle, expected the vehicle that the process belongs to"
@@ -50,17 +49,20 @@ class Job:
 
     @property
     def firmware(self) -> Firmware:
-        """Required PX4 parameters of this process's vehicle. They are called firmware because they depend on the PX4 version."""
+        """Required PX4 parameters of this process's vehicle.
+
+        They are called firmware because they depend on the PX4 version.
+        """
         return self.fleet[self.v.name]
 
 
 def program_args(arena: Arena, v: Vehicle) -> tuple[str, ...]:
-    """Return the arguments of a vehicle's program, with the values of their placeholders."""
+    """Return the arguments of a vehicle's program, with placeholders replaced by their values."""
     return tuple(filled(text, arena, v) for text in v.program.args) if v.program else ()
 
 
 def link_of(arena: Arena, vehicle: Vehicle, name: str) -> LinkPlan:
-    """Return the addresses of one MAVLink link of a vehicle.
+    """Return the two addresses of a MAVLink link of a vehicle: the autopilot's and its partner's.
 
     name: router, vision (to the pose forwarder), panic (to land-all) or ground (to the router, for ground stations).
     """
@@ -84,12 +86,15 @@ def _autopilot_host(arena: Arena, vehicle: Vehicle) -> str:
 
 
 def flies_px4_sitl(arena: Arena, vehicle: Vehicle) -> bool:
-    """Return whether PX4 SITL flies the vehicle. False for arena's PX4 stand-in, the built-in autopilot and flight controllers."""
+    """Return whether a real PX4 SITL flies the vehicle.
+
+    False for arena's PX4 stand-in, the built-in autopilot and flight controllers.
+    """
     return vehicle.autopilot == "px4" and arena.px4 is not None and not arena.px4.stand_in
 
 
 def autopilot_ends(arena: Arena, vehicle: Vehicle) -> Json:
-    """Return the addresses that an autopilot uses for its MAVLink links: link name -> local and remote address."""
+    """Return the addresses of an autopilot's MAVLink links: {link name: local and remote address}."""
     names = ("router", "vision", "panic", *(("ground",) if vehicle.has_ground_link else ()))
     links = {name: link_of(arena, vehicle, name) for name in names}
     return {
@@ -102,8 +107,9 @@ def autopilot_ends(arena: Arena, vehicle: Vehicle) -> Json:
 
 
 def partner_end(link: LinkPlan) -> Json:
-    """Return the `local` and `remote` address of the process at the other end of an autopilot's link: the
-    router, the pose forwarder or land-all.
+    """Return the `local` and `remote` address of a MAVLink link, as seen by the autopilot's partner.
+
+    The partner is the router, the pose forwarder or land-all.
     """
     return {
         "local": [link.partner_host, link.partner_port],

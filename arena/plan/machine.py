@@ -1,4 +1,4 @@
-"""Checks of this machine before an arena starts: free ports, pybullet, devices, the commands of tools."""
+"""Checks of this computer before an arena starts: free ports, pybullet, devices, the commands of tools."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MOST_PORTS_SHOWN = 4
 
 
 class Probe(Protocol):
-    """Interface through which the checks inspect a computer. Tests implement it without a real computer."""
+    """Interface through which the checks inspect a computer. Tests replace it."""
 
     def has_module(self, name: str) -> bool: ...
 
@@ -36,11 +36,11 @@ class Probe(Protocol):
     def has_device(self, path: str) -> bool: ...
 
     def refusal(self, address: str, port: int) -> str:
-        """Return the reason why a UDP port cannot be bound; "" if the port is free."""
+        """Return why a UDP port cannot be bound; "" if the port is free."""
         ...
 
     def holder(self, address: str, port: int) -> str:
-        """Return the process that has bound a UDP port: `pid 123 (qgroundcontrol)`; "" if the kernel does not reveal it."""
+        """Return the process that has bound a UDP port, such as `pid 123 (qgroundcontrol)`; "" if unknown."""
         ...
 
 
@@ -54,7 +54,10 @@ class Machine:
         return shutil.which(name if "/" not in name else str(Path(folder) / name)) is not None
 
     def has_ros_package(self, name: str) -> bool:
-        """Return whether a ROS 2 package is in the ament index of a folder in AMENT_PREFIX_PATH (REP 114, ament_index)."""
+        """Return whether a ROS 2 package is installed.
+
+        It is searched in the ament index of all folders in AMENT_PREFIX_PATH (REP 114, ament_index).
+        """
         folders = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
         return any(Path(each, _AMENT_INDEX, name).exists() for each in folders if each)
 
@@ -85,7 +88,7 @@ class Machine:
 
 @dataclass(frozen=True, kw_only=True)
 class AddressChoice:
-    """IP address that `choose_address` has chosen for the processes of an arena whose YAML has no `address`.
+    """Address that was chosen for an arena whose YAML sets no `address`, and the reason.
 
     address: first loopback address whose ports are free.
     why: sentence that explains why it is not the default address; "" if it is the default address.
@@ -96,7 +99,9 @@ class AddressChoice:
 
 
 def choose_address(plan: Plan, runs: Mapping[str, str], probe: Probe) -> AddressChoice:
-    """Return the first free loopback address, starting at the plan's address (127.0.0.1, 127.0.0.2, ...).
+    """Return the first loopback address whose ports are free: 127.0.0.1, 127.0.0.2, ...
+
+    The search begins at the plan's address.
 
     plan: the plan for the default address.
     runs: address -> description of the arena that runs there.
@@ -116,7 +121,7 @@ def choose_address(plan: Plan, runs: Mapping[str, str], probe: Probe) -> Address
 
 
 def _use_of(plan: Plan, address: str, runs: Mapping[str, str], probe: Probe) -> str:
-    """Return a description of the arena or process that uses an address; "" if the address is free."""
+    """Return which arena or process uses an address, as text; "" if the address is free."""
     if address in runs:
         return runs[address]
     for _, bound_to, port in _wanted(plan):  # what is bound to every address is not moved by another one
@@ -126,7 +131,7 @@ def _use_of(plan: Plan, address: str, runs: Mapping[str, str], probe: Probe) -> 
 
 
 def check_machine(arena: Arena, plan: Plan, probe: Probe | None = None) -> None:
-    """Check that this computer has everything that the arena needs: free ports, pybullet, devices, commands of tools.
+    """Check that this computer has everything that the arena needs, such as free ports and pybullet.
 
     Raises NotInstalledError if only software is missing, else InputError. The message lists every problem.
     """
@@ -153,7 +158,7 @@ def _missing(arena: Arena, probe: Probe) -> Iterator[str]:
 
 
 def _lacks(arena: Arena, tool: Tool, probe: Probe) -> str:
-    """Return what is missing on this computer for a tool, and how to get it; "" if nothing is missing."""
+    """Return what a tool needs and this computer does not have, with advice; "" if nothing is missing."""
     if tool.ros2 is not None and not probe.has_module("cyclonedds"):
         return "the package cyclonedds is missing: pip install 'flying-arena[ros2]'"
     if tool.argv[0] in MODULES:  # run by the interpreter of the arena's processes
@@ -181,7 +186,7 @@ def _wanted(plan: Plan) -> list[tuple[str, str, int]]:
 
 
 def _taken(arena: Arena, plan: Plan, probe: Probe) -> Iterator[str]:
-    """Yield one sentence per problem: an address where other processes use ports of the arena, or a serial device that does not exist."""
+    """Yield a sentence for each port that is in use, and for each serial device that does not exist."""
     held: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for process, address, port in _wanted(plan):
         if why := probe.refusal(address, port):

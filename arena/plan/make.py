@@ -1,4 +1,7 @@
-"""`make_plan`: Arena -> Plan. Pure: the same arena and interpreter always give the same plan."""
+"""`make_plan` converts an `Arena` to a `Plan`. Pure.
+
+The same arena and interpreter always give the same plan.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ from arena.schema import Arena, Vehicle
 
 
 def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
-    """Return the plan of an arena: its processes with their configuration files, in start order.
+    """Return the plan of an arena: its processes in start order, with their configuration files.
 
     python: path of the Python interpreter for arena's processes and `.py` programs.
     Raises InputError with every problem of PX4 parameters, PX4 versions and the needs of tools.
@@ -58,7 +61,7 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
 
 
 def without_report(plan: Plan) -> Plan:
-    """Return the plan of a run without summary and plots: instead of the report, a task writes only the CSV logs."""
+    """Return the plan of a run that writes only CSV logs at the end, without summary and plots."""
     argv = (sys.executable, "-m", "arena.flight_log", "{run}")
     return dataclasses.replace(
         plan, report=_task("logs", argv, nice=10, cpu_budget=1.0, memory_budget_mb=300.0)
@@ -73,7 +76,7 @@ def process_names(arena: Arena) -> list[str]:
 
 
 def _slices(job: Job) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield (file name, content) of the JSON configuration (slice) of each process that has one.
+    """Yield (file name, content) of the configuration file (slice) of each process that has one.
 
     A vehicle without a program gets the program's file, too, because the user may start a program by hand.
     """

@@ -1,4 +1,6 @@
-"""Data classes of the plan: the processes of a run and their settings. `make_plan` creates a plan, and the supervisor runs it.
+"""Data classes of the plan: the processes of a run, and their settings.
+
+`make_plan` creates a plan, and the supervisor runs it.
 
 Text in argv, env, cwd and slices may hold placeholders that only a run can fill:
     {run}  the run folder, absolute       {rt}  the runtime folder, for local sockets and shared pages
@@ -18,7 +20,7 @@ PROGRAMS = ("program", "group")
 
 @dataclass(frozen=True, kw_only=True)
 class Restart:
-    """Restart policy of a process: when and how often the supervisor starts it again after it has exited.
+    """Restart policy of a process: when and how often the supervisor restarts it after its exit.
 
     mode: when an exit is followed by a restart.
     limit: number of starts within window_s [s] after which the process becomes FATAL.
@@ -33,7 +35,10 @@ class Restart:
 
 @dataclass(frozen=True, kw_only=True)
 class Listen:
-    """A port that a process binds. protocol: udp or tcp; what: what the port is for, as shown to the user."""
+    """A port that a process binds.
+
+    protocol: udp or tcp. what: purpose of the port, as shown to the user.
+    """
 
     protocol: Literal["udp", "tcp"]
     address: str
@@ -43,7 +48,7 @@ class Listen:
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """Part of the arena that has no process of its own.
+    """Part of the arena that runs inside another process, such as a program in the process of its group.
 
     It runs inside the process `world` (fused arena), or is a user program
     in the process of a group. name, kind, vehicle: as in `ProcessSpec`.
@@ -56,7 +61,7 @@ class Member:
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessSpec:
-    """A process, with everything that the supervisor needs to start, watch and stop the process.
+    """Description of a process: everything that the supervisor needs to start, monitor and stop it.
 
     needs: names of the processes that must be READY first.
     ready: condition for READY: `reported` (the process sends READY), `started` (exec succeeded; for programs and tools),
@@ -101,12 +106,12 @@ class ProcessSpec:
 
     @property
     def is_program(self) -> bool:
-        """True for a user's program: that of one vehicle, or that of a group."""
+        """True for the process of a user program, or of a group of user programs."""
         return self.kind in PROGRAMS
 
     @property
     def flies(self) -> tuple[str, ...]:
-        """Return the vehicles that this program flies; () for other processes."""
+        """Return the vehicles that this program flies; () if the process is not a program."""
         if not self.is_program:
             return ()
         own = (self.vehicle, *(m.vehicle for m in self.members))
@@ -115,9 +120,9 @@ class ProcessSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class LinkPlan:
-    """Both ends of a UDP MAVLink link: the autopilot, and its partner (router, pose forwarder or land-all).
+    """Both addresses of a MAVLink link over UDP: the autopilot's, and its partner's.
 
-    Hosts are numeric addresses.
+    The partner is the router, the pose forwarder or land-all. Hosts are numeric addresses.
     """
 
     autopilot_host: str
@@ -128,7 +133,7 @@ class LinkPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePlan:
-    """Names and addresses of one vehicle, for land-all, tools and the live table in the terminal.
+    """Names and addresses of one vehicle, as land-all, tools and the live table need them.
 
     id: MAVLink system id (MAV_SYS_ID). radio: `required` if a pilot has an RC transmitter.
     axes_check: `required` if a real vehicle must pass `arena preflight` before it can arm, `none` if not; "" for vehicles
@@ -156,8 +161,7 @@ _REMOVED_KEYS = frozenset({"logger_port"})
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Everything that the supervisor needs for one run: processes, their configuration files, and the
-    commands for landing and for the report.
+    """Plan of one run, for the supervisor: all processes, their configuration files, and the tasks at the end.
 
     slices: file name in the run's folder `slices/` -> configuration of one process, as a JSON object.
     land: task that lands all vehicles; the supervisor runs it before it stops processes while a vehicle may be flying.
@@ -178,11 +182,14 @@ class Plan:
 
     @property
     def is_replay(self) -> bool:
-        """True for a replay. A plan with a real vehicle is never treated as one, whatever `replay` says."""
+        """True if this is the plan of a replay. A plan with a real vehicle is never a replay."""
         return bool(self.replay) and all(v.simulated for v in self.vehicles)
 
     def to_json(self) -> str:
-        """Return the plan as JSON, the text of `plan.json`. `from_json` reads the same plan back."""
+        """Return the plan as JSON, the content of `plan.json`.
+
+        `from_json` converts this text to an equal plan.
+        """
         return json.dumps(dataclasses.asdict(self), indent=1)
 
     @classmethod
@@ -200,7 +207,7 @@ class Plan:
 
 
 def _without_removed_keys(vehicle: dict[str, Any]) -> dict[str, Any]:
-    """Return a vehicle of plan.json without the keys of older versions of arena."""
+    """Return a vehicle of an old plan.json without the keys that arena no longer has."""
     return {key: value for key, value in vehicle.items() if key not in _REMOVED_KEYS}
 
 

@@ -1,7 +1,8 @@
-"""List of all sockets that a run opens, taken from its plan, and of the senders that each socket accepts. Pure.
+"""List of all sockets that a run opens, and of the senders that each socket accepts. Pure.
 
-The list contains the ports of `arena.schema.ports.PORTS`, multicast ports that receivers share, ports that the kernel chooses
-for requests (port 0), and the Unix sockets in the run's private folder.
+The list is made from the plan. The list contains the ports of `arena.schema.ports.PORTS`, multicast ports
+that receivers share, ports that the kernel chooses for requests (port 0), and the Unix sockets in the run's
+private folder.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _ANSWERS = {(binder.kind, port.name): binder.answers for port in PORTS for binde
 
 @dataclass(frozen=True, kw_only=True)
 class OpenSocket:
-    """A socket that a run opens: the process that opens it, its address, its purpose, and the senders that it accepts.
+    """A socket that a run opens: its process, address, purpose and accepted senders.
 
     process: name of the process that opens the socket.
     address: numeric host address; for a `unix` socket its path.
@@ -45,7 +46,7 @@ class OpenSocket:
 
     @property
     def local(self) -> bool:
-        """True if no other computer can reach the socket."""
+        """True if programs on other computers cannot reach the socket."""
         return self.protocol == "unix" or (self.interface or self.address).startswith("127.")
 
 
@@ -63,7 +64,10 @@ def open_sockets(plan: Plan) -> tuple[OpenSocket, ...]:
 
 
 def open_lines(plan: Plan) -> list[str]:
-    """Return the lines `open: ...` for all sockets that other computers can reach. Ports of the same use are in one line."""
+    """Return the lines `open: ...` about all sockets that other computers can reach.
+
+    Ports for the same use are in one line.
+    """
     found = [opened for opened in open_sockets(plan) if not opened.local and opened.port]
     lines: dict[tuple[str, str, str, str], list[OpenSocket]] = {}
     for opened in found:
@@ -114,8 +118,9 @@ def _server_sockets(plan: Plan, name: str) -> Iterator[SocketUse]:
 
 
 def _other_sockets(plan: Plan, spec: ProcessSpec, kind: str, slice_: dict[str, Any]) -> Iterator[OpenSocket]:
-    """Yield the sockets that are neither listed in `PORTS` nor used for motion capture: Unix sockets, and UDP sockets that only
-    send.
+    """Yield the sockets that are neither in the table `PORTS` nor used for motion capture.
+
+    These are Unix sockets, and UDP sockets that only send.
 
     kind, slice_: kind and configuration of the process, or of one member that runs inside the process.
     """
@@ -145,12 +150,12 @@ def _other_sockets(plan: Plan, spec: ProcessSpec, kind: str, slice_: dict[str, A
 
 
 def _option(argv: Sequence[str], name: str) -> str:
-    """Return the value of an option in a command line; "" without it."""
+    """Return the value of an option in a command line; "" if the option is missing."""
     return next((value for key, value in itertools.pairwise(argv) if key == name), "")
 
 
 def _captures(slice_: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the settings of all motion capture receivers in a slice."""
+    """Return the settings of all motion-capture receivers in a configuration file (slice)."""
     found = slice_.get("captures", slice_.get("capture"))
     return [found] if isinstance(found, dict) else list(found or ())
 

@@ -40,7 +40,7 @@ may come every 5 s. A process that only waits for data still reports, so a longe
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessKind:
-    """A row of the process table: a kind of process, and how to make its `ProcessSpec`.
+    """A row of the process table: a kind of process, and functions that make its `ProcessSpec`.
 
     kind: name of the process, or with `per_vehicle` the first part of `kind.VEHICLE`.
     module: package that `python -m` runs with the path of the slice; "" if the user gives the command.
@@ -71,7 +71,7 @@ class ProcessKind:
     command: Callable[[Job, str], tuple[str, ...]] | None = None
 
     def name(self, job: Job) -> str:
-        """Return the name of the process."""
+        """Return the name of the process for this job, such as `forward.uav1`."""
         owner = job.group or (job.vehicle.name if job.vehicle is not None else "")
         return f"{self.kind}.{owner}" if owner else self.kind
 
@@ -106,7 +106,7 @@ def _copilot_fields(job: Job) -> dict[str, Any]:
 
 
 def required_copilot(arena: Arena) -> tuple[str, ...]:
-    """Return ("copilot",) if vehicles must not fly without the copilot, else ().
+    """Return ("copilot",) if the YAML forbids flights without the copilot, else ().
 
     With `on_loss: warn` vehicles may fly without the copilot.
     """
@@ -140,7 +140,9 @@ def _needs_of_program(job: Job, v: Vehicle) -> tuple[str, ...]:
 
 
 def _program_command(job: Job, name: str) -> tuple[str, ...]:
-    """Return the command line of the user program. A `.py` file runs in arena's Python, and any other file as an executable.
+    """Return the command line of a user program.
+
+    A `.py` file runs in arena's Python interpreter, and any other file as an executable.
 
     A `.py` file also gets `--uav FILE`. An executable gets only the arguments of the YAML, because it may refuse other options.
     """
@@ -309,7 +311,10 @@ TABLE: tuple[ProcessKind, ...] = (
 
 
 def jobs(row: ProcessKind, job: Job) -> Iterator[Job]:
-    """Yield one `Job` (all that is needed to describe one process) for each process of this kind in the arena."""
+    """Yield a `Job` for each process of this kind in the arena.
+
+    A `Job` contains all that is needed to describe one process.
+    """
     arena = job.arena
     if row.per_group:
         for group in arena.groups:
@@ -323,7 +328,7 @@ def jobs(row: ProcessKind, job: Job) -> Iterator[Job]:
 
 
 def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
-    """Return the `ProcessSpec` of one process: all that the supervisor needs to start, watch and stop the process."""
+    """Return the `ProcessSpec` of one process, from its row in the process table."""
     vehicle, name = job.vehicle, row.name(job)
     argv = (job.python, "-m", row.module, f"{{run}}/slices/{name}.json")
     fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), "outlives": True}
@@ -348,13 +353,15 @@ def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
 
 
 def _group_listens(job: Job) -> Iterator[Listen]:
-    """Yield the UDP ports that the process of a group binds: one per vehicle, for the MAVLink messages of its program."""
+    """Yield the UDP ports that the process of a group binds for MAVLink, one per vehicle."""
     for v in job.vehicles:
         yield from listens(job.arena, "program", v)
 
 
 def listens(arena: Arena, kind: str, vehicle: Vehicle | None) -> Iterator[Listen]:
-    """Yield the ports that only this process binds. Multicast ports that several receivers share are not included.
+    """Yield the ports that only this process binds.
+
+    Multicast ports that several receivers share are not included.
 
     vehicle: vehicle of the process; None for a process of the whole arena, which binds ports for every vehicle.
     """

@@ -1,4 +1,4 @@
-"""Makes the part of a user program's configuration file (slice) that describes the vehicle's emulated relative sensors. Pure."""
+"""Makes the part of a user program's configuration (slice) about emulated relative sensors. Pure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from arena.schema import Arena, Vehicle
 
 
 def program_sensors(arena: Arena, v: Vehicle, stale_s: float) -> Json:
-    """Return which neighbours and beacons a vehicle measures, and the age limits of these measurements, for the user program.
+    """Return the settings of a vehicle's relative sensors for its program: neighbours, beacons, age limits.
 
     The program cannot read a measurement that is older than its age limit. The limit is `stale_s`, or three periods of the sensor
     if these are longer.
@@ -24,7 +24,7 @@ def program_sensors(arena: Arena, v: Vehicle, stale_s: float) -> Json:
 
 
 def beacon_names(arena: Arena, v: Vehicle) -> list[str]:
-    """Return the names of the beacons that a vehicle measures, in the order of the YAML's `beacons`."""
+    """Return the names of the beacons that a vehicle measures, in the order of the YAML."""
     sensor = v.beacon_sensor
     if sensor is None:
         return []

@@ -1,4 +1,4 @@
-"""The startup scripts and parameters of a simulated PX4. Pure, except that it reads templates/px4."""
+"""Startup scripts and parameters of a simulated PX4. Pure, except that it reads templates/px4."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MOTOR_1 = 101  # output function of the first motor
 
 
 def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
-    """Return the startup scripts of one simulated PX4: file name in `etc/init.d-posix` -> text.
+    """Return the startup scripts of a simulated PX4: {file name in `etc/init.d-posix`: text}.
 
     given: values of the placeholders in the script templates, by name.
     """
@@ -35,7 +35,7 @@ def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
 
 
 def px4_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int]:
-    """Return the parameters that a simulated PX4 sets at its start, in addition to those of its airframe file.
+    """Return the parameters that a simulated PX4 sets at its start, in addition to its airframe's parameters.
 
     values: the vehicle's firmware parameters.
     """
@@ -54,7 +54,7 @@ def px4_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int
 
 
 def _airframe(v: Vehicle) -> dict[str, float]:
-    """Return the parameters that replace a part of PX4's airframe: one output function per motor, and MAV_TYPE.
+    """Return the parameters that differ from PX4's airframe file: an output function for each motor, and MAV_TYPE.
 
     The airframe has outputs for four motors only. The rotor geometry is among the firmware parameters.
     """
@@ -64,10 +64,11 @@ def _airframe(v: Vehicle) -> dict[str, float]:
 
 
 def xrce_environment(arena: Arena, v: Vehicle) -> dict[str, str]:
-    """Return the environment variables that connect a PX4 SITL to the agent of `tools.microxrce`; {} without an agent.
+    """Return the environment variables that connect a PX4 SITL to the agent of `tools.microxrce`.
 
-    PX4's startup script (v1.14 and newer) reads them: namespace of the topics, port of the agent, and domain. It sets UXRCE_DDS_KEY
-    to the number of the PX4 instance, so every vehicle has a session of its own.
+    Returns {} without an agent. PX4's startup script (v1.14 and newer) reads them: namespace of the topics,
+    port of the agent, and domain. It sets UXRCE_DDS_KEY to the number of the PX4 instance, so every vehicle
+    has a session of its own.
     """
     agent = next((tool.microxrce for tool in arena.tools.values() if tool.microxrce is not None), None)
     if agent is None:
@@ -80,7 +81,7 @@ def xrce_environment(arena: Arena, v: Vehicle) -> dict[str, str]:
 
 
 def reset_by_startup(params: Mapping[str, float | int], version: str) -> dict[str, float | int]:
-    """Return the parameters that PX4's startup resets and that must be set again.
+    """Return the parameters that PX4's startup script resets, so that they must be set again.
 
     PX4's startup treats a value equal to the firmware's default as unset, and applies its own default for simulated
     vehicles (COM_LOW_BAT_ACT 0 became 3).

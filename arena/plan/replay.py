@@ -1,4 +1,4 @@
-"""Plan of a replay: a recorded flight is sent again to viewers, recorder and programs. Pure.
+"""Plan of a replay, which sends a recorded flight again to viewers, recorder and programs. Pure.
 
 The arena of a replay is made new: it has the recorded vehicles, and nothing else of the recorded arena that could reach a vehicle. All
 vehicles count as simulated, and all addresses are loopback addresses, except ground stations that the user names. In the plan, one
@@ -35,7 +35,7 @@ _LONGEST_NAME = 57
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ReplayedVehicle:
-    """Vehicle of a recorded flight.
+    """Description of one vehicle of a recorded flight.
 
     name, body: its name, and that of its rigid body.  id: MAVLink system id.
     simulated: whether a simulated vehicle was recorded; only such a vehicle has a recorded true state.
@@ -52,7 +52,7 @@ class ReplayedVehicle:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ReplaySettings:
-    """Source and options of a replay.
+    """Source and options of a replay, such as the recorded files and the speed.
 
     name: name of the recorded arena, or of the log.  sources: files with the record, absolute.
     vehicles: vehicles of the flight.  size_m: size of the room, north, east, height [m].
@@ -83,13 +83,15 @@ class ReplaySettings:
 
 
 def make_replay_plan(settings: ReplaySettings, address: str = ADDRESS, python: str = sys.executable) -> Plan:
-    """Return the plan of a replay.
+    """Return the plan of a replay: its processes and their configuration files.
 
     address: loopback address that its processes bind.  python: path of the Python interpreter.
     Raises InputError if the address is not a loopback address, or one that `arena up` chooses for arenas.
     """
     if not address.startswith("127."):
-        raise InputError(f"a replay opens loopback addresses only: got {address}. Try {ADDRESS}")
+        raise InputError(
+            f"got the address {address}, but a replay can use only loopback addresses. Try {ADDRESS}"
+        )
     if address.startswith("127.0.0."):
         raise InputError(
             f"127.0.0.x are the addresses of flights: land-all for an arena.yaml could take a replayed vehicle for a real one. "
@@ -110,7 +112,7 @@ def make_replay_plan(settings: ReplaySettings, address: str = ADDRESS, python: s
 
 
 def recorded_yaml(path: Path) -> Mapping[str, Any]:
-    """Return the content of a run's arena.yaml; {} if the file cannot be read or is not a mapping."""
+    """Return the content of a recorded run's arena.yaml; {} if the file cannot be read."""
     try:
         data = load_yaml(path).data
     except InputError:
@@ -153,7 +155,10 @@ def _vehicle(v: ReplayedVehicle, settings: ReplaySettings) -> dict[str, Any]:
 
 
 def _slices(plan: Plan, settings: ReplaySettings) -> dict[str, dict[str, Any]]:
-    """Return the configuration files (slices): those of viewers and programs as in a flight, and that of the process `replay`."""
+    """Return the configuration files (slices) of a replay: {file name: content}.
+
+    Viewers and programs get those of a flight. The process `replay` has one of its own.
+    """
     made = {name: dict(slice_) for name, slice_ in plan.slices.items()}
     world = made.pop("world.json")
     members = [name for name in made.pop(SLICE)["members"] if name in _MEMBERS]
@@ -199,7 +204,9 @@ def _slices(plan: Plan, settings: ReplaySettings) -> dict[str, dict[str, Any]]:
 
 
 def _mark_vehicles(made: dict[str, dict[str, Any]], real: set[str]) -> None:
-    """Mark all vehicles as replayed in the slices of the recorder and the viewers. Vehicles that were real have no true state.
+    """Mark all vehicles as replayed in the configuration of the recorder and the viewers.
+
+    Vehicles that were real have no true state.
 
     real: names of the vehicles that were real. Viewers receive their captured poses.
     """
@@ -241,7 +248,10 @@ def _of_autopilot(port: Listen) -> bool:
 
 
 def _others(plan: Plan) -> list[ProcessSpec]:
-    """Return the processes of the plan beside the replay, such as viewers. They wait for the replay instead of the world."""
+    """Return the processes of a replay except `replay` itself, such as viewers.
+
+    They wait for the process `replay` instead of the world.
+    """
     found = []
     for spec in plan.processes:
         if spec.kind == "world":
@@ -261,5 +271,8 @@ def _chosen(data: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
 
 
 def _name(name: str) -> str:
-    """Return the name of the replay's arena: the recorded name with `-replay`, in the letters that a name may have."""
+    """Return the name of a replay's arena: the recorded name with `-replay`.
+
+    Characters that a name must not have are replaced.
+    """
     return re.sub(r"^[^A-Za-z0-9]+", "", re.sub(r"[^A-Za-z0-9_.-]", "_", name))[:_LONGEST_NAME] + "-replay"

@@ -1,4 +1,4 @@
-"""The resolved arena as YAML text, for the run folder. Pure."""
+"""Resolved YAML text of an arena, with all defaults, for the run folder. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from arena.schema.loader import dump_yaml
 
 
 def arena_yaml(arena: Arena, fleet: Fleet | None = None) -> str:
-    """Return the arena as YAML text with every default filled in. Loading the text gives the same plan."""
+    """Return the arena as YAML text in which every default is written.
+
+    Loading this text gives the same plan.
+    """
     fleet = all_firmware(arena) if fleet is None else fleet
     return f"# resolved from {Path(arena.folder) / Path(arena.file).name}\n" + dump_yaml(
         {

@@ -1,4 +1,4 @@
-"""Functions that make the slice of each process: the JSON configuration that the process reads when it starts. Pure.
+"""Makes the configuration file (slice, JSON) that each process reads when it starts. Pure.
 
 docs/reference/slices.md lists the keys.
 """
@@ -133,7 +133,10 @@ def mocap(job: Job) -> Json:
 
 
 def _faults(arena: Arena, room: str) -> str | None:
-    """Return the path of the socket for fault injection, or None in an arena with hardware."""
+    """Return the path of the socket for fault injection, or None in an arena with real vehicles.
+
+    room: name of the process that opens the socket.
+    """
     return None if arena.hardware else f"{{rt}}/{room}.faults"
 
 
@@ -143,7 +146,7 @@ def _noise(arena: Arena) -> Json:
 
 
 def link(job: Job) -> Json:
-    """Return the configuration (slice) of the process that owns the connection to a vehicle's real flight controller."""
+    """Return the configuration (slice) of `link.<vehicle>`, the process with the connection to a flight controller."""
     arena, v = job.arena, job.v
     if v.wire is None:
         raise ValueError(
@@ -189,7 +192,7 @@ def link(job: Job) -> Json:
 
 
 def capture(arena: Arena, bodies: list[str] | None, *, simulated: bool) -> Json | None:
-    """Return the settings of a motion capture receiver, or None if no server sees these vehicles.
+    """Return the settings of a motion-capture receiver, or None if no server sees these vehicles.
 
     bodies: names of the rigid bodies to receive; None for all.
     simulated: true for simulated vehicles (emulator), false for hardware (the vendor's server).
@@ -275,7 +278,7 @@ def _routed(arena: Arena, v: Vehicle) -> Json:
 
 
 def _needs_operator(arena: Arena, v: Vehicle) -> bool:
-    """Return whether the router sends its heartbeat to this vehicle only while an operator is present.
+    """Return whether the router sends heartbeats to this vehicle only while an operator is present.
 
     True for real vehicles that may have a data-link failsafe, because a heartbeat without an operator would prevent this
     failsafe.
@@ -287,7 +290,7 @@ def _needs_operator(arena: Arena, v: Vehicle) -> bool:
 
 
 def recorder(job: Job) -> Json:
-    """Return the configuration (slice) of the process that records the arena."""
+    """Return the configuration (slice) of the recorder."""
     arena = job.arena
     found = (
         (simulated, capture(arena, None, simulated=simulated))
@@ -333,12 +336,15 @@ def _recorded(arena: Arena, v: Vehicle) -> Json:
 
 
 def recorder_address(arena: Arena) -> Address:
-    """Return the address to which the router sends copies of all messages, and programs their references."""
+    """Return the UDP address of the recorder.
+
+    The router sends it copies of all messages, and programs send it their references.
+    """
     return [arena.address, RECORDER]
 
 
 def program(job: Job) -> Json:
-    """Return the content of the file that a vehicle's program receives with the option `--uav`."""
+    """Return the configuration file that a vehicle's program receives with the option `--uav`."""
     arena, v = job.arena, job.v
     kept = ("name", "mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve")
     return {
@@ -386,5 +392,5 @@ def group(job: Job) -> Json:
 
 
 def heartbeat_address(arena: Arena) -> Address | None:
-    """Return the copilot's address, to which programs send heartbeats, or None if there is no copilot."""
+    """Return the copilot's UDP address for the heartbeats of programs, or None without a copilot."""
     return [arena.address, COPILOT] if arena.copilot is not None else None

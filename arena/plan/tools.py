@@ -1,4 +1,4 @@
-"""Processes of the section `tools`: programs that run beside the arena, such as a bag recorder or the bridge to ROS 2. Pure."""
+"""Processes of the YAML section `tools`: programs beside the arena, such as the bridge to ROS 2. Pure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VIEWER_NICE = 10
 
 
 def named_tools(arena: Arena) -> Iterator[tuple[str, Tool, Vehicle | None]]:
-    """Yield (name of the process, tool, its vehicle or None) of every tool."""
+    """Yield (process name, tool, vehicle) of every tool. The vehicle is None for a tool of the whole arena."""
     for name, tool in arena.tools.items():
         yield f"tool.{name}", tool, None
     for v in arena.vehicles:
@@ -29,7 +29,7 @@ def named_tools(arena: Arena) -> Iterator[tuple[str, Tool, Vehicle | None]]:
 
 
 def tools(arena: Arena, python: str) -> Iterator[ProcessSpec]:
-    """Yield the processes of all tools. python: path of the Python interpreter for arena's own tools."""
+    """Yield the process of each tool. python: path of the Python interpreter for arena's own tools."""
     for name, tool, vehicle in named_tools(arena):
         own = tool.argv[0] in MODULES
         argv = tuple(filled(text, arena, vehicle) for text in tool.argv)
@@ -50,7 +50,10 @@ def tools(arena: Arena, python: str) -> Iterator[ProcessSpec]:
 
 
 def _domain(arena: Arena, tool: Tool) -> tuple[tuple[str, str], ...]:
-    """Return ROS_DOMAIN_ID of a tool of ROS 2: its own, else that of the bridge or the agent of the arena; () if the shell decides."""
+    """Return ROS_DOMAIN_ID for a ROS 2 tool as an environment variable, or () if the YAML sets no domain.
+
+    A domain of the tool itself comes first, then that of the bridge or the agent of the arena.
+    """
     settings = tool.microxrce or tool.mavros or tool.bag
     if settings is None:
         return ()
@@ -60,7 +63,7 @@ def _domain(arena: Arena, tool: Tool) -> tuple[tuple[str, str], ...]:
 
 
 def _readiness(arena: Arena, vehicle: Vehicle | None, tool: Tool) -> dict[str, Any]:
-    """Return the fields of `ProcessSpec` that say when the tool is ready."""
+    """Return the fields of `ProcessSpec` that define when a tool is ready."""
     ready = tool.ready
     if ready is None:
         return {"ready": "reported" if tool.ros2 is not None else "started"}
@@ -81,13 +84,13 @@ def _readiness(arena: Arena, vehicle: Vehicle | None, tool: Tool) -> dict[str, A
 
 
 def kind_of(ready: Ready) -> str:
-    """Return the kind of a readiness probe: log, port, file or delay."""
+    """Return the kind of a tool's readiness probe: log, port, file or delay."""
     kinds = {"log": ready.log, "port": ready.port, "file": ready.file, "delay": ready.delay_s}
     return next(kind for kind, value in kinds.items() if value is not None)
 
 
 def tool_slices(arena: Arena) -> dict[str, Json]:
-    """Return the configuration files (slices) of arena's own tools: file name -> content."""
+    """Return the configuration files (slices) of arena's own tools, as {file name: content}."""
     settings = [tool.ros2 for tool in arena.tools.values() if tool.ros2 is not None]
     return {ROS2_SLICE: _ros2(arena, settings[0])} if settings else {}
 

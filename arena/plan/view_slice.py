@@ -1,4 +1,4 @@
-"""Makes the slice of viewers: what a program that shows a running arena must know about it. Pure.
+"""Makes the configuration file (slice) of viewers, which are programs that show a running arena. Pure.
 
 No process of the arena reads it. `arena monitor` and `arena top` read it from the run folder.
 """
@@ -48,7 +48,9 @@ def _vehicle(arena: Arena, v: Vehicle) -> Json:
 
 
 def _captures(arena: Arena) -> list[Json]:
-    """Return the settings of the motion capture receiver of the real vehicles, as a list with one entry or none.
+    """Return the settings of the motion-capture receiver for the real vehicles, as a list.
+
+    The list has one entry, or none if no server sees real vehicles.
 
     Simulated vehicles need none: their true state is in shared memory.
     """

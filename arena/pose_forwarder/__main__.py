@@ -1,4 +1,4 @@
-"""The process `forward.<vehicle>`, which sends the motion-capture poses of one vehicle to its autopilot.
+"""The process `forward.<vehicle>`: sends the motion-capture poses of one vehicle to its autopilot.
 
 Run as `python -m arena.pose_forwarder slice.json`.
 """
@@ -22,7 +22,7 @@ _FIRST_TICK_S = 0.02
 
 
 class _PoseGapSleep:
-    """Timer for a sleep after each forwarded pose.
+    """Timer that lets the process sleep for some time after each forwarded pose.
 
     Most camera frames are not forwarded, so the process need not wake up for each frame.
 
@@ -39,15 +39,15 @@ class _PoseGapSleep:
         self._gap_s = 0.0
 
     def on_sent(self, wall: float) -> None:
-        """Record that a pose has been sent. wall: time of sending, by `time.monotonic()` [s]."""
+        """Record that a pose was sent now. wall: monotonic time of sending [s]."""
         gap = min(wall - self._sent, self._period_s)
         self._gap_s += 0.2 * (gap - self._gap_s)
         self._sent = wall
 
     def sleep(self) -> None:
-        """Sleep until shortly before the next pose is due: 70 % of the usual interval, counted from the last pose.
+        """Sleep until shortly before the next pose is due.
 
-        Skip a sleep below 3 ms.
+        The sleep ends at 70 % of the usual interval, counted from the last pose. Skip a sleep below 3 ms.
         """
         pause = self._sent + self._SHARE * self._gap_s - time.monotonic()
         if pause > self._MIN_S:
@@ -60,9 +60,10 @@ class _ForwarderProcess(ForwarderShell):
         self._gap_sleep = _PoseGapSleep(1.0 / float(process.settings["rate_hz"]))
 
     def serve(self) -> None:
-        """Forward poses until a stop signal arrives. If a real vehicle is then armed, continue until it is disarmed.
+        """Forward poses until the process must end.
 
-        If the supervisor has died, also continue until the vehicle is disarmed; for a simulated vehicle 60 s at most.
+        A stop signal ends the process, but not while a real vehicle is armed. If the supervisor has died,
+        also continue until the vehicle is disarmed; for a simulated vehicle 60 s at most.
         """
         selector = selectors.DefaultSelector()
         selector.register(self.capture, selectors.EVENT_READ)
@@ -80,9 +81,10 @@ class _ForwarderProcess(ForwarderShell):
                     return
 
     def _armed_real(self) -> list[str]:
-        """Return the armed real vehicles that this process serves, for `ProcessContext.may_end`: one name or none.
+        """Return the name of this process's vehicle if it is real and armed, as a list.
 
-        The vehicle counts as armed if its last heartbeat reported so.
+        The list is for `ProcessContext.may_end`. The vehicle counts as armed if its last heartbeat reported
+        so.
         """
         return [self.process.settings["vehicle"]] if self.core.autopilot.armed and not self.simulated else []
 

@@ -1,4 +1,4 @@
-"""Conversion of motion-capture frames to the MAVLink messages that the autopilot receives as external vision.
+"""Converts motion-capture frames to MAVLink messages for the autopilot (external vision).
 
 Opens no sockets and reads no clock: received data and times are arguments.
 
@@ -40,7 +40,9 @@ _MODES_WITHOUT_ARMING = frozenset({"AUTO.LAND", "AUTO.RTL", "TERMINATION"})
 
 @dataclass(slots=True)
 class Autopilot:
-    """State of the autopilot, from the messages that it sends to the pose forwarder. Times are by the caller's clock [s].
+    """State of the autopilot, as its messages to the pose forwarder have reported it.
+
+    Times are by the caller's clock [s].
 
     last_heartbeat: time of the last heartbeat. since: time of the first message.
     on_ground: None before it is reported.
@@ -59,7 +61,7 @@ class Autopilot:
 
 
 class Forwarder:
-    """Converts the captured poses of one vehicle to ODOMETRY messages, and sets the autopilot's origin.
+    """Converter of one vehicle's captured poses to ODOMETRY messages. It also sets the autopilot's origin.
 
     settings: configuration (slice) of the process `forward.<vehicle>`.
     wait_s: longest time for which the first pose is held back if the autopilot has sent no message [s].
@@ -98,14 +100,14 @@ class Forwarder:
     # -- capture -------------------------------------------------------------------------------------------------------
 
     def on_frame(self, frame: CapturedFrame, now: float) -> bytes | None:
-        """Return the ODOMETRY message for a frame that has just arrived; None if nothing is forwarded.
+        """Return the ODOMETRY message for a new motion-capture frame, or None if no pose is forwarded.
 
         now: time of arrival [s].
         """
         return self.on_frames([frame], now)
 
     def on_frames(self, frames: Sequence[CapturedFrame], now: float) -> bytes | None:
-        """Return the ODOMETRY message for frames that arrived together; None if nothing is forwarded.
+        """Return one ODOMETRY message for frames that arrived together, or None if no pose is forwarded.
 
         Only the newest pose of the vehicle is sent, because the autopilot uses the arrival time as the time of the pose.
         frames: oldest first. now: [s].
@@ -127,7 +129,10 @@ class Forwarder:
         return self._odometry(best, now)
 
     def _take(self, frame: CapturedFrame, now: float) -> Pose | None:
-        """Return the vehicle's pose in a frame, or None if this pose must not be forwarded. Dropped poses are counted by reason."""
+        """Return the vehicle's pose in a frame, or None if the pose must be dropped.
+
+        Dropped poses are counted by reason.
+        """
         place = self._order.place(frame.number)
         if place == "repeated":
             self.counts["repeated frame"] += 1
@@ -158,7 +163,7 @@ class Forwarder:
         return None
 
     def _drop_reason(self, frame: CapturedFrame, pose: Pose | None, late: float) -> str:
-        """Return why the pose of a frame must be dropped; "" if it may be forwarded.
+        """Return why the pose in a frame must be dropped; "" if the pose may be forwarded.
 
         late: delay of the frame compared with the fastest frames [s].
         """
@@ -172,9 +177,10 @@ class Forwarder:
         return "stale" if late > self._stale_s else ""
 
     def _capture_restarted(self) -> None:
-        """Discard the last pose and the measured offset of the clocks after a restart of the motion-capture system.
+        """Reset the state of the motion capture after a restart of its server.
 
-        The next ODOMETRY messages report the restart to the autopilot by a new reset counter.
+        The last pose and the measured offset of the clocks are discarded. The next ODOMETRY messages report
+        the restart to the autopilot by a new reset counter.
         """
         self.counts["capture restarts"] += 1
         self.lateness.reset()
@@ -206,7 +212,7 @@ class Forwarder:
 
     @property
     def serving(self) -> bool:
-        """Return whether the forwarder is ready: it has forwarded a pose, and the autopilot is armed or can be armed.
+        """Return whether the forwarder is ready: a pose was forwarded, and the vehicle is armed or can be armed.
 
         True also in modes that do not allow arming, because the autopilot stays in AUTO.LAND on the ground
         after a landing.
@@ -215,7 +221,7 @@ class Forwarder:
         return self.poses > 0 and (a.may_arm or a.armed or a.mode in _MODES_WITHOUT_ARMING)
 
     def on_mavlink(self, data: bytes, now: float) -> None:
-        """Update the stored state of the autopilot from a received datagram."""
+        """Update the state of the autopilot from a received MAVLink datagram."""
         for m in self._codec.parse(data):
             if m.get_srcSystem() == self.system and m.get_srcComponent() == 1:
                 self._on_message(m, now)
@@ -257,15 +263,19 @@ class Forwarder:
         )
 
     def _on_autopilot_restart(self) -> None:
-        """Reset the stored state after a restart of the autopilot, which then has no origin and may not be ready to arm."""
+        """Reset the stored state of the autopilot after its restart.
+
+        The autopilot then has no origin, and may not be ready to arm.
+        """
         a = self.autopilot
         a.has_origin = a.may_arm = a.has_position = False
         a.since, a.on_ground = math.inf, None
         self._origin_tries = 0
 
     def _waits_for_origin(self, now: float) -> bool:
-        """Return whether poses must wait, because the vehicle is on the ground and its autopilot does not yet
-        have an origin and a global position.
+        """Return whether poses must wait, because the autopilot has no origin or global position yet.
+
+        This is only the case while the vehicle is on the ground.
 
         If PX4's estimator already uses poses, it takes the jump to a new origin as an error of thousands of
         km and rejects poses for one second. If the origin is set without a global position, the estimator's
@@ -281,7 +291,7 @@ class Forwarder:
         return 0.0 <= now - a.since < (_ORIGIN_WAIT_S if a.on_ground else _ORIGIN_WAIT_UNKNOWN_S)
 
     def tick(self, now: float) -> list[bytes]:
-        """Return the messages to send to the autopilot now. now: time [s].
+        """Return the MAVLink messages that must be sent to the autopilot now. now: time [s].
 
         - HEARTBEAT of the pose forwarder, once a second.
         - MAV_CMD_REQUEST_MESSAGE, once a second until the first HEARTBEAT of the autopilot has arrived.
@@ -312,7 +322,7 @@ class Forwarder:
         return due
 
     def _heartbeat_request(self) -> Any:
-        """Return a request for an immediate HEARTBEAT.
+        """Return a message that requests a HEARTBEAT from the autopilot at once.
 
         The origin is sent after the first HEARTBEAT, and the first pose after the origin. Without the request, both would
         be delayed by up to 1 s.
@@ -327,7 +337,9 @@ class Forwarder:
         )
 
     def _global_position(self, pose: Pose) -> list[bytes]:
-        """Return two messages: one sets the autopilot's origin, the other sets its global position, computed from `pose`.
+        """Return the two messages that set the autopilot's origin and its global position.
+
+        The global position is computed from `pose`.
 
         PX4 gets an origin at altitude 0 (sea level): after a gap its estimator resets its height from the first pose as if the
         origin's altitude were 0. With any other altitude the height would jump by that value.

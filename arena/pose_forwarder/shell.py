@@ -1,4 +1,4 @@
-"""Input and output of a pose forwarder: receives motion-capture frames, and exchanges MAVLink with the autopilot.
+"""Input and output of a pose forwarder: motion-capture frames, and MAVLink to and from the autopilot.
 
 `forwarder.py` makes the messages. The caller of `ForwarderShell` decides when data is read and sent.
 """
@@ -24,7 +24,7 @@ _FIRST_MESSAGE_S = 0.3  # a running autopilot sends EXTENDED_SYS_STATE five time
 
 
 class VisionLink(Protocol):
-    """Socket of the vision link, on which the autopilot receives ODOMETRY. The methods never block."""
+    """UDP socket of the vision link, on which the autopilot receives ODOMETRY. No method blocks."""
 
     def recvfrom(self, size: int, /) -> tuple[bytes, Address]: ...
 
@@ -36,7 +36,7 @@ class VisionLink(Protocol):
 
 
 class ForwarderShell:
-    """Pose forwarder of one vehicle: a `Forwarder` with its motion-capture client and the socket to the autopilot.
+    """Pose forwarder of one vehicle, with its motion-capture client and its socket to the autopilot.
 
     clock, capture, link: clock, motion-capture client, and socket to the autopilot (the vision link); None: opened as the
         configuration says.
@@ -67,7 +67,7 @@ class ForwarderShell:
         self.poses_from: float | None = None
 
     def turn(self, now: float) -> bool:
-        """Read motion capture and the autopilot's messages, and send a pose if one is due. Return whether a pose was sent.
+        """Receive poses and MAVLink messages, and send a pose if one is due. Return True if a pose was sent.
 
         now: time of `clock` [s].
         """
@@ -98,7 +98,7 @@ class ForwarderShell:
         return self.after.over(orphaned=self.process.orphaned, any_armed=armed, now=wall)
 
     def _refresh_definition(self, wall: float) -> None:
-        """Request the definition of the rigid body every 5 s while a real vehicle is disarmed.
+        """Request the definition of the rigid body every 5 s, while a real vehicle is disarmed.
 
         A passed axes check (`arena preflight`) counts only for the definition that was checked.
         """
@@ -121,7 +121,7 @@ class ForwarderShell:
         self.process.stats({**flow, **_latency(self.core.lateness), **body, **dropped, **received, **garbled})
 
     def _report_diagnosis(self) -> None:
-        """Report to the supervisor and the log why no poses arrive, each time the reason changes."""
+        """Report why no poses arrive, to the supervisor and the log, when the reason changes."""
         late = self.late_frames.diagnosis(self.core.late_s)
         change = self.mocap_report.changed(self.capture.diagnosis() or late)
         if change is not None:
@@ -151,7 +151,7 @@ def _clock(process: ProcessContext) -> Clock:
 
 
 def _latency(lateness: Lateness) -> dict[str, float | None]:
-    """Return the latency of the last frame, from exposure to arrival, and the largest possible error of this latency [ms].
+    """Return the latency from exposure to arrival of the last frame, and its largest possible error [ms].
 
     Both are None before the motion-capture server has answered an echo request, which measures the offset of the clocks.
     """

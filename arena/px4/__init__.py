@@ -1,1 +1,1 @@
-"""PX4 software in the loop (SITL): its process, folder and startup, and its lockstep link to the world."""
+"""PX4 software in the loop (SITL): its process, its folder and startup, and its lockstep link to the world."""

@@ -1,7 +1,8 @@
-"""The process `px4.<vehicle>`: `python -m arena.px4 FILE.json`. It runs one PX4 SITL in a folder of its own.
+"""The process `px4.<vehicle>`, which runs one PX4 SITL: `python -m arena.px4 FILE.json`.
 
-This process starts PX4, logs PX4's output, and reports when PX4 is ready. It ends PX4 if the world has ended or the
-supervisor requests a stop. Without its simulator, PX4 would use one CPU core forever.
+PX4 runs in a folder of its own. This process starts PX4, logs PX4's output, and reports when PX4 is ready. It
+ends PX4 if the world has ended or the supervisor requests a stop. Without its simulator, PX4 would use one
+CPU core forever.
 """
 
 from __future__ import annotations
@@ -41,7 +42,10 @@ def main() -> int:
 
 
 def serve(context: ProcessContext) -> int:
-    """Run PX4. Return 0 if a stop was requested or the world ended, 1 if PX4 ended by itself."""
+    """Run PX4 until it ends, the world ends, or a stop is requested.
+
+    Return 0 if a stop was requested or the world ended, 1 if PX4 ended by itself.
+    """
     s = context.settings
     check_free(s)
     folder = make_folder(s)
@@ -74,10 +78,10 @@ def serve(context: ProcessContext) -> int:
 
 
 def leave_core_of(world_pid: int) -> None:
-    """Keep this process and PX4 off the CPU cores that the world is bound to (`arena/sim/pacing.py`).
+    """Bind this process and PX4 to CPU cores that the world does not use.
 
-    PX4 inherits this binding. Otherwise the kernel would wake PX4 on the core that sends its sensors, and
-    interrupt the world.
+    `arena/sim/pacing.py` binds the world to its cores. PX4 inherits this binding. Otherwise the kernel would
+    wake PX4 on the core that sends its sensors, and interrupt the world.
     """
     with contextlib.suppress(OSError):  # it has ended
         others = os.sched_getaffinity(0) - os.sched_getaffinity(world_pid)
@@ -86,7 +90,10 @@ def leave_core_of(world_pid: int) -> None:
 
 
 def _watch(context: ProcessContext, process: subprocess.Popen[bytes], world: SimClock | None) -> int:
-    """Log PX4's output and report its state to the supervisor, until PX4 or the world ends. Return the exit code of this process."""
+    """Log PX4's output and report its state to the supervisor, until PX4 or the world ends.
+
+    Return the exit code of this process.
+    """
     assert process.stdout is not None
     os.set_blocking(process.stdout.fileno(), False)
     selector = selectors.DefaultSelector()
@@ -125,19 +132,19 @@ def _watch(context: ProcessContext, process: subprocess.Popen[bytes], world: Sim
 
 
 def is_stopped(pid: int) -> bool:
-    """Return whether a child process is paused by SIGSTOP or a similar signal, but not by a debugger."""
+    """Return whether a child process is paused by a signal such as SIGSTOP. A debugger does not count."""
     with contextlib.suppress(ChildProcessError):  # it has just ended
         return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
     return False
 
 
 def end_of(code: int) -> str:
-    """Describe an exit code, for example `exit 1` or `killed by SIGKILL`."""
+    """Return a text about an exit code, such as `exit 1` or `killed by SIGKILL`."""
     return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
 
 
 def _report_end(context: ProcessContext, why: str, before_ready: str | None) -> int:
-    """Report that PX4 ended; return the exit code of this process.
+    """Report that PX4 has ended. Return the exit code of this process.
 
     before_ready: text about PX4's last line, if PX4 was never ready; else None
     """
@@ -159,13 +166,13 @@ def _report(context: ProcessContext, text: str) -> None:
 
 
 def last_line(output: bytes) -> str:
-    """Return a sentence that quotes the last line of PX4's output. It is added to messages about a failed start."""
+    """Return a sentence that quotes the last line of PX4's output, for messages about a failed start."""
     lines = [line.strip() for line in output.decode(errors="replace").splitlines() if line.strip()]
     return f"Its last line: {lines[-1]}" if lines else "It has printed nothing"
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End PX4 with SIGINT, so that it saves its log, or with SIGKILL if it does not end in time.
+    """Stop PX4 with SIGINT, so that PX4 saves its log. After a time-out, kill PX4 with SIGKILL.
 
     PX4 ignores SIGINT while it waits for a simulator.
     """
@@ -183,12 +190,12 @@ def _die_with_parent() -> None:
 
 
 def param_text(value: float) -> str:
-    """Format a parameter value for PX4's `param set`. Integers have no decimal point."""
+    """Return a parameter value as text for PX4's `param set`. Integers have no decimal point."""
     return str(int(value)) if float(value).is_integer() and not isinstance(value, float) else repr(value)
 
 
 def make_folder(s: dict[str, Any]) -> Path:
-    """Create the folder in which PX4 runs and return its path.
+    """Create the folder in which PX4 runs, and return its path.
 
     Its subfolder `etc` contains links to the installed files, except the startup scripts given in the configuration.
     """
@@ -208,7 +215,7 @@ def make_folder(s: dict[str, Any]) -> Path:
 
 
 def check_free(s: dict[str, Any]) -> None:
-    """Raise RunError if another process holds the lock file or a UDP port that this PX4 instance needs.
+    """Raise RunError if another process uses the lock file or a UDP port that this PX4 needs.
 
     The error names this process if it is known.
     """
@@ -229,7 +236,7 @@ def check_free(s: dict[str, Any]) -> None:
 
 
 def _is_locked(lock: Path) -> bool:
-    """Return whether a running PX4 holds the lock. A file left by a killed PX4 does not count."""
+    """Return whether a running PX4 holds the lock file. A file of a killed PX4 does not count."""
     try:
         file = lock.open("rb")
     except OSError:  # no such file; or another user's, which PX4 itself will report
@@ -243,7 +250,10 @@ def _is_locked(lock: Path) -> bool:
 
 
 def _holder(port: int) -> str:
-    """Return which process has bound a UDP port, as text for a message: ` by process 123 (px4) on 0.0.0.0`; "" if unknown."""
+    """Return which process has bound a UDP port, as part of a message; "" if unknown.
+
+    For example: ` by process 123 (px4) on 0.0.0.0`.
+    """
     import psutil
 
     with contextlib.suppress(psutil.Error):
@@ -254,9 +264,9 @@ def _holder(port: int) -> str:
 
 
 def _lock_owner(instance: int) -> str:
-    """Return which process is the PX4 with this instance number, as text for a message: ` as process 123 (px4 -i 0)`.
+    """Return which process is the PX4 with this instance number, as part of a message.
 
-    Return "" if there is no such process.
+    For example: ` as process 123 (px4 -i 0)`. Return "" if there is no such process.
     """
     import psutil
 

@@ -1,4 +1,4 @@
-"""Protects one vehicle's simulator port (TCP): accepts connections from PX4 and closes all others.
+"""Guard of one vehicle's simulator port (TCP): accepts connections from PX4, and closes all others.
 
 Any program may connect to a TCP port: a port scanner, a browser, a second PX4 with the same id. The guard
 ensures that none of them replaces the vehicle's PX4. A client counts as PX4 once it has sent valid MAVLink,
@@ -21,7 +21,7 @@ _BYTES = 4096
 
 
 class _Client:
-    """Connection to a client that has not sent valid MAVLink yet.
+    """TCP connection to a client that has not yet proved to be PX4, by sending valid MAVLink.
 
     since: wall time of its start [s]
     data: all bytes that the client has sent
@@ -61,7 +61,7 @@ class _Client:
 
 
 class ConnectionGuard:
-    """Listens on a vehicle's simulator port, and accepts a client only if it is PX4.
+    """Listener on a vehicle's simulator port (TCP) that accepts a client only if it is PX4.
 
     name: name of the vehicle
     address: address to listen on
@@ -91,7 +91,7 @@ class ConnectionGuard:
         self._listener.setblocking(False)
 
     def accept(self, now: float, *, taken: bool) -> tuple[socket.socket, bytes] | None:
-        """Return (connection, bytes received so far) of a client that is PX4; None if there is no such client.
+        """Return (connection, bytes received so far) of a new client that is PX4, or None without one.
 
         now: wall time [s]
         taken: whether a PX4 is connected, so that every other client is refused
@@ -116,7 +116,7 @@ class ConnectionGuard:
         return None
 
     def close(self) -> None:
-        """Close all sockets."""
+        """Close the sockets of the port and of all clients that are not accepted yet."""
         self._listener.close()
         for client in self._clients:
             client.connection.close()
@@ -152,7 +152,10 @@ class ConnectionGuard:
         self._report(why, f"a connection from {client.peer} was closed: it {why}, so it is not PX4")
 
     def _report(self, kind: str, text: str) -> None:
-        """Report a closed connection as an event, once per `kind`. So a port scanner that connects often is reported only once."""
+        """Report a closed connection as an event, at most once per `kind`.
+
+        So a port scanner that connects often is reported only once.
+        """
         if kind not in self._reported:
             self._reported.add(kind)
             host, port = self._address

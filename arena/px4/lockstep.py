@@ -1,4 +1,4 @@
-"""The simulator's side of PX4's simulator API for several vehicles, stepped together in lockstep.
+"""The simulator's side of PX4's simulator API, for several vehicles in lockstep.
 
 Each vehicle has one TCP server. The module implements the world's `ExternalAutopilots`: `begin` sends a sensor
 sample to each vehicle, and `finish` waits for the replies of all vehicles in lockstep.
@@ -36,7 +36,7 @@ _ACCEPT_EVERY = 16  # steps between two checks for new connections where a PX4 i
 
 
 class _Server:
-    """TCP server for the PX4 of one vehicle, with its connection (None until PX4 connects) and the state of the lockstep."""
+    """TCP server for the PX4 of one vehicle, with its connection and the state of its lockstep."""
 
     def __init__(self, row: int, vehicle: Mapping[str, Any], outputs: Sequence[HilOutput]) -> None:
         self.name, self.row = str(vehicle["name"]), row
@@ -54,7 +54,7 @@ class _Server:
 
     @property
     def awaited(self) -> bool:
-        """True while the world (the simulator process) must wait until this vehicle's PX4 replies to the last sensor sample."""
+        """True while the world must wait for this PX4's reply to the last sensor sample."""
         return (
             self.connection is not None
             and self.late_since is None
@@ -70,7 +70,7 @@ class _Server:
 
 
 class Px4Links:
-    """Steps the PX4s of several vehicles in lockstep: sends sensor samples, waits for motor commands.
+    """Connections to the PX4s of several vehicles in lockstep: sends sensor samples, receives motor commands.
 
     vehicles: configuration of the vehicles that fly PX4, with `simulator`: address to which PX4 connects;
         `sticks`: whether radio control is on; and one flag per sensor with a message of its own, such as
@@ -100,45 +100,54 @@ class Px4Links:
 
     @property
     def armed(self) -> NDArray[np.bool_]:
-        """True for each armed vehicle (V,)."""
+        """True for each vehicle that is armed (V,)."""
         return np.array([s.core.armed for s in self._servers], bool)
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors that the next `begin` sends in a MAVLink message of their own, such as `gps` in HIL_GPS.
+        """Names of the sensors that the next `begin` sends in separate messages, such as `gps` in HIL_GPS.
 
         The caller must sample these sensors before `begin`.
         """
         return tuple(x.name for x in self._messages if self._steps % x.every == 0)
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
-        """Do nothing: `AutopilotSet` requires this method, but PX4 receives MAVLink by its own sockets, not through the world."""
+        """Do nothing, because PX4 receives MAVLink by its own sockets, not through the world.
+
+        The interface `AutopilotSet` requires this method.
+        """
 
     def on_request(self, request: Mapping[str, Any]) -> None:
-        """Do nothing: `AutopilotSet` requires this method, but for vehicles with PX4 the router carries out the supervisor's requests."""
+        """Do nothing, because for vehicles with PX4 the router carries out the supervisor's requests.
+
+        The interface `AutopilotSet` requires this method.
+        """
 
     def sticks(self, vehicle: int, on: bool) -> None:
         """Switch a vehicle's simulated radio control on (with centred sticks) or off."""
         self._servers[vehicle].core.sticks = on
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return an empty list: `AutopilotSet` requires this method, but PX4 sends MAVLink by its own sockets, not through the world."""
+        """Return an empty list, because PX4 sends MAVLink by its own sockets, not through the world.
+
+        The interface `AutopilotSet` requires this method.
+        """
         return []
 
     def receive_truth(self, truth: Truth) -> None:
-        """Store the present true state of the vehicles. It is sent to PX4 as ground truth for PX4's log.
+        """Store the true states of the vehicles. They are sent to PX4 as ground truth for its log.
 
-        truth: rows in the order of `vehicles`
+        truth: rows in the order of `vehicles`.
         """
         self._truth = truth
 
     def step(self, now: float, sensors: Mapping[str, Array]) -> Array:
-        """Send the sensor readings to each PX4, wait for the replies, and return the motor commands 0..1 (V, R)."""
+        """Send sensor samples to all PX4s, wait for the replies, and return the motor commands 0..1 (V, R)."""
         self.begin(now, sensors)
         return self.finish()
 
     def begin(self, now: float, sensors: Mapping[str, Array]) -> None:
-        """Send each PX4 the sensor readings of this step, and do not wait for the replies.
+        """Send a sensor sample to each PX4, without waiting for the replies.
 
         now: time at the end of the sensor period [s]
         """
@@ -147,7 +156,7 @@ class Px4Links:
             self._send(server, now, sensors)
 
     def finish(self) -> Array:
-        """Wait for the PX4s that are in lockstep; return the motor commands 0..1 (V, R)."""
+        """Wait for the replies of all PX4s in lockstep, and return the motor commands 0..1 (V, R)."""
         self._collect()
         motors = np.zeros((len(self._servers), self._rotors))
         for server in self._servers:
@@ -155,7 +164,7 @@ class Px4Links:
         return motors
 
     def events(self) -> list[str]:
-        """Return one text line for each event, such as "uav1: PX4 connected", that has occurred since the last call."""
+        """Return the events since the last call, one line of text each, such as "uav1: PX4 connected"."""
         found, self._events = self._events, []
         for server in self._servers:
             found += server.guard.events
@@ -163,14 +172,14 @@ class Px4Links:
         return found
 
     def stats(self) -> dict[str, Any]:
-        """Return vehicle name -> state of its PX4, armed flag, and counts of replies and closed connections, for the statistics."""
+        """Return {vehicle name: state of its PX4, armed flag, counts}, for the statistics of the process."""
         return {
             s.name: {"px4": s.status, "armed": s.core.armed, **s.core.counts, **s.guard.counts}
             for s in self._servers
         }
 
     def close(self) -> None:
-        """Close all sockets."""
+        """Close all sockets of the simulator ports."""
         for server in self._servers:
             server.guard.close()
             if server.connection is not None:
@@ -228,7 +237,7 @@ class Px4Links:
     # -- one step ----------------------------------------------------------------------------------------------------
 
     def _send(self, server: _Server, now: float, sensors: Mapping[str, Array]) -> None:
-        """Send one vehicle the sensor readings of this step.
+        """Send a sensor sample to the PX4 of one vehicle.
 
         A late PX4 still gets samples, because PX4 runs only when a sample arrives. The samples are sent at most in real time.
         Otherwise a slow PX4 could never catch up, because the world does not wait for a late PX4.
@@ -261,7 +270,10 @@ class Px4Links:
             self._set_late(server, "does not read the sensor data")
 
     def _collect(self) -> None:
-        """Wait until every PX4 in lockstep has replied or the timeout has passed. Then report each PX4 without a reply as late."""
+        """Wait until all PX4s in lockstep have replied, or until the timeout.
+
+        Then report each PX4 without a reply as late.
+        """
         deadline = time.monotonic() + REPLY_TIMEOUT_S
         self._sleep_for_most()
         while True:
@@ -278,9 +290,10 @@ class Px4Links:
                 return
 
     def _sleep_for_most(self) -> None:
-        """Wait in one sleep until most PX4s have replied, and read their replies. Do nothing if few replies are awaited.
+        """Sleep once until most PX4s have probably replied, and read their replies.
 
-        With many vehicles, waking up for each reply would cost more CPU time. Each step adjusts the duration of the sleep.
+        Do nothing if few replies are awaited. With many vehicles, waking up for each reply would cost more
+        CPU time. Each step adjusts the duration of the sleep.
         """
         awaited = [s for s in self._servers if s.awaited]
         if len(awaited) < _SLEEP_FROM:

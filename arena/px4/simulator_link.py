@@ -33,7 +33,7 @@ _SENT_TIMES = 256
 
 
 class SimulatorLink:
-    """The simulator's side of PX4's simulator API for one vehicle: encodes sensors, decodes motor commands.
+    """Codec for PX4's simulator API of one vehicle: encodes sensor samples, decodes motor commands.
 
     rotors: number of motor commands; they are the first ones of `controls`
     outputs: data that each simulated sensor adds
@@ -51,7 +51,7 @@ class SimulatorLink:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all state of the last connection, such as motor commands and armed flag, before PX4 connects again."""
+        """Reset the state of the link, such as motor commands and armed flag, before PX4 connects again."""
         self.motors = [0.0] * self._rotors
         self.armed, self.in_step, self.unanswered = False, False, 0
         self._samples, self._sent_us, self._stamped = 0, 0, False
@@ -59,7 +59,9 @@ class SimulatorLink:
         self._stream = Stream()
 
     def sample(self, now: float, sensors: Mapping[str, Array], row: int) -> bytes:
-        """Encode the latest sensor readings as HIL_SENSOR. If radio control is on, add RC_CHANNELS with centred sticks.
+        """Return the latest sensor readings as HIL_SENSOR, with RC_CHANNELS if radio control is on.
+
+        The sticks of the radio control are centred.
 
         now: simulation time at the end of the period [s]
         sensors: readings of the world's sensors
@@ -81,7 +83,7 @@ class SimulatorLink:
         return data
 
     def messages(self, now: float, sensors: Mapping[str, Array], row: int, carried: frozenset[str]) -> bytes:
-        """Return the messages of sensors that have their own message, such as HIL_GPS.
+        """Return the messages of sensors that need a separate message, such as HIL_GPS.
 
         Only sensors that were sampled now and that the vehicle carries are included.
 
@@ -97,7 +99,7 @@ class SimulatorLink:
         )
 
     def truth(self, now: float, truth: Truth, row: int, origin: tuple[float, float, float] | None) -> bytes:
-        """Return the true state as HIL_STATE_QUATERNION at every fifth sample; return b"" at the other samples.
+        """Return the true state as HIL_STATE_QUATERNION at every fifth sample, else b"".
 
         PX4 logs it as ground truth.
         """
@@ -116,7 +118,10 @@ class SimulatorLink:
         )
 
     def receive(self, data: bytes) -> None:
-        """Decode bytes received from PX4, which may contain incomplete messages, and update motor commands and armed flag."""
+        """Update motor commands and armed flag from bytes that PX4 has sent.
+
+        The bytes may end in the middle of a message.
+        """
         buffer, found = self._stream.feed(data)
         if found.garbage:
             self.counts["garbage"] += found.garbage

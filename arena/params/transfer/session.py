@@ -1,7 +1,10 @@
 """Parameter transfers with many vehicles at the same time, in one thread.
 
-The thread polls all sockets and serial devices. pull(targets, names) read parameters push(targets, wanted)
-write parameters that differ reboot(targets) reboot autopilots, so that new values take effect
+The thread polls all sockets and serial devices.
+
+    pull(targets, names)        read parameters
+    push(targets, wanted)       write parameters that differ
+    reboot(targets)             reboot autopilots, so that new values take effect
 
 If a vehicle cannot be reached, only its own transfer ends. Ctrl-C ends all transfers; the results so far are returned.
 """
