@@ -1,4 +1,4 @@
-"""The pytest plugin with the fixture `arena_run`, which flies a scenario, or starts an arena that the test controls.
+"""Pytest plugin with the fixture `arena_run`, which flies scenarios or starts arenas for a test.
 
     def test_hover(arena_run):
         arena_run("hover.smoke.yaml")
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class ArenaRun:
-    """Object that a test gets from the fixture `arena_run`: it flies scenarios and starts arenas.
+    """Object that a test gets from the fixture `arena_run`. It flies scenarios and starts arenas.
 
     folder: folder to which the paths of arenas and scenarios are relative.  results: folder for run folders.
     """
@@ -38,7 +38,7 @@ class ArenaRun:
     def __call__(
         self, scenario: str | Path, *, set: Sequence[str] = (), speed: str = "max", seed: int | None = None
     ) -> list[Result]:
-        """Fly a scenario once in every arena that the file names and return the results.
+        """Fly a scenario in every arena that its file names, and return the results.
 
         set: `key=value` texts that override the YAML, as `arena up --set`.
         speed: simulated seconds per second, or "max".  seed: of world and motion capture; None: as the YAML says.
@@ -90,5 +90,5 @@ def _complaints(result: Result) -> list[str]:
 
 @pytest.fixture
 def arena_run(request: pytest.FixtureRequest, tmp_path: Path) -> ArenaRun:
-    """Fixture that flies a scenario, or starts an arena that the test controls. See `arena.smoke.plugin`."""
+    """Provide an object that flies scenarios or starts arenas for a test."""
     return ArenaRun(request.path.parent, tmp_path / "arena")

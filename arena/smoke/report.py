@@ -29,7 +29,7 @@ _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def table(results: Sequence[Result]) -> RenderableType:
-    """Return the table for the terminal: one row per scenario, and below it each failure with file:line."""
+    """Return the result table for the terminal: one row per scenario, with its failures as file:line."""
     heads = ("scenario", "verdict", "seed", "flown [s]", "wall [s]", "slowest step", "touchdown [m/s]")
     made = Table(*(escape(head) for head in heads), box=None, pad_edge=False)
     for result in results:
@@ -65,7 +65,7 @@ def _reasons(result: Result) -> Iterator[str]:
 
 
 def reasons(result: Result) -> list[str]:
-    """Return one text `file:line: reason` per failure of a scenario; empty if the scenario passed."""
+    """Return one text `file:line: reason` per failure of a scenario."""
     found = [f"{_where(place)}{sentence}" for place, sentence in result.verdict.failures]
     return (
         found
@@ -79,7 +79,10 @@ def _where(place: Place | None) -> str:
 
 
 def details(result: Result) -> list[str]:
-    """Return the result in detail: one line per step, rule, touchdown and problem, with times and worst values."""
+    """Return the result in detail, with times and worst values.
+
+    It has one line per step, rule, touchdown and problem.
+    """
     lines = [
         f"seed {result.seed}, {result.verdict.lasted_s:.2f} s of simulation, over: {result.verdict.ended}"
     ]
@@ -113,7 +116,7 @@ def _touchdown(t: Touchdown) -> str:
 
 
 def summary(results: Sequence[Result]) -> str:
-    """Return one line with the number of scenarios, the number of failed ones and the total simulation time."""
+    """Return one line: number of scenarios, number of failed scenarios, and total simulation time."""
     failed = sum(not r.verdict.passed for r in results)
     flown = sum(r.verdict.lasted_s for r in results)
     text = f"{len(results)} scenario{'s' if len(results) != 1 else ''}, "
@@ -165,17 +168,20 @@ def _testcase(suite: ElementTree.Element, result: Result) -> None:
 
 
 def _line(result: Result) -> int:
-    """Return the line of the first failure in the scenario file; 1 if unknown."""
+    """Return the line of the first failure in the scenario file, or 1 if it is unknown."""
     return next((place.line for place, _ in result.verdict.failures if place is not None), 1)
 
 
 def _plain(text: str) -> str:
-    """Return the text with "?" instead of each character that XML does not allow."""
+    """Replace each character that XML does not allow by "?"."""
     return _NO_XML.sub("?", text)
 
 
 def results_json(results: Sequence[Result]) -> str:
-    """Return the results as JSON. `read_results` converts it back; the extra key `passed` is for other programs."""
+    """Return the results as JSON. `read_results` converts it back.
+
+    The extra key `passed` is for other programs.
+    """
     return json.dumps([_as_json(result) for result in results], indent=1) + "\n"
 
 

@@ -48,8 +48,9 @@ _MODULE_OF = {name: module for module, names in _MODULES.items() for name in nam
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public class or function of this package only when it is first used, so that a command loads only the modules
-    that it needs.
+    """Import a public name of this package when it is first used.
+
+    Then a command loads only the modules that it needs.
     """
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Arm permits: which real vehicles may get a permit now, and the requests to the vehicles' link processes. Pure."""
+"""Arm permits: the check whether a vehicle may get a permit, and the requests to the link processes. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ CONFIRMATION_S = 30.0  # the confirmation of `arena up` counts for vehicles that
 
 
 def permit_request(vehicle: str, by: str) -> dict[str, str]:
-    """Return the request with which the link process of a vehicle gives an arm permit.
+    """Return the request that makes a vehicle's link process give an arm permit.
 
     by: person who gives the permit.
     """
@@ -19,7 +19,10 @@ def permit_request(vehicle: str, by: str) -> dict[str, str]:
 
 
 def real_vehicles(plan: Plan, statuses: Mapping[str, ProcessStatus]) -> dict[str, bool]:
-    """Return the real vehicles: name -> whether the vehicle's link process is ready. It is ready only after the vehicle was connected."""
+    """Return the real vehicles: name -> whether the vehicle's link process is ready.
+
+    It is ready only after the vehicle was connected.
+    """
     names = [v.name for v in plan.vehicles if not v.simulated]
     return {name: statuses[f"link.{name}"].state is State.READY for name in names}
 
@@ -38,7 +41,7 @@ def check_permit(real: Mapping[str, bool], vehicles: Sequence[str]) -> None:
 
 
 def check_vehicle(real: Mapping[str, bool], vehicle: str) -> None:
-    """Raise ValueError if a vehicle is not real, or its link process is not ready."""
+    """Raise ValueError if a vehicle is not real or its link process is not ready."""
     if vehicle not in real:
         known = ", ".join(real) or "none, because all vehicles of this arena are simulated"
         raise ValueError(f"got vehicle {vehicle!r}, expected a real vehicle: {known}")
@@ -47,7 +50,7 @@ def check_vehicle(real: Mapping[str, bool], vehicle: str) -> None:
 
 
 class Confirmation:
-    """Confirmation that a person gives at the start of `arena up`: the connected real vehicles may arm.
+    """Consent of a person at the start of `arena up`: the connected real vehicles may arm.
 
     The confirmation is used once: when all processes are ready, at the latest CONFIRMATION_S after the start. It holds for the
     real vehicles that are connected at that time. So a vehicle whose battery is connected later does not take off.
@@ -59,7 +62,7 @@ class Confirmation:
         self.by, self._began, self._open = by, began, bool(by)
 
     def is_due(self, now: float, all_ready: bool) -> bool:
-        """Return whether the confirmation must be used now; True at most once.
+        """Return whether the consent must be used now. It returns True at most once.
 
         now: monotonic [s].  all_ready: whether all processes of the arena are ready.
         """

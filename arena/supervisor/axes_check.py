@@ -13,7 +13,7 @@ from arena.plan.model import Plan
 
 
 def check_request(vehicle: str, by: str, *, stop: bool) -> dict[str, str]:
-    """Return the request with which the link process of a vehicle starts or stops an axes check.
+    """Return the request that makes a vehicle's link process start or stop an axes check.
 
     by: person who asks for the check.
     """
@@ -21,7 +21,9 @@ def check_request(vehicle: str, by: str, *, stop: bool) -> dict[str, str]:
 
 
 def body_requests(plan: Plan, stats: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, dict[str, str]]]:
-    """Return (link process, request) for each real vehicle. The request sends the definition of the vehicle's rigid body.
+    """Return (link process, request) for each real vehicle.
+
+    The request contains the definition of the vehicle's rigid body.
 
     The link process refuses to arm the vehicle if the definition has changed since the last passed check. The pose forwarder of the
     vehicle reports the definition; a vehicle without such a report is left out.

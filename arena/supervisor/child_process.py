@@ -1,4 +1,4 @@
-"""Child processes of the supervisor: start them, send signals to them, and collect their exit status.
+"""Child processes of the supervisor: start, signals, and exit status.
 
 Each child has its own session and process group; signals go to the group. A child that must not outlive the
 supervisor gets a parent-death signal. The kernel sends this signal when the *thread* that forked ends. Therefore
@@ -42,7 +42,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(kw_only=True)
 class Child:
-    """A process that the supervisor has started, with its log file and its status socket.
+    """Process that the supervisor has started, with its log file and status socket.
 
     pid: also the number of its process group and session.  start_s: when the kernel started it [s since boot].
     channel: the supervisor's end of the status socket; None once the other end is closed.
@@ -70,7 +70,7 @@ class Child:
     _popen: subprocess.Popen[bytes] | None = field(default=None, repr=False)
 
     def signal(self, number: int) -> None:
-        """Send a signal to the whole process group. Does nothing if the group has ended already."""
+        """Send a signal to the whole process group. Do nothing if the group has ended."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, number)
 
@@ -95,7 +95,9 @@ class Child:
         return exit_of(status)
 
     def receive(self) -> list[dict[str, Any]]:
-        """Return the packets (facts, events, readiness) that the process sent on its status socket: at most _PACKETS_PER_CALL.
+        """Return the packets from the process's status socket: facts, events, readiness.
+
+        It returns at most _PACKETS_PER_CALL packets.
 
         Data that is not a JSON object is counted in `garbage`. At end of file `channel` becomes None.
         """
@@ -128,7 +130,10 @@ class Child:
         return data
 
     def send(self, packet: dict[str, Any]) -> bool:
-        """Send a request to the process. Return False if it cannot be sent now, because the process has ended or reads nothing."""
+        """Send a request to the process. Return False if it cannot be sent now.
+
+        It cannot be sent if the process has ended or does not read its socket.
+        """
         if self.channel is None:
             return False
         try:
@@ -144,7 +149,7 @@ class Child:
             self.channel = None
 
     def cut_log(self) -> bool:
-        """Cut a log file longer than LOG_LIMIT_BYTES to its first LOG_KEPT_BYTES. Return True if it was cut.
+        """Cut a log file longer than LOG_LIMIT_BYTES to LOG_KEPT_BYTES. Return whether it was cut.
 
         The child has the file open for appending, so the child continues to write at the new end.
         """
@@ -157,7 +162,7 @@ class Child:
 
 
 def start(spec: ProcessSpec, log: Path, run: str, forks: ForkClient | None = None) -> Child:
-    """Start a process: by the fork server if it serves the command, else in a new interpreter. Raises OSError if that fails.
+    """Start a process with the fork server, or else with a new interpreter. Raises OSError on failure.
 
     spec: the process, with all placeholders filled; its `env` is added to the supervisor's environment.
     log: file to which the output of the process is appended. If it cannot be opened, the output is dropped, because a process
@@ -197,7 +202,7 @@ def start(spec: ProcessSpec, log: Path, run: str, forks: ForkClient | None = Non
 def _fork(
     forks: ForkClient, spec: ProcessSpec, env: dict[str, str], output: int, channel: socket.socket
 ) -> int | None:
-    """Start a process by the fork server and return its pid; None if the fork server does not start it."""
+    """Start a process with the fork server. Return its pid, or None if the fork server does not start it."""
     if not forks.serves(spec.argv, is_program=spec.is_program, cwd=spec.cwd):
         return None
     return forks.fork(
@@ -230,13 +235,16 @@ def _execute(
 
 
 def _open_log(log: Path) -> int:
-    """Open a log file for appending, or /dev/null if that fails, or if the disk does not respond in OPEN_TIMEOUT_S."""
+    """Open a log file for appending. Open /dev/null if this fails or takes longer than OPEN_TIMEOUT_S."""
     opened = within(OPEN_TIMEOUT_S, partial(_open_or_null, log), discard=os.close)
     return _open_null() if opened is None else opened
 
 
 def _open_or_null(log: Path) -> int:
-    """Open a log file for appending, or /dev/null if that fails. Its folder is created if it was deleted."""
+    """Open a log file for appending, or /dev/null if this fails.
+
+    A deleted folder is created again.
+    """
     flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
     with contextlib.suppress(OSError):
         return os.open(log, flags, 0o644)
@@ -251,7 +259,7 @@ def _open_null() -> int:
 
 
 def last_line(log: Path) -> str:
-    """Return the last line of a log file that is not blank; "" if there is none."""
+    """Return the last non-blank line of a log file, or "" if there is none."""
     try:
         with log.open("rb") as file:
             file.seek(max(0, log.stat().st_size - 4096))
@@ -262,7 +270,7 @@ def last_line(log: Path) -> str:
 
 
 def exit_of(status: int) -> Exit:
-    """Convert a wait status to an Exit with the text `exit 1` or `killed by SIGKILL`."""
+    """Convert the wait status of a process to an Exit with a text such as `exit 1` or `killed by SIGKILL`."""
     code = os.waitstatus_to_exitcode(status)
     if code >= 0:
         return Exit(code=code, text=f"exit {code}")
@@ -270,12 +278,12 @@ def exit_of(status: int) -> Exit:
 
 
 def adopt_orphans() -> None:
-    """Make this process the parent of every descendant whose own parent has ended, so that `reap_adopted` finds it."""
+    """Make the kernel give orphaned descendants to this process, so that `reap_adopted` finds them."""
     _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
-    """Kill orphans: processes whose parent was a process of the plan and has ended.
+    """Kill orphaned processes, whose parent was a process of the plan and has ended.
 
     Collect their exit status and return their pids.
 
@@ -298,7 +306,7 @@ def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
 
 
 def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
-    """Return the function that a new child process runs between fork and exec; None if nothing is to be done there.
+    """Return the function that a new child process runs between fork and exec, or None if nothing must be done.
 
     Without such a function the start is faster, because vfork is used.
     """

@@ -48,7 +48,7 @@ class _Client:
 
 
 class ControlServer:
-    """Server of the control socket. The main loop calls it when data arrive. No call blocks.
+    """Server of the control socket. The main loop calls it when data arrive. No method blocks.
 
     path: path of the socket, in the private runtime folder of the run.
     answer: function that returns the reply to a request, or raises KeyError or ValueError with a text for the client.
@@ -84,7 +84,7 @@ class ControlServer:
         selector.register(self._socket, selectors.EVENT_READ, self._accept)
 
     def say(self, text: str) -> None:
-        """Send one line of output to every client that follows the run."""
+        """Send one line of output to every client that has subscribed to the run's output."""
         for client in list(self._clients.values()):
             if client.subscribed:
                 self._send(client, {"say": text})
@@ -188,7 +188,7 @@ class ControlServer:
 
 
 def _user(connection: socket.socket) -> int:
-    """Return the user id of the connected process, from the kernel (SO_PEERCRED: pid, uid, gid)."""
+    """Return the user id of the connected process. The kernel reports it (SO_PEERCRED)."""
     _, user, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
     return int(user)
 
@@ -215,7 +215,7 @@ class Control:
             ) from error
 
     def ask(self, **request: Any) -> dict[str, Any]:
-        """Send one request and return the reply. Raises RunError if there is no reply or the reply is an error.
+        """Send one request and return the reply. Raises RunError without a reply or for an error reply.
 
         Lines of a subscription that arrive before the reply are kept; `listen` returns them later.
         """
@@ -236,7 +236,7 @@ class Control:
         return answer
 
     def listen(self, timeout_s: float | None = None) -> dict[str, Any] | None:
-        """Return the next packet, or None at the end of the run. Raises TimeoutError after `timeout_s`."""
+        """Return the next packet, or None at the end of the run. Raises TimeoutError after `timeout_s` [s]."""
         if self._kept:
             return self._kept.pop(0)
         if timeout_s is not None:
@@ -254,5 +254,5 @@ class Control:
         return packet if isinstance(packet, dict) else {}
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection to the control socket."""
         self._socket.close()

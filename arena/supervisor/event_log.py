@@ -1,4 +1,4 @@
-"""Writes the event log of a run, events.jsonl, and shows each entry: state changes of processes, and events that they send."""
+"""Writes and shows the event log of a run, events.jsonl: state changes and events of the processes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Show = Callable[[Message], None]
 
 
 class EventLog:
-    """Writer of events.jsonl, which also shows each entry as a line.
+    """Writer of events.jsonl. It also shows each entry as a line to the user.
 
     `lost` counts entries that could not be written.
 
@@ -62,7 +62,7 @@ class EventLog:
         self.show(Message(source=process, text=transition_text(after, reason), level=level))
 
     def event(self, mono: float, process: str, text: str, *, level: Level | None = None) -> None:
-        """Log an event of a process: something that happened to it, or a text that it sent.
+        """Log an event of a process, such as a fault or a text that the process sent.
 
         mono: monotonic time [s].  level: level of the shown line; None chooses it from the text.
         Events after the first MAX_EVENTS_PER_PROCESS of a process are dropped.
@@ -89,7 +89,7 @@ class EventLog:
             self._write({"mono": mono, "process": process, "audit": dict(entry)})
 
     def show(self, message: Message) -> None:
-        """Show a line with the time in front, without writing it to events.jsonl."""
+        """Show a line with the time in front. The line is not written to events.jsonl."""
         self._show(
             Message(text=message.text, source=message.source, level=message.level, time_s=self._time_s())
         )
@@ -115,7 +115,7 @@ class EventLog:
         self._writer.submit(partial(self._append, json.dumps(entry).encode() + b"\n"))
 
     def _append(self, line: bytes) -> None:
-        """Append a line to events.jsonl. Called in the background thread that writes files.
+        """Append a line to events.jsonl, in the background thread that writes files.
 
         If the disk becomes full within the line, the written part of the line is removed, so that the file has whole lines only.
         """

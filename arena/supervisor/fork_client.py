@@ -1,4 +1,4 @@
-"""The supervisor's end of the fork server (`arena.fork_server`), which shortens the start of an arena.
+"""Client of the fork server (`arena.fork_server`), which makes the start of an arena faster.
 
 The fork server runs only while a simulated arena starts for the first time. Whatever it cannot do, or does not do in time, is done
 by a new interpreter. Restarts never use it. This module imports the standard library only, so that `arena up` can start the fork
@@ -32,7 +32,7 @@ _SPARE_ARGUMENT, _SPARE_VARIABLE = "-" * 1024, ("ARENA_SPARE_ENVIRONMENT", "-" *
 
 
 class ForkClient:
-    """Starts the fork server, and requests processes from it.
+    """Client that starts the fork server and requests new processes from it.
 
     ready: the fork server has imported the packages.
     """
@@ -56,17 +56,20 @@ class ForkClient:
             )
 
     def watch(self, selector: selectors.BaseSelector, on_change: Callable[[], None]) -> None:
-        """Register with a selector. Its data is `on_change` until the fork server is ready or has ended, and `loading` was called."""
+        """Register the fork server's socket with a selector.
+
+        The selector's data is `on_change` until the fork server is ready or has ended, and `loading` was called.
+        """
         self._selector = selector
         selector.register(self._channel, selectors.EVENT_READ, on_change)
 
     @property
     def pid(self) -> int | None:
-        """Pid of the fork server; None after `close`."""
+        """Process id of the fork server, or None after `close`."""
         return None if self._server is None else self._server.pid
 
     def loading(self, now: float) -> bool:
-        """Return whether the start of processes must still wait for the fork server.
+        """Return whether new processes must still wait until the fork server is ready.
 
         now: monotonic [s].
 
@@ -83,7 +86,10 @@ class ForkClient:
         return self._server is not None and not self.ready
 
     def serves(self, argv: Sequence[str], *, is_program: bool, cwd: str) -> bool:
-        """Return whether the fork server can start this command: a module of arena, or a user program in Python."""
+        """Return whether the fork server can start a command.
+
+        It can start modules of arena, and user programs in Python.
+        """
         if not self.ready or self._server is None or len(argv) < 2 or argv[0] != sys.executable:
             return False
         ours = argv[1] == "-m" and argv[2].startswith("arena.")
@@ -101,7 +107,9 @@ class ForkClient:
         output: int,
         channel: int,
     ) -> int | None:
-        """Request a process and return its pid; None if the fork server does not start it. Then it is not used any more.
+        """Request a new process and return its pid, or None if the fork server does not start it.
+
+        After None, the fork server is not used any more.
 
         argv, cwd, env: command line, working folder and complete environment.
         socket_variable: environment variable for the number that `channel` has in the process.
@@ -135,7 +143,7 @@ class ForkClient:
         return None
 
     def close(self) -> None:
-        """End the fork server. The processes that it has forked continue."""
+        """End the fork server. The processes that it has started continue."""
         self._end_server()
         self._channel.close()
 
@@ -154,7 +162,7 @@ class ForkClient:
                 server.wait()
 
     def _receive(self, timeout_s: float) -> dict[str, object] | None:
-        """Return the next packet of the fork server; {} if it has ended, None if nothing has arrived after `timeout_s`."""
+        """Return the next packet of the fork server. Return {} if it has ended, or None after `timeout_s` [s]."""
         try:
             if not select.select([self._channel], [], [], timeout_s)[0]:
                 return None

@@ -1,4 +1,4 @@
-"""Functions that share the runtime folder of a run with a group of the computer, so that its members can land the vehicles.
+"""Shares the runtime folder of a run with a user group, so that its members can land the vehicles.
 
 The environment variable ARENA_GROUP names the group.
 """
@@ -14,7 +14,7 @@ from arena.run_dirs import GROUP_VARIABLE
 
 
 def group_id() -> int | None:
-    """Return the id of the group in ARENA_GROUP; None if the variable is not set.
+    """Return the id of the user group in ARENA_GROUP, or None if the variable is not set.
 
     Raises RunError if there is no such group, or this user does not belong to it.
     """

@@ -1,4 +1,4 @@
-"""The landing at the end of a run: runs the plan's land task until every vehicle is confirmed on the ground.
+"""Landing at the end of a run: runs the plan's land task until every vehicle is confirmed on the ground.
 
 If only simulated vehicles fly, there are at most ATTEMPTS attempts within TIMEOUT_S. If a real vehicle flies, the
 number of attempts is not limited, because the processes that serve a flying vehicle must not be stopped.
@@ -52,7 +52,7 @@ class LandingTask:
         self._confirmed: dict[str, float] = {}
 
     def again(self, why: str, now: float) -> None:
-        """Begin another landing, because a vehicle has become armed after the previous landing.
+        """Begin a new landing, because a vehicle has been armed after the previous landing.
 
         why: text for the log.
         """
@@ -69,7 +69,7 @@ class LandingTask:
         world_gone: bool = False,
         down: Mapping[str, str] | None = None,
     ) -> bool:
-        """Start, monitor or repeat the land task. Return True when the landing has ended, successfully or not.
+        """Start, monitor or repeat the land task. Return True when the landing has ended, even without success.
 
         flying: vehicles that may be in the air.  now: monotonic [s].
         armed: vehicles that a running process reports as armed.
@@ -92,7 +92,7 @@ class LandingTask:
         return False
 
     def _land(self, flying: Sequence[str], now: float, *, world_gone: bool, armed: Collection[str]) -> bool:
-        """Start the land task if a vehicle may be flying and the time for the next attempt has come.
+        """Start the land task if a vehicle may be flying and the next attempt is due.
 
         Return True when the landing has ended.
 
@@ -115,7 +115,10 @@ class LandingTask:
         return False
 
     def _with_pilot(self, flying: Sequence[str], pilots: Collection[str]) -> list[str]:
-        """Return the flying vehicles whose pilot has control. Log each of these vehicles once, when its pilot takes control."""
+        """Return the flying vehicles under control of their pilots.
+
+        Each of them is logged once, when its pilot takes control.
+        """
         found = [v for v in flying if v in pilots]
         for vehicle in found:
             if vehicle not in self._pilots:
@@ -126,7 +129,7 @@ class LandingTask:
         return found
 
     def _withdraw(self, armed: Collection[str], now: float) -> None:
-        """Withdraw the confirmation of a landing, so that the vehicle is landed again, if the landing was wrongly confirmed.
+        """Withdraw a wrong confirmation of a landing, so that the vehicle is landed again.
 
         This is so if a real vehicle is reported as armed REPORT_LAG_S after the confirmation. Earlier reports may be outdated.
         """
@@ -146,7 +149,10 @@ class LandingTask:
         self._down = {**self._down, **down}
 
     def _spec(self, flying: Sequence[str]) -> ProcessSpec:
-        """Return the land task without the vehicles that need no landing: crashed, declared dead, or flown by a pilot."""
+        """Return the land task without the vehicles that need no landing.
+
+        These vehicles are crashed, declared dead, or flown by a pilot.
+        """
         assert self._plan.land is not None
         spared = [v.name for v in self._plan.vehicles if v.name in {*self._down, *self._pilots} - {*flying}]
         self._commanded = {v.name for v in self._plan.vehicles} - set(spared)
@@ -182,7 +188,7 @@ class LandingTask:
         return False
 
     def _hurry(self, task: SideTask, flying: Sequence[str], now: float) -> None:
-        """Kill the land task if all vehicles have been on the ground or crashed for _NOTICE_S, because nothing is left to land."""
+        """Kill the land task if all vehicles have been on the ground or crashed for _NOTICE_S."""
         if flying:
             self._nothing_since = None
         elif self._nothing_since is None:
@@ -191,7 +197,10 @@ class LandingTask:
             task.stop()
 
     def _failed(self, exit: Exit, flying: Sequence[str], now: float) -> None:
-        """Log a failed attempt to land. If all vehicles are on the ground anyway, the next `step` ends the landing as successful."""
+        """Log a failed attempt to land.
+
+        If all vehicles are on the ground anyway, the next `step` ends the landing as successful.
+        """
         self.summary = f"the landing of {', '.join(flying) or 'all vehicles'} is not confirmed ({exit.text})"
         self._log.event(now, "arena", self.summary)
 

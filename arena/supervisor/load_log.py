@@ -1,4 +1,4 @@
-"""Writes the CPU load and the memory of all processes over time, processes.csv in the run folder."""
+"""Writes processes.csv in the run folder: CPU load and memory of all processes over time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ HEADER = "time_s,process,cpu,rss_mb"
 
 
 class LoadLog:
-    """Writer of processes.csv: one row per process and sample. After an error nothing more is written.
+    """Writer of processes.csv, with one row per process and sample.
+
+    It writes nothing after the first error.
 
     path: the file.  writer: background thread that writes the file.
     time_s: function that returns the time of a row: simulated time, or time since the start of the run [s]. None before the
@@ -45,7 +47,7 @@ class LoadLog:
         self._writer.submit(partial(self._append, text.encode()))
 
     def _append(self, data: bytes) -> None:
-        """Append to the file. Called in the background thread. A full disk ends this log only."""
+        """Append rows to the file, in the background thread. A full disk ends only this log."""
         if self._file is not None:
             try:
                 write_all(self._file, data)

@@ -1,4 +1,4 @@
-"""The main loop of the supervisor: starts a plan, keeps it running, lands the vehicles, stops all processes, writes the result.
+"""Main loop of the supervisor: starts a plan, monitors its processes, lands the vehicles, stops all.
 
 The loop uses one thread and one selector. Threads of their own write the terminal and the files (`background_writer.py`), so
 that a frozen terminal or a full disk does not stop the loop. The phases of a run:
@@ -65,7 +65,7 @@ class Phase(StrEnum):
 
 
 class Supervisor:
-    """Main loop of a run: supervises all processes of one plan. `run()` returns the exit code."""
+    """Main loop of a run, which supervises all processes of one plan. `run()` returns the exit code."""
 
     def __init__(
         self, plan: Plan, folder: RunFolder, show: Show, options: Options, forks: ForkClient | None = None
@@ -101,7 +101,10 @@ class Supervisor:
         self._all_started = False
 
     def run(self) -> int:
-        """Run the plan to its end and return the exit code. Call it in the main thread, because it handles signals and forks."""
+        """Run the plan to its end and return the exit code.
+
+        Call it in the main thread, because it handles signals and forks.
+        """
         if self.options.adopt:
             child_process.adopt_orphans()
         with SignalQueue() as signals:
@@ -125,12 +128,12 @@ class Supervisor:
         return self._result.exit_code
 
     def _require_run(self, refusal: str) -> None:
-        """Raise ValueError with this text if the end of the run has begun."""
+        """Raise ValueError with a given text if the run is already ending."""
         if self.phase is not Phase.RUN:
             raise ValueError(refusal)
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Return the reply to one request of the control socket. Raises ValueError when the request is refused."""
+        """Return the reply to a request of the control socket. Raises ValueError for a refused request."""
         now = time.monotonic()
         if request.get("do") == "view":  # a viewer asks by itself, so this is no sign of an operator
             return self.status()
@@ -243,7 +246,7 @@ class Supervisor:
         self._next_round = now + (_CALM_ROUND_S if settled and self.phase is Phase.RUN else _BUSY_ROUND_S)
 
     def _report_operator(self, now: float) -> None:
-        """Report to the router that an operator is present. Called once a second.
+        """Report to the router once a second that an operator is present.
 
         Without this report, and without a ground station, the router sends no GCS heartbeat to real vehicles with a data-link
         failsafe, so that this failsafe can react. Nothing is reported while no operator is present.
@@ -311,7 +314,7 @@ class Supervisor:
     # -- the end
 
     def _request_end(self, cause: Cause, *, hurry: bool) -> None:
-        """End the run, or speed up its end, because the user asked for it.
+        """End the run on request of the user. A repeated request makes it end faster.
 
         hurry: kill the user programs without waiting, as `arena down` and a second Ctrl-C do.
         """
@@ -372,7 +375,7 @@ class Supervisor:
             )
 
     def _write_state(self, members: dict[str, Member]) -> None:
-        """Write state.json, and store the error if this fails. Called in the background thread `files`."""
+        """Write state.json and store the error if this fails, in the background thread `files`."""
         try:
             self.folder.write_state(self.plan, members)
         except OSError as error:

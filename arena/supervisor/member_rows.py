@@ -1,4 +1,6 @@
-"""Rows of the process table for members: parts of the arena and programs that share one process. Pure.
+"""Rows of the process table for members, which run inside a shared process. Pure.
+
+Members are parts of the arena, and programs of a group.
 
 A simulated arena can run as one process, `fused`: its members are the world, motion capture, router and recorder. The process of
 a group has the programs of several vehicles as its members.
@@ -45,7 +47,7 @@ def member_rows(
 
 
 def _ended(own: Mapping[str, Any]) -> dict[str, Any]:
-    """Return state, reason and exit of a member that has ended, such as one program of a group; {} while it runs.
+    """Return state, reason and exit of an ended member, such as one program of a group, or {} while it runs.
 
     own: measurements of the member.
     """

@@ -1,4 +1,4 @@
-"""Text and level of the lines that a run shows to a person. Pure."""
+"""Text and importance of the lines that a run shows to the user. Pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from arena.supervisor.process_state import State
 
 
 class Level(IntEnum):
-    """Importance of a line: decides with which options of `arena up` the line is shown."""
+    """Importance of a line of output. The options -q and -v of `arena up` select which lines are shown."""
 
     DETAIL = 0
     """Shown with -v only."""
@@ -84,13 +84,13 @@ def event_level(text: str) -> Level:
 
 
 class VehicleChanges:
-    """Converter from the state of vehicles, such as `uav1.armed: true`, to lines for people, such as `uav1: armed, OFFBOARD`."""
+    """Converter from facts such as `uav1.armed: true` to lines such as `uav1: armed, OFFBOARD`."""
 
     def __init__(self) -> None:
         self._known: dict[str, dict[str, Any]] = {}
 
     def on_facts(self, facts: Mapping[str, Any]) -> list[Message]:
-        """Return a line for each change of a vehicle since the last call: armed, mode, on the ground or in the air, connected.
+        """Return a line for each change of a vehicle: armed, mode, on the ground or in the air, connected.
 
         facts: state of vehicles that a process has sent in one packet: `<vehicle>.<name>` -> value, such as `uav1.armed` -> True.
         """
@@ -118,7 +118,7 @@ class VehicleChanges:
 
 
 def no_such_process(name: str, plan: Plan) -> str:
-    """Return the reply to a request that names no process of this plan.
+    """Return the reply to a request with an unknown process name.
 
     name: an unknown name, or a part of the arena, such as the router, that shares one process with other parts.
     """

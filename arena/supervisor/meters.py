@@ -16,7 +16,7 @@ _LEAST_S = 3.0
 
 
 class RealTimeMeter:
-    """Meter of the simulated time of a run, and of its real-time factor: simulated seconds per second of wall time."""
+    """Meter of a run's simulated time and real-time factor (simulated seconds per wall second)."""
 
     def __init__(self, plan: Plan, folder: RunFolder) -> None:
         world = plan.slices.get("world.json") or plan.slices.get("replay.json", {})
@@ -30,7 +30,10 @@ class RealTimeMeter:
         self._last = (0.0, 0.0)
 
     def time_s(self) -> float | None:
-        """Return the simulated time [s], or None before the world runs. Without a simulated world: time since the start [s]."""
+        """Return the simulated time [s], or None before the world runs.
+
+        Without a simulated world, it is the time since the start [s].
+        """
         if self._stem is None:
             return time.monotonic() - self._began
         try:
@@ -40,7 +43,7 @@ class RealTimeMeter:
         return self._clock.now() or None
 
     def sample(self, now: float) -> None:
-        """Measure the simulated time, from which `result` computes the real-time factor.
+        """Store a sample of the simulated time. `result` computes the real-time factor from the samples.
 
         Called about once a second while the
         world runs. now: monotonic [s].
@@ -50,7 +53,7 @@ class RealTimeMeter:
             self._last = (now, time_s)
 
     def result(self) -> dict[str, float | None] | None:
-        """Return the mean real-time factor of the run (`factor`) and the requested real-time factor (`asked`).
+        """Return the run's mean real-time factor (`factor`) and the requested real-time factor (`asked`).
 
         `asked` is None if the simulation runs as fast as possible. Return None if too little was measured.
         """
@@ -61,7 +64,7 @@ class RealTimeMeter:
 
 @dataclass(kw_only=True)
 class Meter:
-    """Meter of CPU and memory of one process with its descendants.
+    """Meter of CPU time and memory of one process and its descendants.
 
     now_cpu: CPU use since the sample before, as a fraction of one core [-].
     now_mb: resident memory [MB].  peak_mb: maximum of the resident memory [MB].
@@ -78,11 +81,11 @@ class Meter:
 
     @property
     def cpu_s(self) -> float:
-        """CPU time that the process has used, summed over all its starts [s]."""
+        """CPU time that the process has used in all its starts together [s]."""
         return self._past_cpu_s + self._cpu_s
 
     def alive_s(self, now: float) -> float:
-        """Return how long the process has run, summed over all starts [s].
+        """Return how long the process has run in all its starts together [s].
 
         now: monotonic [s].
         """
@@ -126,7 +129,7 @@ class Meter:
         self._cpu_s, self._since, self.now_cpu, self.now_mb = 0.0, None, 0.0, 0.0
 
     def over_budget(self, spec: ProcessSpec, now: float) -> list[str]:
-        """Return one text per exceeded budget (`cpu_budget`, `memory_budget_mb` of the process).
+        """Return one text per exceeded budget of the process: `cpu_budget`, `memory_budget_mb`.
 
         now: monotonic [s].
         """

@@ -1,4 +1,4 @@
-"""Decides whether an operator is present.
+"""Decides whether an operator supervises the arena.
 
 If nobody is, the router stops its heartbeat, and the data-link failsafe of real vehicles can react. Pure, except
 `at_terminal`.
@@ -17,13 +17,15 @@ BLOCKED_S = 5.0
 
 
 class OperatorPresence:
-    """Decides whether an operator is present: at the terminal of `arena up`, or by recent commands."""
+    """Decides whether an operator is present, at the terminal of `arena up` or by recent commands."""
 
     def __init__(self) -> None:
         self._command_at = float("-inf")
 
     def on_command(self, now: float) -> None:
-        """Record that a person has sent a command to this arena, as a request on the control socket.
+        """Record that a person has sent a command to this arena.
+
+        Commands are requests on the control socket.
 
         now: monotonic [s].
         """
@@ -39,7 +41,7 @@ class OperatorPresence:
 
 
 def at_terminal() -> bool:
-    """Return whether this process runs in the foreground of a terminal, so that a person can press Ctrl-C."""
+    """Return whether a person can press Ctrl-C: this process runs in the foreground of a terminal."""
     for fd in (0, 1):
         try:
             if os.isatty(fd) and os.tcgetpgrp(fd) == os.getpgrp():

@@ -1,4 +1,4 @@
-"""Rules for the packets between the supervisor and its processes: sender, limit of stored values, report of an ended program. Pure."""
+"""Rules for packets from processes to the supervisor: sender, stored values, end of a program. Pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MAX_NAMES = 2000
 
 
 def reporter(spec: ProcessSpec, packet: Mapping[str, Any]) -> tuple[str, str]:
-    """Return name and kind of the sender of a packet: the process, or one of its members.
+    """Return name and kind of a packet's sender: a process, or a member of a process.
 
     A process can run several members: the router, world and recorder of a simulated arena, or the programs of a group of
     vehicles. The key `of` of a packet names the member that has sent the packet.
@@ -24,7 +24,7 @@ def reporter(spec: ProcessSpec, packet: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def within_limit(values: Mapping[str, Any], known: Collection[str]) -> list[str]:
-    """Return the keys of `values` that may be stored: the known keys, and new keys until there are MAX_NAMES keys.
+    """Return the values that may be stored: values of known names, and new names up to MAX_NAMES in total.
 
     A faulty process thus cannot fill the memory of the supervisor.
     """

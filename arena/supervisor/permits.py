@@ -1,4 +1,4 @@
-"""Permission of real vehicles to arm: asks the link processes for it, and for the axes check before it."""
+"""Arm permits of real vehicles: requests the permits and the axes checks from the link processes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from arena.supervisor.release_task import CONFIRM_S
 
 
 class Permits:
-    """Arm permits and axes checks of the real vehicles of a run.
+    """Arm permits and axes checks of all real vehicles of a run.
 
     confirmation: what a person has confirmed at `arena up`. show: prints a line for the user.
     """
@@ -31,7 +31,7 @@ class Permits:
         self._confirmation, self._show = confirmation, show
 
     def use_confirmation(self, now: float, all_ready: bool) -> None:
-        """Give an arm permit to the connected real vehicles if a person has confirmed this at `arena up`.
+        """Give an arm permit to the connected real vehicles, if a person has given consent at `arena up`.
 
         The user reads which vehicles are not connected, and so get no permit. now: monotonic [s].
         all_ready: whether all processes of the arena are ready.
@@ -48,7 +48,9 @@ class Permits:
             self._show(f"{name}: not connected, so it has no arm permit; later run `arena arm-permit {name}`")
 
     def grant(self, vehicles: Sequence[str], by: str) -> None:
-        """Give an arm permit to vehicles. Raises ValueError, which names each vehicle whose link process did not receive it.
+        """Give an arm permit to vehicles. Raises ValueError if a link process did not receive it.
+
+        The error names the vehicles.
 
         If one of the vehicles must not get a permit, none gets it. by: who permits it.
         """
@@ -67,7 +69,7 @@ class Permits:
         return not self._processes.request(packet, to=[f"link.{vehicle}"])
 
     def check_axes(self, vehicle: str, by: str, *, stop: bool) -> None:
-        """Start the axes check of a vehicle, or stop it. Raises ValueError if it cannot be checked.
+        """Start or stop the axes check of a vehicle. Raises ValueError if the check is not possible.
 
         by: who checks it.
         """

@@ -1,4 +1,7 @@
-"""Information about processes, read from /proc directly, because the supervisor reads it often and must use little CPU."""
+"""Information about processes, read from /proc.
+
+It is read directly, because the supervisor reads it often and must use little CPU.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +29,15 @@ class Usage:
 
 @cache
 def boot_id() -> str:
-    """Return the kernel's id of the current boot. Start times of processes are comparable only within one boot."""
+    """Return the kernel's id of the current boot.
+
+    Start times of processes are comparable only within one boot.
+    """
     return _read("/proc/sys/kernel/random/boot_id").decode().strip()
 
 
 def _read(path: str) -> bytes:
-    """Return the content of a small file of /proc; empty if the process has ended."""
+    """Return the content of a small file of /proc, or empty bytes if the process has ended."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except OSError:
@@ -45,12 +51,15 @@ def _read(path: str) -> bytes:
 
 
 def _stat(pid: int) -> list[bytes]:
-    """Return the fields of /proc/PID/stat after the process name. Element 0 is field 3 of proc(5), the state."""
+    """Return the fields of /proc/PID/stat after the process name.
+
+    Element 0 is field 3 of proc(5), the state.
+    """
     return _read(f"/proc/{pid}/stat").rpartition(b")")[2].split()
 
 
 def usage(pid: int) -> Usage | None:
-    """Return the CPU time and the memory of a process, or None if there is no such process."""
+    """Return the CPU time and memory of a process, or None without such a process."""
     fields = _stat(pid)
     if len(fields) < 22:
         return None
@@ -58,7 +67,9 @@ def usage(pid: int) -> Usage | None:
 
 
 def start_time(pid: int) -> float | None:
-    """Return when the kernel started a process [s since boot], with a resolution of 0.01 s; None if there is no such process.
+    """Return the start time of a process [s since boot], or None without such a process.
+
+    The resolution is 0.01 s.
 
     Pid and start time together identify a process. Wall time is not used, because it jumps when the clock is set, and a
     running process would then seem to be another one.
@@ -68,25 +79,25 @@ def start_time(pid: int) -> float | None:
 
 
 def is_zombie(pid: int) -> bool:
-    """Return whether a process has ended although its parent has not yet collected its exit status."""
+    """Return whether a process has ended but its parent has not collected its exit status yet."""
     fields = _stat(pid)
     return bool(fields) and fields[0] in (b"Z", b"X")
 
 
 def is_stopped(pid: int) -> bool:
-    """Return whether a process is paused by a signal (SIGSTOP) or by a debugger."""
+    """Return whether a process is paused by SIGSTOP or by a debugger."""
     fields = _stat(pid)
     return bool(fields) and fields[0] in (b"T", b"t")
 
 
 def is_same(pid: int, start_s: float) -> bool:
-    """Return whether the process with this pid runs and was started at `start_s` [s since boot]."""
+    """Return whether a pid still belongs to the process that was started at `start_s` [s since boot]."""
     found = start_time(pid)
     return found is not None and abs(found - start_s) < 0.005 and not is_zombie(pid)
 
 
 def children(pid: int) -> list[int]:
-    """Return the pids of the children that the main thread of a process forked.
+    """Return the pids of the child processes that the main thread of a process has forked.
 
     Children of other threads are not found, because reading every thread would take too long.
     """
@@ -105,12 +116,18 @@ def tree(pid: int, depth: int = 4) -> Iterator[int]:
 
 
 def group_members(pgid: int) -> list[int]:
-    """Return the pids of the running processes of a process group. Slow, because it scans all processes."""
+    """Return the pids of the running processes of a process group.
+
+    It is slow, because it scans all processes.
+    """
     return [pid for pid, fields in _all() if int(fields[2]) == pgid and fields[0] not in (b"Z", b"X")]
 
 
 def session_members(sid: int) -> list[int]:
-    """Return the pids of the running processes of a session. Slow, because it scans all processes."""
+    """Return the pids of the running processes of a session.
+
+    It is slow, because it scans all processes.
+    """
     return [pid for pid, fields in _all() if int(fields[3]) == sid and fields[0] not in (b"Z", b"X")]
 
 
@@ -123,12 +140,15 @@ def _all() -> Iterator[tuple[int, list[bytes]]]:
 
 
 def environment(pid: int) -> list[str]:
-    """Return the environment that a process was started with, as `KEY=value` entries; empty if this user cannot read it."""
+    """Return the environment at the start of a process as `KEY=value` entries.
+
+    It is empty if this user cannot read it.
+    """
     return [entry.decode(errors="replace") for entry in _read(f"/proc/{pid}/environ").split(b"\0")]
 
 
 def serves_port(pid: int, port: int) -> bool:
-    """Return whether a process or one of its descendants listens on a TCP port or has bound a UDP port."""
+    """Return whether a process or one of its descendants uses a port (TCP listening or UDP bound)."""
     inodes = _listening(port)
     return bool(inodes) and any(inodes & _socket_inodes(member) for member in tree(pid))
 

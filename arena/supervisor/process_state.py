@@ -43,7 +43,7 @@ ENDED = frozenset({State.EXITED, State.FATAL})
 
 
 class Action(StrEnum):
-    """Action that the caller of `step` must carry out on the operating system process."""
+    """Action that the main loop must carry out on a process, such as start or kill."""
 
     NONE = "none"
     START = "start"
@@ -52,7 +52,7 @@ class Action(StrEnum):
 
 
 class After(StrEnum):
-    """Next step for a process in state STOPPING, when it has ended: end, restart or retry."""
+    """Next step after the end of a process that is being stopped: end, restart or retry."""
 
     END = "end"
     RESTART = "restart"
@@ -61,7 +61,7 @@ class After(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Exit:
-    """How a process ended.
+    """Exit of a process: its exit code or signal, and a text.
 
     code: exit code as a shell reports it; 128 + n for signal n.
     text: for people, such as `exit 1`.
@@ -75,7 +75,7 @@ class Exit:
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """Input of one `step`: what happened to a process since the last step, and the requests of the loop.
+    """Input of one `step`: events of a process since the last step, and requests of the main loop.
 
     needs_ready: all processes that it needs (`ProcessSpec.needs`) are ready.
     needs_dead: name of a needed process that has ended and will not be restarted, or "".
@@ -105,7 +105,7 @@ class Observation:
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessStatus:
-    """The state of a process with its history. Times are monotonic [s].
+    """State of a process with its history. Times are monotonic [s].
 
     since: time when the process entered this state.  reason: why it entered this state.
     starts: times of the starts within the restart window.  started: number of all starts.
@@ -128,7 +128,7 @@ class ProcessStatus:
 
     @property
     def restarts(self) -> int:
-        """Number of starts after the first one."""
+        """Number of starts after the first start."""
         return max(0, self.started - 1)
 
 
@@ -136,7 +136,7 @@ Step = tuple[ProcessStatus, Action]
 
 
 def step(spec: ProcessSpec, status: ProcessStatus, observation: Observation, now: float) -> Step:
-    """Advance the state machine of one process and return its new status and the action to carry out.
+    """Advance the state machine of a process. Return its new status and the action to carry out.
 
     now: monotonic [s].
     """
@@ -278,7 +278,9 @@ def _ended(
 def _again(
     spec: ProcessSpec, status: ProcessStatus, observation: Observation, words: str, now: float
 ) -> Step:
-    """Return the next status of an ended process: BACKOFF if it will be started again, FATAL after too many starts.
+    """Return the next status of an ended process.
+
+    It is BACKOFF if the process will be started again, or FATAL after too many starts.
 
     EXITED if the run ends or a stop was requested.  words: how it ended.  now: monotonic [s].
     """

@@ -1,4 +1,4 @@
-"""Proof that a process is ready: by its own report, its start, a port, its output, a file or a delay."""
+"""Readiness probes: by own report, start, port, log output, file or delay."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LOG_BYTES = 1 << 20
 
 
 def proof_of(child: Child | None, status: ProcessStatus, now: float, *, reported: bool) -> str:
-    """Return a text that says how a starting process has shown that it is ready; "" if it has not, or is in another state.
+    """Return a text with the reason why a starting process counts as ready, or "" if it is not ready.
 
     child: the running process; None if it has ended. now: monotonic [s]. reported: the process has reported that it is ready.
     """
@@ -30,7 +30,7 @@ def proof_of(child: Child | None, status: ProcessStatus, now: float, *, reported
 
 
 def proof(spec: ProcessSpec, *, pid: int, log: Path, offset: int, alive_s: float, reported: bool) -> str:
-    """Return a text that says how a running process has shown that it is ready; "" if it has not.
+    """Return a text with the reason why a running process counts as ready, or "" if it is not ready.
 
     spec: the process, with all placeholders filled. pid: of the process.
     log: its log file. offset: size of the log file when this process was started [byte]: older lines are of earlier starts.
@@ -53,7 +53,10 @@ def proof(spec: ProcessSpec, *, pid: int, log: Path, offset: int, alive_s: float
 
 
 def matching_line(log: Path, offset: int, pattern: str) -> str:
-    """Return the first line of a log, from a byte offset on, that contains a match of a regular expression; "" if there is none."""
+    """Return the first line of a log that matches a regular expression, or "" if no line matches.
+
+    The search begins at a byte offset.
+    """
     try:
         with log.open("rb") as file:
             file.seek(max(offset, log.stat().st_size - _LOG_BYTES))

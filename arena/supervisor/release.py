@@ -1,4 +1,4 @@
-"""Rules of `arena release`, which permits programs to fly a vehicle again, for example after `land-all`. Pure.
+"""Rules of `arena release`, which lets programs fly a vehicle again, for example after `land-all`. Pure.
 
 A link, router or world that refuses the commands of programs must still refuse them after a restart. `restore_requests`
 provides for this.
@@ -16,7 +16,7 @@ GUARDS = ("world", "link", "router")
 
 
 def guards(plan: Plan, vehicle: str = "") -> set[str]:
-    """Return the names of the processes that pass commands on to a vehicle, or refuse the commands: world, router and link.
+    """Return the processes that can block commands to a vehicle: world, router and link process.
 
     vehicle: name of the vehicle; "" for all vehicles.
     """
@@ -27,7 +27,7 @@ def guards(plan: Plan, vehicle: str = "") -> set[str]:
 def check_release(
     plan: Plan, facts: Mapping[str, Any], stats: Mapping[str, Mapping[str, Any]], vehicles: Sequence[str]
 ) -> None:
-    """Raise ValueError if one of the vehicles is unknown or needs no release, because programs may fly it already.
+    """Raise ValueError if a vehicle is unknown, or if programs may already fly it.
 
     facts: values that the processes sent. A vehicle without a fact `control` has no process that reports it now.
     stats: process -> its measurements.
@@ -47,7 +47,9 @@ def check_release(
 
 
 def restore_requests(plan: Plan, spec: ProcessSpec, facts: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the requests to a restarted world, router or link, so that it refuses the same commands as before its restart.
+    """Return the requests to a restarted world, router or link process.
+
+    They make the process refuse the same commands as before its restart.
 
     A link also learns that its vehicle was armed: it must not end before the vehicle is disarmed.
 
@@ -65,12 +67,15 @@ def restore_requests(plan: Plan, spec: ProcessSpec, facts: Mapping[str, Any]) ->
 
 
 def blocked(vehicle: str, facts: Mapping[str, Any]) -> str:
-    """Return why programs may not fly a vehicle, as router and hardware link report it; "" if programs may fly the vehicle."""
+    """Return why programs may not fly a vehicle, or "" if they may.
+
+    The router and the hardware link report the reason.
+    """
     return str(facts.get(f"{vehicle}.blocked") or facts.get(f"{vehicle}.blocked_at_link") or "")
 
 
 def _blocked_in_world(plan: Plan, stats: Mapping[str, Mapping[str, Any]], vehicle: str) -> bool:
-    """Return whether the built-in autopilot of a vehicle, which runs in the world, refuses the commands of programs.
+    """Return whether a built-in autopilot refuses the commands of programs.
 
     `land-all` can command this autopilot directly. The router may then report no refusal, although the autopilot refuses programs.
     """

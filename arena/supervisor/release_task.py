@@ -1,4 +1,4 @@
-"""Execution of `arena release`: sends the release to the router, links and world, and waits until they confirm it.
+"""Carries out `arena release`: sends it to the router, links and world, and waits for their confirmations.
 
 After `land-all`, for example, these processes refuse all commands that programs send to a vehicle. The release of the vehicle
 ends this: programs may fly the vehicle again. Hardware link and world get the release first. The router gets it when they have
@@ -23,7 +23,7 @@ CONFIRM_S = 3.0
 
 @dataclass(kw_only=True)
 class _Release:
-    """Release of one vehicle.
+    """Release of one vehicle that waits for confirmations.
 
     packet: the request to the processes.
     expires: time at which the release fails if a process has not confirmed it, monotonic [s].
@@ -40,7 +40,7 @@ class _Release:
 
 
 class ReleaseTask:
-    """The releases of all vehicles: those that wait for confirmations, and the results of earlier ones."""
+    """Releases of all vehicles: those that wait for confirmations, and the results of earlier releases."""
 
     def __init__(self, plan: Plan, processes: ProcessSet) -> None:
         self._plan, self._processes = plan, processes
@@ -49,13 +49,13 @@ class ReleaseTask:
 
     @property
     def results(self) -> dict[str, Any]:
-        """Vehicle -> names of the processes that did not confirm the last release of this vehicle; None while the release is
-        under way.
-        """
+        """Return vehicle -> processes that did not confirm its last release, or None while it is in progress."""
         return {name: release.failed for name, release in self._releases.items()}
 
     def begin(self, vehicles: Sequence[str], by: str, now: float) -> None:
-        """Start to release vehicles. Raises ValueError, and releases none, if one of them cannot be released.
+        """Start to release vehicles. Raises ValueError if one of them cannot be released.
+
+        Then no vehicle is released.
 
         by: who releases them. now: monotonic [s].
         """
@@ -75,7 +75,7 @@ class ReleaseTask:
         self.step(now)
 
     def step(self, now: float) -> None:
-        """Send each release to the router when the links and the world have confirmed it.
+        """Send each release to the router after the links and the world have confirmed it.
 
         End the releases that all processes
         have confirmed, and those that were not confirmed within CONFIRM_S. now: monotonic [s].
@@ -89,7 +89,7 @@ class ReleaseTask:
                 release.failed = sorted({*self._unconfirmed(release), *release.unsent})
 
     def _unconfirmed(self, release: _Release) -> list[str]:
-        """Return the names of the processes to which the request was sent and that have not confirmed it yet."""
+        """Return the names of the processes that have received the request but not confirmed it yet."""
         confirmed = self._processes.confirmed
         return [name for name, number in release.sent.items() if confirmed.get(name, 0) < number]
 

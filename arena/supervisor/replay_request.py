@@ -1,4 +1,4 @@
-"""The request `replay` of the control socket: pauses a replay, changes its speed or its place in the record. Pure."""
+"""The request `replay` of the control socket: pause, speed, or jump to another time. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MAX_SPEED = 1000.0
 
 
 def replay_packet(plan: Plan, request: Mapping[str, Any]) -> tuple[list[str], dict[str, Any]]:
-    """Return (names of the processes that play the record, packet for them).
+    """Return the names of the processes that play the record, and the packet for them.
 
     request: request of the control socket. `pause`: true or false. `seek_s`: place in the record, after its start [s].
         `speed`: recorded seconds per second of wall time, or "max". Keys that are missing change nothing.

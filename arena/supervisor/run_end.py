@@ -1,4 +1,4 @@
-"""Rules for the end of a run: when it ends, which vehicles must land, which processes may stop, what failed. Pure.
+"""Rules for the end of a run: when it ends, which vehicles land, which processes stop, what failed. Pure.
 
 The exit code is 1 if something failed, 130 after Ctrl-C, 0 otherwise. These are failures:
     a program ended with an exit code other than 0 before the end of the run began
@@ -51,7 +51,7 @@ BY_USER = frozenset({Cause.INTERRUPT, Cause.TERMINATED, Cause.HANGUP, Cause.DOWN
 
 @dataclass(frozen=True, kw_only=True)
 class End:
-    """The decision to end a run, with the reason and the status of each process at that time.
+    """Decision to end a run, with the reason and the status of each process at that time.
 
     cause: the kind of reason.  why: the reason as text.
     statuses: process -> its status at the time of the decision.
@@ -63,7 +63,10 @@ class End:
 
 
 def is_usable(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether the processes that need this process may start: it is ready, or it is a task that ended with exit code 0."""
+    """Return whether a process allows the processes that need it to start.
+
+    It must be ready, or be a task that ended with exit code 0.
+    """
     done = (
         spec.kind == "task"
         and status.state is State.EXITED
@@ -74,7 +77,9 @@ def is_usable(spec: ProcessSpec, status: ProcessStatus) -> bool:
 
 
 def needs_of(spec: ProcessSpec, specs: Mapping[str, ProcessSpec], *, restart: bool) -> list[str]:
-    """Return the processes that must be ready before a process starts, except those that are parts of another process.
+    """Return the processes that must be ready before a process starts.
+
+    Members of another process are left out.
 
     restart: the process was started before. A restart may happen in flight, so it does not need the recorder.
     """
@@ -83,7 +88,7 @@ def needs_of(spec: ProcessSpec, specs: Mapping[str, ProcessSpec], *, restart: bo
 
 
 def is_dead(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether a process has ended or failed and the supervisor does not restart it.
+    """Return whether a process has ended or failed and will not be restarted.
 
     A task that ended with exit code 0 does not count.
     """
@@ -91,7 +96,7 @@ def is_dead(spec: ProcessSpec, status: ProcessStatus) -> bool:
 
 
 def lost(plan: Plan, statuses: Statuses) -> str:
-    """Return a text such as `world: exit 1` if a process that the whole arena needs is lost; else "".
+    """Return a text such as `world: exit 1` if a process that the whole arena needs is lost, or "".
 
     Lost means that the process has ended and is not restarted.
 
@@ -108,7 +113,9 @@ def lost(plan: Plan, statuses: Statuses) -> str:
 
 
 def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[str, str]:
-    """Return simulated vehicle -> reason why this vehicle can no longer fly. The run does not wait for its disarming.
+    """Return simulated vehicle -> reason why it can no longer fly.
+
+    The run does not wait for the disarming of these vehicles.
 
     The autopilot of such a vehicle may never report `disarmed`: its PX4 has ended, or the vehicle is on the floor of the world and
     has crashed or gets no motor commands. Real vehicles are never listed, because for them only the report of their autopilot
@@ -125,7 +132,7 @@ def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[s
 
 
 def _down(vehicle: str, worlds: Sequence[Mapping[str, Any]]) -> str:
-    """Return why a vehicle that stands on the floor of the world can no longer fly; "" if it can, or if it is in the air."""
+    """Return why a vehicle on the floor of the world can no longer fly, or "" if it can fly or is in the air."""
     for world in worlds:
         verdict, pilot = (world.get(key, {}).get(vehicle, {}) for key in ("vehicles", "autopilot"))
         if verdict.get("airborne") is False:
@@ -144,7 +151,9 @@ def is_done(
     stats: Stats = _NO_STATS,
     forgotten: Collection[str] = (),
 ) -> bool:
-    """Return whether every program has ended, no process is starting, and every vehicle is disarmed or cannot fly.
+    """Return whether the run is done.
+
+    All programs have ended, no process is starting, and every vehicle is disarmed or cannot fly.
 
     A replay is done when it has reached the end of the record.
     forgotten: vehicles that an operator has declared dead (`arena forget`).
@@ -161,7 +170,7 @@ def is_done(
 
 
 def done_words(plan: Plan) -> str:
-    """Return why a run that is done ends, as text."""
+    """Return the reason for the end of a run that is done, as text."""
     if plan.is_replay:
         return "the replay has reached the end of the record"
     return "every program has ended and every vehicle is disarmed"
@@ -178,7 +187,7 @@ def end_words(plan: Plan, cause: Cause, *, at_once: bool) -> str:
 
 
 def settle_s(plan: Plan, stats: Stats) -> float:
-    """Return the time between the moment when nothing is left to do in a run and its end [s].
+    """Return the delay [s] between the moment when a run is done and its end.
 
     A world that repeats flights first runs to the simulation time at which each of them ends, so it gets more time.
     """
@@ -187,7 +196,7 @@ def settle_s(plan: Plan, stats: Stats) -> float:
 
 
 def is_world_gone(plan: Plan, statuses: Statuses) -> bool:
-    """Return whether the plan has a simulated world and no world process runs."""
+    """Return whether the plan has a simulated world, but no world process runs."""
     worlds = [statuses[s.name] for s in plan.processes if s.kind == "world"]
     return bool(worlds) and not any(status.state in ALIVE for status in worlds)
 
@@ -225,7 +234,7 @@ def may_fly(
 
 
 def armed(plan: Plan, statuses: Statuses, facts: Mapping[str, Any], stats: Stats = _NO_STATS) -> set[str]:
-    """Return the armed vehicles, as the router reports them, and for real vehicles also their link processes.
+    """Return the armed vehicles, as reported by the router and by the link processes of real vehicles.
 
     Reports of processes that have ended do not count. In a replay no vehicle is armed: the reports are recorded.
     """
@@ -253,7 +262,9 @@ _RESTARTED_IN_LANDING = frozenset({"mocap", "link", "forward", "router"})
 
 
 def kept_in_landing(plan: Plan, statuses: Statuses) -> frozenset[str]:
-    """Return the processes that are restarted if they end during the landing, because vehicles need them to land.
+    """Return the processes that are restarted if they end during the landing.
+
+    Vehicles need them to land.
 
     A process that has never started is not included.
     """
@@ -263,7 +274,7 @@ def kept_in_landing(plan: Plan, statuses: Statuses) -> frozenset[str]:
 
 
 def serving_real(plan: Plan, vehicles: Collection[str]) -> frozenset[str]:
-    """Return the processes that these real vehicles need to fly and to land: those of each vehicle, and those of the whole arena.
+    """Return the processes that given real vehicles need to fly and to land.
 
     vehicles: names of vehicles; simulated vehicles are ignored.
     """
@@ -285,7 +296,7 @@ _IN_FLIGHT = {
 
 
 def restart_refusal(spec: ProcessSpec, flying: Sequence[str]) -> str:
-    """Return the reason why `arena restart` of a process needs `--yes` now; "" if it needs none.
+    """Return the reason why `arena restart` of a process needs `--yes` now, or "" if it does not.
 
     flying: vehicles that may be in the air.
     """
@@ -299,7 +310,7 @@ def restart_refusal(spec: ProcessSpec, flying: Sequence[str]) -> str:
 
 
 def may_stop(plan: Plan, statuses: Statuses) -> set[str]:
-    """Return the names of the processes that can be stopped now, because no running process needs them."""
+    """Return the processes that can be stopped now, because no running process needs them."""
     held = {need for spec in plan.processes if statuses[spec.name].state in ALIVE for need in spec.needs}
     return {spec.name for spec in plan.processes} - held
 
@@ -360,7 +371,7 @@ def outcome(
     landing: str,
     real_time: Mapping[str, float | None] | None,
 ) -> dict[str, Any]:
-    """Return the content of outcome.json, which the report task merges with the flight logs.
+    """Return the content of outcome.json. The report task merges it with the flight logs.
 
     began: wall time of the start.  lasted_s: duration of the run [s].  landing: state of the landing, as text.
     real_time: `factor`, measured simulated seconds per second, and `asked`, the requested value; None without a world.

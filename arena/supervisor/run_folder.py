@@ -34,7 +34,7 @@ _LONGEST_SOCKET = "/router.faults"
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """A process as recorded in state.json. `pid` and `start_s` together identify the process.
+    """Process as recorded in state.json. `pid` and `start_s` together identify the process.
 
     pid: process id, also the number of its session.  pgid: number of its process group.
     start_s: start time [s since boot].
@@ -46,13 +46,15 @@ class Member:
 
     @property
     def alive(self) -> bool:
-        """True while the recorded process runs; false if another process has the same pid now."""
+        """True while the recorded process runs. False if a different process has its pid now."""
         return proc_fs.is_same(self.pid, self.start_s)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunState:
-    """The content of state.json: which processes of a run exist, so that `arena down` can end them without a supervisor.
+    """Content of state.json: the processes of a run that exist.
+
+    With it, `arena down` can end them without a supervisor.
 
     name: name of the arena.  address: IP address on which its processes open their ports.
     run: path of the run folder.  rt: path of the runtime folder.
@@ -74,18 +76,18 @@ class RunState:
 
     @property
     def stopped(self) -> bool:
-        """True while the supervisor of the run is paused by SIGSTOP, so that the supervisor does not reply."""
+        """True while the supervisor of the run is paused by SIGSTOP and does not reply."""
         return self.live and proc_fs.is_stopped(self.supervisor.pid)
 
     def survivors(self) -> dict[str, list[int]]:
-        """Return the processes of the run that still exist, as name -> running pids of its process group."""
+        """Return the processes of the run that still exist: name -> running pids of its process group."""
         members = self.processes if self.boot == proc_fs.boot_id() else {}
         found = {name: _still_there(member) for name, member in members.items()}
         return {name: pids for name, pids in found.items() if pids}
 
 
 def _still_there(member: Member) -> list[int]:
-    """Return the pids of the processes that still run in a process group that state.json has recorded.
+    """Return the pids that still run in a process group that state.json has recorded.
 
     The leader is identified by its start time, its descendants by their session and a later start time. The kernel does
     not reuse the number of a group as a pid while a member of the group runs.
@@ -114,13 +116,17 @@ class RunFolder:
         return self.rt / "control.sock"
 
     def fill(self, text: str) -> str:
-        """Return the text with the placeholders `{run}` and `{rt}` replaced by the paths of the two folders, and `{brace}` by `{`."""
+        """Return the text with `{run}`, `{rt}` and `{brace}` replaced.
+
+        `{run}` and `{rt}` become the paths of the two folders, `{brace}` becomes `{`.
+        """
         values = {RUN_FOLDER: str(self.path), RUNTIME_FOLDER: str(self.rt), OPEN_BRACE: "{"}
         return _FILLED.sub(lambda found: values[found[0]], text)
 
     def spec(self, spec: ProcessSpec) -> ProcessSpec:
-        """Return the spec of a process (command, environment, limits) with the placeholders `{run}` and `{rt}` replaced by the
-        folders of this run.
+        """Return the spec of a process with `{run}` and `{rt}` replaced by the folders of this run.
+
+        The spec contains command, environment and limits.
         """
         return dataclasses.replace(
             spec,
@@ -135,7 +141,7 @@ class RunFolder:
         return self.path / "logs" / f"{name}.log"
 
     def write_state(self, plan: Plan, processes: dict[str, Member]) -> None:
-        """Write state.json.
+        """Write state.json, which lists the running processes.
 
         processes: name -> record of each process that runs now.
         """
@@ -151,8 +157,9 @@ class RunFolder:
         write_whole(self.path / "state.json", json.dumps(dataclasses.asdict(state), indent=1))
 
     def restore(self, plan: Plan) -> None:
-        """Write the plan and the configuration files again if somebody has deleted them, because the land task and
-        restarted processes read these files.
+        """Write the plan and the configuration files again if they were deleted.
+
+        The land task and restarted processes read these files.
 
         Files that cannot be written are left out. Waits at most RESTORE_TIMEOUT_S for a disk that does not respond.
         """
@@ -170,8 +177,9 @@ class RunFolder:
             (self.path / "logs").mkdir(exist_ok=True)
 
     def for_landing(self, plan: Plan) -> RunFolder:
-        """Return a folder that contains the plan for the land task: the run folder, or the runtime folder if
-        plan.json cannot be restored there.
+        """Return a folder that contains the plan for the land task.
+
+        It is the run folder, or the runtime folder if plan.json cannot be restored there.
         """
         self.restore(plan)
         if (self.path / "plan.json").is_file():
@@ -218,7 +226,10 @@ def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
 
 
 def open_run(path: Path) -> RunState | None:
-    """Return the content of state.json of a run folder; None if the run ended cleanly or `path` is not a run folder."""
+    """Return the content of a run folder's state.json. Return None if the run has ended cleanly.
+
+    Also return None if `path` is not a run folder.
+    """
     try:
         raw = json.loads((path / "state.json").read_text())
         raw["supervisor"] = Member(**raw["supervisor"])
@@ -229,7 +240,10 @@ def open_run(path: Path) -> RunState | None:
 
 
 def active_runs() -> list[RunState]:
-    """Return every run of this user that has not ended cleanly, oldest first. Runs with a running supervisor are `live`."""
+    """Return every run of this user that has not ended cleanly, oldest first.
+
+    Runs with a running supervisor are `live`.
+    """
     found = []
     for pointer in pointers():
         with contextlib.suppress(OSError):
@@ -240,7 +254,7 @@ def active_runs() -> list[RunState]:
 
 
 def started_from(state: RunState) -> Path | None:
-    """Return the path of the YAML file from which a run was started; None if the run folder cannot be read.
+    """Return the path of the YAML file of a run, or None if the run folder cannot be read.
 
     The path is in the first line of arena.yaml in the run folder.
     """
@@ -266,7 +280,7 @@ def myself() -> Member:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a file atomically, so that a reader gets the complete old text or the complete new text."""
+    """Write a file atomically: a reader gets either the old or the new text."""
     half = path.with_name(path.name + ".new")
     half.write_text(text)
     half.replace(path)

@@ -1,4 +1,4 @@
-"""Options that decide when a run ends, and the interface through which a run shows its output to a person."""
+"""Options that decide when a run ends, and the interface for showing its output to the user."""
 
 from __future__ import annotations
 
@@ -10,26 +10,28 @@ from arena.supervisor.messages import Message
 
 
 class Show(Protocol):
-    """Interface for the output of a run to a person. The loop calls it, so no method may raise or block."""
+    """Interface for the output of a run to the user. No method may raise an error or block."""
 
     def say(self, message: Message) -> None:
-        """Show one line of output to the person who watches the run."""
+        """Show one line of output to the user."""
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        """Redraw the live table if the refresh period is over.
+        """Redraw the live table if its refresh period is over.
 
         status: function that returns the state to show.
         now: monotonic [s].
         """
 
     def blocked_s(self, now: float) -> float:
-        """Return for how long the output has not been accepted [s].
+        """Return for how long the terminal has accepted no output [s].
 
         now: monotonic [s].
         """
 
     def started(self, failed: list[str]) -> None:
-        """Report that the start of the arena is complete: each process is ready or has failed.
+        """Report that the start of the arena is complete.
+
+        Each process is ready or has failed.
 
         failed: one text per process that has failed.
         """

@@ -1,4 +1,4 @@
-"""The result of a run: writes outcome.json, and runs the report task, which makes the summary and report.html from it."""
+"""Result of a run: writes outcome.json, and runs the report task, which makes the summary and report.html."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ REPORT_TIMEOUT_S = 120.0
 
 
 class RunResult:
-    """Determines the result of one run at its end: writes outcome.json, sets `exit_code`, and runs the report task.
+    """Result of one run at its end: exit code, outcome.json and the report task.
 
     Call `write` once, then `step` until it returns True.
     writer: thread that writes outcome.json, because the disk may not respond.
@@ -77,7 +77,10 @@ class RunResult:
         self._writer.submit(partial(self._save, json.dumps(outcome, indent=1, default=str)))
 
     def _save(self, text: str) -> None:
-        """Write outcome.json and store the error, "" for none. Called in the thread of the writer."""
+        """Write outcome.json and store the error, or "" without an error.
+
+        It runs in the thread of the writer.
+        """
         try:
             write_whole(self._folder.path / "outcome.json", text)
         except OSError as error:
@@ -86,7 +89,7 @@ class RunResult:
             self._saved = ""
 
     def step(self, now: float) -> bool:
-        """Wait for outcome.json, then run the report task. Return True when both have ended.
+        """Wait for outcome.json, then run the report task. Return True when both are complete.
 
         now: monotonic [s].
         """
@@ -99,7 +102,7 @@ class RunResult:
         return not self._begin_report(now)
 
     def _is_late(self, now: float) -> bool:
-        """Return whether outcome.json is not written in time, so that the run must end without it."""
+        """Return whether writing outcome.json takes too long, so that the run must end without it."""
         if self._deadline is None or now < self._deadline:
             return False
         self._event(
@@ -109,7 +112,7 @@ class RunResult:
         return True
 
     def _begin_report(self, now: float) -> bool:
-        """Start the report task. Return False if there is none, or if it cannot be started."""
+        """Start the report task. Return False if the plan has none or it cannot be started."""
         if self._plan.report is None:
             return False
         what = "making the report: logs, summary and report.html"

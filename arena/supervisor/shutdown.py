@@ -1,4 +1,6 @@
-"""The end of a run: lands the vehicles, then stops the processes. Processes that an armed vehicle needs are stopped last.
+"""Shutdown of a run: lands the vehicles, then stops the processes.
+
+Processes that an armed vehicle needs are stopped last.
 
 A process serves a vehicle if the vehicle needs it to fly and to land: world, motion capture, PX4, link, pose forwarder, router.
 In the phase LAND, motion capture, links, pose forwarders and router are restarted if they crash or hang. In the phase STOP,
@@ -49,16 +51,16 @@ class Shutdown:
         return run_end.may_fly(self._plan, p.statuses, p.facts, p.last_facts, p.stats, self.forgotten)
 
     def armed(self) -> set[str]:
-        """Return the vehicles that a running process reports as armed, except those declared dead."""
+        """Return the vehicles that a running process reports as armed, without those declared dead."""
         p = self._processes
         return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
 
     def update_hold(self) -> None:
-        """Update the set of processes that are not killed after a stop signal, because they serve an armed real vehicle."""
+        """Update the set of processes that must not be killed, because they serve an armed real vehicle."""
         self._orders.hold = run_end.serving_real(self._plan, self.armed())
 
     def forget(self, vehicle: str, by: str, now: float) -> None:
-        """Stop waiting for a real vehicle, because an operator declares it dead. Raises ValueError if this is refused.
+        """Stop waiting for a real vehicle that an operator declares dead. Raises ValueError if this is refused.
 
         by: name of the operator.  now: monotonic [s].
         """
@@ -106,11 +108,11 @@ class Shutdown:
         self._processes.request(packet, to=guards(self._plan), standing=True)
 
     def _keep_serving(self) -> None:
-        """Request restarts of the processes that vehicles need to land, in case they end before the landing has ended."""
+        """Request restarts of the processes that vehicles need to land, if they end before the landing has ended."""
         self._orders.keep = run_end.kept_in_landing(self._plan, self._processes.statuses)
 
     def land(self, now: float) -> bool:
-        """Land the vehicles; call this in each cycle. Return True when the landing has ended, successfully or not."""
+        """Land the vehicles; call it in each cycle. Return True when the landing has ended, even without success."""
         p, plan = self._processes, self._plan
         flying, down = self.flying(), run_end.grounded(plan, p.statuses, p.stats)
         down |= {name: f"declared dead by {who}" for name, who in self.forgotten.items()}
@@ -133,7 +135,7 @@ class Shutdown:
         return done
 
     def _real_only(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
-        """Return (`flying` without the simulated vehicles, `down` with the flying simulated vehicles added).
+        """Remove the simulated vehicles from `flying` and add them to `down`. Return both.
 
         `arena down --now` lands real vehicles only, so the landing must not wait for a simulated vehicle.
 
@@ -147,7 +149,7 @@ class Shutdown:
         return real, {**down, **dict.fromkeys(sorted(left), f"{Cause.DOWN} --now lands real vehicles only")}
 
     def armed_again(self, now: float) -> bool:
-        """Return True if a vehicle has become armed again after the landing. The next call of `land` then lands this vehicle."""
+        """Return True if a vehicle was armed again after the landing. The next call of `land` lands this vehicle."""
         found = self.armed() - self._armed_before
         self._armed_before &= self.armed()
         if self.at_once:
@@ -161,7 +163,7 @@ class Shutdown:
         return True
 
     def _revive(self, vehicles: set[str]) -> None:
-        """Restart the processes that these vehicles need to land, if they have been stopped already."""
+        """Restart the stopped processes that given vehicles need to land."""
         serving = {s.name for s in self._plan.processes if (s.vehicle or "") in {"", *vehicles}}
         needed = self._orders.keep & serving if vehicles else frozenset()
         self._orders.stop -= needed
@@ -183,7 +185,7 @@ class Shutdown:
         return False
 
     def _waiting(self, alive: set[str], now: float) -> frozenset[str]:
-        """Return the processes that must not be stopped yet, because they serve a real vehicle that has been connected."""
+        """Return the processes that must not be stopped yet, because they serve a connected real vehicle."""
         p = self._processes
         reported = {v.name for v in self._plan.vehicles if f"{v.name}.armed" in p.last_facts}
         serving = run_end.serving_real(self._plan, reported - self.forgotten.keys())

@@ -1,4 +1,4 @@
-"""The land task and the report task of a plan, which run at the end of a run and are not among the plan's processes."""
+"""The land task and the report task, which run at the end of a run beside the plan's processes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class SideTask:
         now: float,
         on_line: Callable[[str], None],
     ) -> SideTask | Exit:
-        """Start the task. Return an Exit if that fails.
+        """Start the task. Return an Exit if the start fails.
 
         timeout_s: time after which the task is killed [s].
         now: monotonic [s].
@@ -62,7 +62,7 @@ class SideTask:
         return cls(name=spec.name, child=child, deadline=now + timeout_s, on_line=on_line, _shown=shown)
 
     def poll(self, now: float) -> Exit | None:
-        """Call `on_line` with each new line of output. Return how the task ended, or None while it runs.
+        """Pass each new line of output to `on_line`. Return the exit of the task, or None while it runs.
 
         now: monotonic [s].
         """
@@ -105,7 +105,7 @@ class SideTask:
 
 
 def _size(log: Path) -> int:
-    """Return the size of a log file [bytes]; 0 if it cannot be read."""
+    """Return the size of a log file [bytes], or 0 if it cannot be read."""
     try:
         return log.stat().st_size
     except OSError:

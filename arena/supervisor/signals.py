@@ -13,7 +13,9 @@ _HANDLED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP, signal
 
 
 class SignalQueue:
-    """Context manager that collects signals: installs handlers on entry and restores the old handlers on exit.
+    """Context manager that collects signals.
+
+    It installs handlers on entry and restores the old handlers on exit.
 
     fd: file descriptor that becomes readable when a signal is received.
     """
@@ -36,13 +38,13 @@ class SignalQueue:
         os.close(self._wake)
 
     def drain(self) -> None:
-        """Read all bytes from the file descriptor `fd`, so that the main loop wakes only for new signals."""
+        """Read all bytes from the file descriptor `fd`. Then the main loop wakes only for new signals."""
         with contextlib.suppress(BlockingIOError):
             while os.read(self.fd, 4096):
                 pass
 
     def take(self) -> Iterator[int]:
-        """Yield the numbers of the signals received since the last call, in order, and remove them from the queue."""
+        """Yield the numbers of the signals since the last call, in order, and remove them from the queue."""
         while self._queue:
             yield self._queue.pop(0)
 

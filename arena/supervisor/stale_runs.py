@@ -30,7 +30,7 @@ Say = Callable[[str], None]
 
 
 def sweep_all(say: Say, address: str) -> None:
-    """Sweep (clean up) every stale run whose processes use this IPv4 address.
+    """End every stale run whose processes use a given IPv4 address.
 
     Stale runs on other addresses are left alone, because they do not use the ports of this arena.
 
@@ -43,7 +43,7 @@ def sweep_all(say: Say, address: str) -> None:
 
 
 def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
-    """Sweep (clean up) one stale run: land its vehicles, end its processes, remove its runtime folder.
+    """End one stale run: land its vehicles, end its processes, remove its runtime folder.
 
     say: function that prints each step.  now: land real vehicles only.
     A supervisor that is paused (SIGSTOP) is killed after the landing.
@@ -106,7 +106,10 @@ def _may_fly(plan: Plan | None, left: set[str]) -> bool:
 
 
 def _end_supervisor(state: RunState) -> None:
-    """Kill the supervisor. The kernel then kills the user programs and the YAML's `tools`, by their parent-death signal."""
+    """Kill the supervisor.
+
+    The kernel then kills the user programs and the YAML's `tools`, by their parent-death signal.
+    """
     deadline = time.monotonic() + _GRACE_S
     while state.live and time.monotonic() < deadline:
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -115,7 +118,9 @@ def _end_supervisor(state: RunState) -> None:
 
 
 def _end(state: RunState, plan: Plan | None, say: Say, land: Callable[[], bool]) -> None:
-    """End user programs and the YAML's `tools` first, then the other processes. Kill the processes that do not end in time.
+    """End the user programs and tools first, then the other processes of the run.
+
+    Processes that do not end in time are killed.
 
     A process that a real vehicle needs to fly does not end while the vehicle is armed. It is killed only after another confirmed
     landing.
@@ -141,7 +146,7 @@ def _end(state: RunState, plan: Plan | None, say: Say, land: Callable[[], bool])
 
 
 def _signal(state: RunState, names: set[str], number: int) -> None:
-    """Send a signal to the processes with these names that still run, and to their child processes."""
+    """Send a signal to given processes, if they still run, and to their child processes."""
     for name, pids in state.survivors().items():
         for pid in pids if name in names else []:
             try:
@@ -151,7 +156,7 @@ def _signal(state: RunState, names: set[str], number: int) -> None:
 
 
 def _wait(state: RunState, names: set[str], limit_s: float) -> list[str]:
-    """Wait at most `limit_s` for the processes with these names to end.
+    """Wait at most `limit_s` [s] until given processes have ended.
 
     Return the names of the processes that still run.
     """

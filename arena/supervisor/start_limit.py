@@ -1,4 +1,4 @@
-"""Limit of the number of processes that import their packages at the same time.
+"""Limit of the number of processes that start and import their packages at the same time.
 
 Loading Python and its packages keeps a core busy for about 0.2 s. Thirty processes that load at the same time would starve the
 world. Therefore at most as many processes load as there are cores. A process of the fork server has nothing to load.
@@ -18,7 +18,9 @@ _LOADING_S, _SILENT_LOADING_S = 1.0, 0.3
 
 
 class StartLimit:
-    """Decides whether another process may start for the first time. Restarts never wait, because they may happen in flight.
+    """Limit of simultaneous first starts of processes.
+
+    Restarts never wait, because they may happen in flight.
 
     forks: client of the fork server, which must have imported its packages first; None without a fork server.
     """
@@ -35,7 +37,7 @@ class StartLimit:
         self._waits_for_forks = self._forks is not None and self._forks.loading(now)
 
     def drop_loaded(self, running: Collection[str], now: float) -> None:
-        """Drop the processes that have ended, or that had enough time to load.
+        """Stop counting the processes that have ended or had enough time to load their packages.
 
         now: monotonic [s].
         """
@@ -56,5 +58,5 @@ class StartLimit:
             self._until[spec.name] = now + (_LOADING_S if spec.ready == "reported" else _SILENT_LOADING_S)
 
     def on_loaded(self, name: str) -> bool:
-        """Drop a process that has reported that its packages are loaded. Return whether it counted until now."""
+        """Stop counting a process that has loaded its packages. Return whether it was counted."""
         return self._until.pop(name, None) is not None

@@ -36,7 +36,10 @@ def status_view(status: Mapping[str, Any]) -> Group:
 
 
 def header(status: Mapping[str, Any]) -> Text:
-    """Return the header line, such as `lab: running, 12 s, real-time factor 0.99`. The factor is yellow below SLOW_FACTOR."""
+    """Return the header line, such as `lab: running, 12 s, real-time factor 0.99`.
+
+    The factor is yellow below SLOW_FACTOR.
+    """
     rows = status["processes"].values()
     text = Text(f"{status['name']}: {status['phase']}, {status['up_s']:.0f} s", style="bold")
     if status.get("replay"):
@@ -110,7 +113,7 @@ def vehicles_table(status: Mapping[str, Any]) -> Table:
 
 
 def _control(facts: Mapping[str, Any], vehicle: str) -> Text:
-    """Return who has control of a vehicle, for the table.
+    """Return the text for who controls a vehicle, such as its program or a pilot.
 
     If programs may not fly before `arena release`, the text contains `blocked` and is yellow.
     """
@@ -120,7 +123,10 @@ def _control(facts: Mapping[str, Any], vehicle: str) -> Text:
 
 
 def rates(stats: Mapping[str, Any]) -> str:
-    """Return up to three rates of a process as text. Rates are measurements whose name ends in `_hz`."""
+    """Return up to three rates of a process as text.
+
+    Rates are statistics whose name ends in `_hz`.
+    """
     found = [(k, v) for k, v in stats.items() if k.endswith("_hz") and isinstance(v, int | float)]
     return ", ".join(f"{name[:-3]} {value:.1f} Hz" for name, value in found[:3])
 

@@ -1,4 +1,7 @@
-"""Output of a run on the terminal: plain lines, JSON lines, or a live table. Printing never raises and never blocks."""
+"""Output of a run on the terminal: plain lines, JSON lines, or a live table.
+
+Printing never raises an error and never blocks.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ _STYLES = {Level.DETAIL: "dim", Level.CHANGE: "", Level.RESULT: "bold red"}
 
 
 class Lines:
-    """Output as plain lines on stdout. After the first write error, such as a closed terminal, output goes to /dev/null.
+    """Output as plain lines on stdout. After the first write error, output goes to /dev/null.
 
     A thread writes the lines, so that a frozen terminal (Ctrl-S) does not stop the run. Lines that do not fit in its queue are
     counted, and the number is shown when the terminal continues.
@@ -41,20 +44,23 @@ class Lines:
         self._stream = sys.stdout
 
     def say(self, message: Message) -> None:
-        """Show one line."""
+        """Show one line of output."""
         if message.level >= self.level:
             self.print(str(message))
 
     def print(self, text: str) -> None:
-        """Print a text, whatever the level of output is (-q, -v). Does not wait until the text is written."""
+        """Print a text at any output level (-q, -v), without waiting until it is written."""
         self._submit(text + "\n")
 
     def flush(self) -> None:
-        """Wait until everything is written, but at most _FLUSH_S, because the terminal may be frozen."""
+        """Wait until all output is written, at most _FLUSH_S seconds.
+
+        The terminal may be frozen.
+        """
         self._writer.flush(_FLUSH_S)
 
     def blocked_s(self, now: float) -> float:
-        """Return for how long the terminal has accepted no output [s]; 0 if it accepts output.
+        """Return for how long the terminal has accepted no output [s], or 0 if it accepts output.
 
         now: monotonic [s].
         """
@@ -68,7 +74,7 @@ class Lines:
         self._writer.submit(partial(self._write, text))
 
     def _write(self, text: str) -> None:
-        """Write a text to stdout. Called in the background thread, because writing to a terminal can block."""
+        """Write a text to stdout in the background thread, because writing to a terminal can block."""
         if lost := self._writer.take_lost():
             text = f"{self.lost_text(lost)}\n{text}"
         try:
@@ -77,13 +83,13 @@ class Lines:
             _silence()
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        """Do nothing: output as single lines has no table to redraw."""
+        """Do nothing, because plain lines need no redrawing."""
 
     def started(self, failed: list[str]) -> None:
-        """Do nothing when the start of the arena is complete. The output of `arena up --detach` overrides this method."""
+        """Do nothing. Output modes override this method to act when the start of the arena is complete."""
 
     def close(self) -> None:
-        """Wait until everything is written. Lines may also be printed afterwards."""
+        """Wait until all output is written. More lines can be printed afterwards."""
         self.flush()
 
 
@@ -109,13 +115,16 @@ class JsonLines(Lines):
 
 
 class _Screen(io.StringIO):
-    """Buffer into which the library rich draws for the terminal. The text stays in the buffer until `take` is called."""
+    """Buffer into which the library rich draws for the terminal.
+
+    The text stays in the buffer until `take` is called.
+    """
 
     def isatty(self) -> bool:
         return True
 
     def take(self) -> str:
-        """Return the text in the buffer, and empty the buffer."""
+        """Return the text in the buffer and empty the buffer."""
         text = self.getvalue()
         self.seek(0)
         self.truncate()
@@ -123,7 +132,9 @@ class _Screen(io.StringIO):
 
 
 class LiveTable(Lines):
-    """Output on a terminal: lines, and below them the tables of vehicles and processes, redrawn once a second.
+    """Output on a terminal as lines, with tables of vehicles and processes below.
+
+    The tables are redrawn once a second.
 
     Nothing is drawn while the terminal accepts no output, because each drawing begins with the removal of the last one. The
     newest lines are kept for the next drawing.
@@ -146,7 +157,10 @@ class LiveTable(Lines):
         self._live.start()
 
     def say(self, message: Message) -> None:
-        """Keep a line until the next refresh, because redrawing the table after every line would slow the start."""
+        """Store a line until the next refresh.
+
+        Redrawing the table after every line would slow down the start.
+        """
         if self._live is None:
             super().say(message)
         elif message.level >= self.level:
@@ -154,7 +168,7 @@ class LiveTable(Lines):
             self._waiting.append(message)
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        """Print the kept lines and redraw the tables if the refresh period is over.
+        """Print the stored lines and redraw the tables if the refresh period is over.
 
         now: monotonic [s].
         """
@@ -174,7 +188,7 @@ class LiveTable(Lines):
         self._submit(self._screen.take())
 
     def close(self) -> None:
-        """Remove the tables from the terminal, and print the lines that were kept for the next refresh."""
+        """Remove the tables from the terminal and print the stored lines."""
         live, self._live = self._live, None
         if live is not None:
             live.stop()
@@ -186,7 +200,7 @@ class LiveTable(Lines):
 
 
 def _with_progress(status: dict[str, Any]) -> RenderableType:
-    """Return the status tables. While the run starts, lands, stops or writes its report, add a spinner above them."""
+    """Return the status tables, with a spinner above them while the run starts, lands, stops or reports."""
     view = status_view(status)
     if status["phase"] not in _WAITING_PHASES:
         return view
@@ -194,7 +208,7 @@ def _with_progress(status: dict[str, Any]) -> RenderableType:
 
 
 def _silence() -> None:
-    """Redirect stdout and stderr to /dev/null, so that later writes do not raise, not even at exit."""
+    """Redirect stdout and stderr to /dev/null, so that later writes never raise an error."""
     with contextlib.suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         for stream in (sys.stdout, sys.stderr):

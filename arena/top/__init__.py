@@ -1,4 +1,4 @@
-"""Terminal view of a running arena: `arena top`. It only shows: nothing here commands a vehicle or a process.
+"""Terminal view of a running arena: `arena top`. It sends no command to a vehicle or a process.
 
 `frame` converts a snapshot of the live feed to tables, and `screen` draws them on the terminal and reads keys.
 """

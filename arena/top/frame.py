@@ -1,4 +1,4 @@
-"""Frame of `arena top` as tables: vehicles, processes and events. Pure."""
+"""The picture of `arena top` as tables: vehicles, processes and events. Pure."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _UNKNOWN = Text("-", style="dim")
 
 @dataclass(frozen=True, kw_only=True)
 class Rows:
-    """Number of rows of each part of the frame.
+    """Number of table rows for vehicles, processes and events on the terminal.
 
     first: number of vehicles that are scrolled away.
     """
@@ -44,7 +44,7 @@ class Rows:
 def frame(
     snapshot: Snapshot, *, width: int | None = None, height: int | None = None, scrolled: int = 0
 ) -> Group:
-    """Return what `arena top` shows at one instant: header, vehicles, processes and events.
+    """Return the whole picture of `arena top`: header, vehicles, processes and events.
 
     width, height: columns and rows of the terminal; None for complete tables.
     scrolled: number of vehicles to leave out at the top.
@@ -64,7 +64,7 @@ def frame(
 
 
 def waiting_frame(why: str) -> RenderableType:
-    """Return the frame without an arena.
+    """Return the picture of `arena top` while no arena runs.
 
     why: reason, with what to do.
     """
@@ -74,7 +74,9 @@ def waiting_frame(why: str) -> RenderableType:
 
 
 def row_numbers(vehicles: int, processes: int, events: int, height: int | None, scrolled: int) -> Rows:
-    """Divide the rows of the terminal among vehicles, processes and events. Vehicles have priority.
+    """Divide the rows of the terminal among vehicles, processes and events.
+
+    Vehicles have priority.
 
     vehicles, processes, events: numbers of existing rows.  height: rows of the terminal; None for no limit.
     scrolled: number of vehicles that the user has scrolled away.
@@ -92,13 +94,16 @@ def row_numbers(vehicles: int, processes: int, events: int, height: int | None, 
 
 
 def own_processes(processes: Sequence[ProcessRow]) -> list[ProcessRow]:
-    """Return the processes with a pid of their own, those with a problem first. Parts of other processes are left out."""
+    """Return the processes with a pid of their own. Processes with a problem come first.
+
+    Members, which run inside another process, are left out.
+    """
     own = [p for p in processes if not p.member_of]
     return sorted(own, key=lambda p: p.state not in ("FATAL", "BACKOFF"))
 
 
 def header(snapshot: Snapshot) -> Text:
-    """Return the first line: name, phase, time, number of vehicles, real-time factor."""
+    """Return the first line: arena name, phase, time, number of vehicles, real-time factor."""
     text = Text(f"{snapshot.name}: {snapshot.phase}", style="bold", no_wrap=True, overflow="ellipsis")
     text.append(f"   {snapshot.time_s:.1f} s", style="not bold")
     fleet = snapshot.fleet
@@ -115,7 +120,7 @@ def header(snapshot: Snapshot) -> Text:
 
 
 def vehicles_table(snapshot: Snapshot, first: int, count: int, width: int | None = None) -> Table:
-    """Return the table of the vehicles.
+    """Return the table of vehicles.
 
     first: number of the first row.
     count: number of rows.
@@ -162,7 +167,7 @@ def _vehicle_row(snapshot: Snapshot, i: int) -> dict[str, Text]:
 
 
 def processes_table(processes: Sequence[ProcessRow], count: int) -> Table:
-    """Return the table of the first `count` processes: state, CPU, memory, restarts, and rates or the reason of the state."""
+    """Return the table of processes: state, CPU, memory, restarts, and rates or a reason."""
     table = _table()
     for name in ("process", "state"):
         table.add_column(name, no_wrap=True)
@@ -219,7 +224,10 @@ def _battery(percent: float) -> Text:
 
 
 def _age(age_s: float, limit_s: float) -> Text:
-    """Return an age in ms, or in s from 10 s. Ages above the limit are yellow. An age that is not known is a dash."""
+    """Format an age in ms, or in s from 10 s.
+
+    Ages above the limit are yellow. An unknown age is a dash.
+    """
     if not math.isfinite(age_s):
         return _UNKNOWN
     text = f"{1e3 * age_s:.0f} ms" if age_s < 10.0 else f"{age_s:.0f} s"

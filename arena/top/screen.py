@@ -30,7 +30,7 @@ _SCROLL = {"\x1b[A": -1, "k": -1, "\x1b[B": 1, "j": 1, "\x1b[5~": -_PAGE, "\x1b[
 
 
 def print_once(run: Path | None, console: Console | None = None) -> None:
-    """Print one frame as text.
+    """Print the view of `arena top` once as text. Raises RunError if no arena runs.
 
     run: run folder; None for the only running arena. Raises RunError if no arena runs.
     """
@@ -49,7 +49,10 @@ def print_once(run: Path | None, console: Console | None = None) -> None:
 
 
 def _first_complete(feed: LiveFeed) -> Snapshot | None:
-    """Return the first snapshot with processes and telemetry of all vehicles, else the last one within FIRST_FRAME_S."""
+    """Return the first complete snapshot of all processes and vehicles.
+
+    After FIRST_FRAME_S seconds, return the last incomplete snapshot.
+    """
     deadline, snapshot = time.monotonic() + FIRST_FRAME_S, None
     while time.monotonic() < deadline:
         snapshot = feed.poll()
@@ -62,14 +65,17 @@ def _first_complete(feed: LiveFeed) -> Snapshot | None:
 
 
 def is_complete(snapshot: Snapshot) -> bool:
-    """Return whether the supervisor has replied, and every vehicle with a tools port has sent its state and its battery."""
+    """Return whether the supervisor has replied and all vehicles have sent state and battery.
+
+    Only vehicles with a tools port count.
+    """
     with_port = np.array([v.tools is not None for v in snapshot.settings.vehicles], bool)
     received = np.isfinite(snapshot.fleet.silent_s) & np.isfinite(snapshot.fleet.battery)
     return bool(snapshot.processes) and bool((received | ~with_port).all())
 
 
 def watch(run: Path | None) -> None:
-    """Show the running arena, and the next one when it has ended, until `q` is pressed.
+    """Show the running arena, and later the next arena, until the user presses `q`.
 
     run: run folder; None for any.
     """
@@ -101,7 +107,10 @@ def _scrolled(scrolled: int, key: str, snapshot: Snapshot | None) -> int:
 
 @contextlib.contextmanager
 def _keys() -> Iterator[Callable[[float], str]]:
-    """Read single keys from the terminal, without Enter. Yields a function: longest wait [s] -> key, "" if none was pressed."""
+    """Read single keys from the terminal without Enter.
+
+    Yields a function: longest wait [s] -> key, or "" if no key was pressed.
+    """
     stdin = sys.stdin.fileno()
     if not os.isatty(stdin):
         yield _no_key

@@ -29,7 +29,7 @@ VEHICLE_MODELS: dict[str, VehicleModel] = {"multirotor": Multirotor()}
 
 
 def vehicle_model(profile: Mapping[str, Any]) -> VehicleModel:
-    """Return the model for a profile's `vehicle_class`. Raises InputError if there is no such class."""
+    """Return the model of a profile's `vehicle_class`. Raises InputError for an unknown class."""
     name = str(profile.get("vehicle_class", DEFAULT_CLASS))
     if name not in VEHICLE_MODELS:
         raise InputError(f"vehicle_class: got {name!r}, expected one of {', '.join(sorted(VEHICLE_MODELS))}")

@@ -1,4 +1,4 @@
-"""Ground effect: the thrust that a hovering multirotor gains near the floor, tabulated over its height. Pure.
+"""Ground effect: the additional thrust of a hovering multirotor near the floor, as a table over height. Pure.
 
 Method of images (Cheeseman and Bennett, "The effect of the ground on a helicopter rotor in forward flight",
 ARC R&M 3021, 1955), with the images of all rotors and the lift from the upward flow (fountain) between the
@@ -35,7 +35,7 @@ _MIN_HEIGHT = 0.5  # rotor radii
 
 
 def ground_table(profile: Mapping[str, Any]) -> tuple[Array, float, float]:
-    """Compute how much the ground effect increases the thrust of a vehicle, as a table over its height.
+    """Compute the table of a vehicle's thrust increase near the floor, over its height.
 
     profile: the vehicle's profile, as in the files of `profiles/`
     Returns (1) the thrust divided by the thrust far from the floor, at CELLS + 1 equally spaced heights of
@@ -58,7 +58,7 @@ def ground_table(profile: Mapping[str, Any]) -> tuple[Array, float, float]:
 
 
 def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) -> Array:
-    """Return the thrust near the floor divided by the thrust far from the floor [-] (n,), averaged over the rotors.
+    """Return thrust near the floor divided by thrust far from the floor [-] (n,), mean of the rotors.
 
     z: height of the rotors' plane above the floor [m] (n,)
     places: positions of the rotors in that plane [m] (R, 2)

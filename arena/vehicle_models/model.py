@@ -1,4 +1,4 @@
-"""Interfaces that each vehicle class, such as multirotors, implements: its constants, and its dynamics for all vehicles at once."""
+"""Interfaces of a vehicle class, such as multirotors: its constants and its dynamics."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class CrashLimits:
 
 
 class Dynamics(Protocol):
-    """Actuators of V vehicles of one class: compute force and torque on the bodies from commands, batched.
+    """Actuators of V vehicles of one class: forces and torques on the bodies from motor commands, batched.
 
     spin: state of the actuators, given as the command that would maintain this state, 0..1 [-] (V, R)
     supply: battery voltage divided by nominal voltage [-] (V,); written by the world
@@ -72,7 +72,9 @@ class Dynamics(Protocol):
         ...
 
     def scale_thrust(self, vehicle: int, rotor: int, share: float) -> None:
-        """Simulate a damaged rotor: reduce its thrust and torque. The speed of the rotor still follows the motor command.
+        """Simulate a damaged rotor with less thrust and torque.
+
+        The rotor speed still follows the motor command.
 
         share: remaining share of the thrust 0..1 [-]
         """
@@ -80,7 +82,7 @@ class Dynamics(Protocol):
 
 
 class VehicleModel(Protocol):
-    """Interface of a vehicle class, such as the multirotors.
+    """Interface of a vehicle class, such as multirotors.
 
     name: value of the profile's `vehicle_class`
     px4_sim_model: value of PX4_SIM_MODEL with which PX4 SITL is started; it selects the airframe
@@ -101,15 +103,18 @@ class VehicleModel(Protocol):
     def crash_limits(self) -> CrashLimits: ...
 
     def mav_type(self, actuators: int) -> int:
-        """Return the MAV_TYPE of the heartbeats of a vehicle with this number of actuators."""
+        """Return the MAV_TYPE in the heartbeats of a vehicle with this number of actuators."""
         ...
 
     def control_problem(self, actuators: Sequence[Mapping[str, Any]]) -> str:
-        """Return why these actuators cannot control roll, pitch, yaw and thrust independently, or ""."""
+        """Return why the actuators cannot control roll, pitch, yaw and thrust independently, or "" if they can."""
         ...
 
     def allocation(self, actuators: Sequence[Mapping[str, Any]]) -> Array:
-        """Return the control allocation, normalised as in PX4: the weights of roll, pitch and yaw torque for each actuator (R, 3)."""
+        """Return the control allocation: weights of roll, pitch and yaw torque per actuator (R, 3).
+
+        It is normalised as in PX4.
+        """
         ...
 
     def dynamics(self, profiles: Sequence[Profile], *, step_s: float) -> Dynamics:

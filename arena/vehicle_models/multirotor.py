@@ -29,14 +29,14 @@ class Multirotor:
     crash_limits = CrashLimits(touchdown_m_s=1.5, tilt_rad=math.radians(60.0))
 
     def mav_type(self, actuators: int) -> int:
-        """Return MAV_TYPE: hexarotor for 6 rotors, octorotor for 8, else quadrotor.
+        """Return the MAV_TYPE: hexarotor for 6 rotors, octorotor for 8 rotors, otherwise quadrotor.
 
         MAVLink has no type for 5 or 7 rotors, and PX4 v1.16 flies only types that it knows as multirotors.
         """
         return _MAV_TYPES.get(actuators, _QUADROTOR)
 
     def control_problem(self, actuators: Sequence[Mapping[str, Any]]) -> str:
-        """Return why these rotors cannot control roll, pitch, yaw and thrust independently, or "".
+        """Return why the rotors cannot control roll, pitch, yaw and thrust independently, or "" if they can.
 
         Each column of the effectiveness matrix is scaled to 1, so the rank does not depend on units.
         """
@@ -73,7 +73,9 @@ class Multirotor:
 
 
 def controlled_axes(effect: Sequence[Sequence[float]]) -> int:
-    """Return how many of roll, pitch, yaw and thrust the rotors control independently: the rank of the effectiveness matrix.
+    """Return how many of roll, pitch, yaw and thrust the rotors control independently.
+
+    It is the rank of the effectiveness matrix.
 
     effect: torque x, y, z and force z of each rotor. The rank is the number of singular values above LEAST_EFFECT of the
     matrix with its columns scaled to 1.

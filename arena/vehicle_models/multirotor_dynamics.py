@@ -120,7 +120,9 @@ class Rotors:
             array(self.law.ground_scale)[i], array(self.law.ground_reach)[i] = scale, reach
 
     def scale_thrust(self, vehicle: int, rotor: int, share: float) -> None:
-        """Simulate a damaged rotor: reduce its thrust and torque. The speed of the rotor still follows the motor command.
+        """Simulate a damaged rotor with less thrust and torque.
+
+        The rotor speed still follows the motor command.
 
         share: remaining share of the thrust 0..1 [-]
         """
@@ -150,7 +152,7 @@ class Rotors:
 
 
 def reaction_sign(profile: Profile, columns: int) -> Array:
-    """Return the sign of the torque about the body's z axis [FRD] that acts on the body when a rotor gains speed (columns,).
+    """Return the sign of the torque on the body about its z axis [FRD] when a rotor gains speed (columns,).
 
     The sign is 1 for a rotor that turns ccw seen from above, and -1 for cw.
 
@@ -162,7 +164,9 @@ def reaction_sign(profile: Profile, columns: int) -> Array:
 
 
 def wrench_matrix(profile: Profile, columns: int) -> Array:
-    """Return the matrix from rotor thrusts [N] to torque x, y, z [N m] and force z [N] [FRD] (4, columns).
+    """Return the matrix from rotor thrusts to torques and vertical force [FRD] (4, columns).
+
+    Input [N]; output torque x, y, z [N m] and force z [N].
 
     columns: number of columns, at least the number of rotors; the columns of missing rotors are zero
     """
@@ -180,7 +184,7 @@ def _column(profiles: Sequence[Profile], key: str, default: float) -> Array:
 
 
 def _curve(profile: Profile) -> tuple[Array, float]:
-    """Tabulate the thrust of one rotor over its command.
+    """Tabulate the thrust of one rotor over its motor command.
 
     Returns the rotor's thrust at each command of the grid [N] (GRID + 1,), and the share of the thrust that is lost
     per airspeed [s/m].

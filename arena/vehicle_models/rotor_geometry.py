@@ -1,4 +1,4 @@
-"""Torque and force that one rotor of a multirotor produces, from its place and direction. Pure, without numpy."""
+"""Torque and force of one rotor of a multirotor, from its position and direction. Pure, without numpy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SPIN = {"ccw": 1.0, "cw": -1.0}
 
 
 def actuator_effect(rotor: Mapping[str, Any], *, moment_ratio_m: float) -> tuple[float, float, float, float]:
-    """Return torque x, y, z [m] and force z [-] that one rotor produces per unit of thrust [FRD].
+    """Return torque x, y, z [m] and force z [-] of one rotor per unit of thrust [FRD].
 
     The thrust T pushes along -z at position r: torque r x (0, 0, -T) = (-y T, x T, 0). The reaction torque
     turns the body

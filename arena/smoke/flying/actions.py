@@ -1,4 +1,4 @@
-"""Execution of the actions of a scenario (`do`): signals to processes, injected faults, commands to vehicles.
+"""Carries out the actions of a scenario (`do`): signals to processes, injected faults, vehicle commands.
 
 No action waits for its effect, because simulation time stands still meanwhile. The scenario observes the effect later.
 """
@@ -49,7 +49,7 @@ class ActionRunner:
         self._slices = {name.removesuffix(".json"): _slice(run, name) for name in plan.slices}
 
     def do(self, action: Action) -> None:
-        """Carry out an action, or undo it if `action.undo`. Raises RunError if that is not possible."""
+        """Carry out an action of the scenario, or undo it if `action.undo` is set. Raises RunError on failure."""
         if action.verb in _SIGNALS or action.verb == "restart":
             for process in action.processes:
                 with contextlib.suppress(RunError) if action.undo else contextlib.nullcontext():
@@ -85,7 +85,10 @@ class ActionRunner:
         self._listener.command(vehicle, _DO_SET_MODE, _CUSTOM_MODE, main, sub)
 
     def _run_emergency(self, verb: str) -> None:
-        """Start land-all, kill-all or `arena down` as a separate process, which writes its output into the run folder."""
+        """Start land-all, kill-all or `arena down` as a separate process.
+
+        Its output is written into the run folder.
+        """
         module, *words = _EMERGENCY[verb]
         with (self._run / "logs" / f"{verb.replace(' ', '-')}.txt").open("ab") as out:
             self._commands.append(
@@ -132,7 +135,9 @@ class ActionRunner:
 def faults(
     action: Action, vehicles: Mapping[str, VehiclePlan], world: Mapping[str, Any]
 ) -> list[tuple[str, Fault]]:
-    """Return the faults to inject for an action, as (process, fault) pairs. If `action.undo`, return the faults that end its effect.
+    """Return the faults of an action as (process, fault) pairs.
+
+    If `action.undo` is set, return the faults that end its effect.
 
     vehicles: all vehicles of the arena, by name.
     world: JSON configuration (slice) of the world, with its initial wind.
@@ -201,7 +206,7 @@ _EACH: dict[str, tuple[str, Callable[[Action, VehiclePlan], Fault]]] = {
 
 
 def _slice(run: Path, name: str) -> dict[str, Any]:
-    """Return the JSON configuration (slice) of a process from the run folder; {} if it cannot be read."""
+    """Return the configuration (slice) of a process from the run folder, or {} if it cannot be read."""
     try:
         found: dict[str, Any] = json.loads((run / "slices" / name).read_text())
     except (OSError, ValueError):

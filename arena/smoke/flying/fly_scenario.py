@@ -1,4 +1,4 @@
-"""The flight of one scenario: starts the arena and lets the referee decide.
+"""Flies one scenario: starts the arena, carries out the actions, and returns the referee's result.
 
 The referee (`arena.smoke.referee`) receives observations of the flight. It returns the actions to carry out, and
 finally the verdict.
@@ -36,7 +36,7 @@ SCENARIO_FILE = "scenario.json"
 
 @dataclass(frozen=True, kw_only=True)
 class FlightOptions:
-    """Options of a smoke flight: where its results are written, speed of the simulation, seed.
+    """Options of a smoke flight: folder of the results, speed of the simulation, seed.
 
     results: folder in which each scenario gets a folder for its run folders.
     speed: simulated seconds per second, or "max", as `arena up --speed`.
@@ -85,7 +85,7 @@ def fly(scenario: Scenario, options: FlightOptions) -> Result:
 
 
 def _fly_until_over(referee: Referee, session: Session, deadline: float) -> str:
-    """Observe, and carry out the actions of the referee, until the referee ends the flight or the arena ends.
+    """Observe the flight and carry out the referee's actions until the flight or the arena ends.
 
     deadline: latest end, monotonic wall time [s].
     Return the reason if the flight could not be completed; else "".
@@ -132,13 +132,16 @@ def launch_options(scenario: Scenario, folder: Path, options: FlightOptions) -> 
 
 
 def slug(name: str) -> str:
-    """Return a folder name for a scenario: `offboard loss lands [four]` -> offboard-loss-lands-four."""
+    """Return a folder name for a scenario, such as `offboard-loss-lands-four`.
+
+    This is the folder name for `offboard loss lands [four]`.
+    """
     return re.sub(r"[^\w.]+", "-", name).strip("-.") or "scenario"
 
 
 @contextlib.contextmanager
 def alone_if_px4(arena: Arena) -> Iterator[None]:
-    """Lock a file while an arena with PX4 flies, so that only one such arena flies at a time.
+    """Lock a file while an arena with PX4 flies. Only one such arena flies at a time.
 
     The reason: PX4 binds its ports on every address of the computer. Arenas without PX4 do not wait for the lock.
     """
@@ -162,13 +165,15 @@ def _facts(arena: Arena) -> dict[str, str]:
 
 
 def _write_result(result: Result, run: Path) -> None:
-    """Write the result into the run folder, so that the report of the run shows the steps of the scenario."""
+    """Write the result of the scenario into the run folder, for the report of the run."""
     with contextlib.suppress(OSError):
         (run / SCENARIO_FILE).write_text(result_json(result))
 
 
 def _make_report(run: Path) -> str:
-    """Write summary and report.html of a failed flight, because `arena up` ran with --no-report.
+    """Write the summary and report.html of a failed flight.
+
+    `arena up` has run with --no-report.
 
     Return the path of report.html, "" if it could not be made.
     """

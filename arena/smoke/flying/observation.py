@@ -1,4 +1,4 @@
-"""Vehicle states for the referee, from the ground truth, the telemetry and the crash reports of the world. Pure."""
+"""Vehicle states for the referee, from the true states, the telemetry and the world's crash reports. Pure."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ IDLE_ROTOR = 0.01
 
 
 class VehicleStates:
-    """Estimator of the states of all vehicles. It remembers which vehicles are airborne.
+    """Estimator of the states of all vehicles. It stores which vehicles are airborne.
 
     vehicles: rows of `vehicles` in the world's configuration (slice), in the order of the truth page (ground truth of the
         world in shared memory).
@@ -38,7 +38,7 @@ class VehicleStates:
     def update(
         self, truth: Truth | None, telemetry: Mapping[str, Telemetry], crashed: Mapping[str, str], now: float
     ) -> dict[str, VehicleState]:
-        """Return vehicle name -> state at the time `now`; {} if there is no ground truth.
+        """Return vehicle name -> state at the time `now` [s], or {} without true states.
 
         truth: ground truth of all vehicles, None if there is none yet.
         telemetry: vehicle -> telemetry, with times of reception in simulation time.
@@ -72,7 +72,7 @@ class VehicleStates:
 
 
 def _known_telemetry(telemetry: Telemetry, now: float, *, rotors: float) -> dict[str, Any]:
-    """Return the fields of VehicleState that come from telemetry. Values older than MAX_AGE_S count as unknown.
+    """Return the fields of VehicleState that telemetry gives. Values older than MAX_AGE_S are unknown.
 
     rotors: largest rotor command (0..1). A vehicle without recent heartbeat counts as disarmed if its rotors stand still.
     """

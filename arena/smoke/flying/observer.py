@@ -53,7 +53,7 @@ class Observer:
         self._next = 0.0
 
     def observe(self) -> Observation | None:
-        """Wait OBSERVATION_PERIOD_S of simulation time and return an observation; None if the arena has ended.
+        """Wait OBSERVATION_PERIOD_S of simulation time and return an observation, or None if the arena has ended.
 
         `ended` then has the reason.
         """
@@ -80,11 +80,11 @@ class Observer:
         return self._observation(time_s)
 
     def do(self, action: Action) -> None:
-        """Carry out an action, or undo it if `action.undo`. Raises RunError if that is not possible."""
+        """Carry out an action of the scenario, or undo it if `action.undo` is set. Raises RunError on failure."""
         self._actions.do(action)
 
     def idle(self, wall_s: float) -> None:
-        """Wait at least `wall_s` seconds of wall time. Meanwhile, let the simulation advance by at most `wall_s` seconds.
+        """Wait at least `wall_s` [s] of wall time. Meanwhile the simulation advances by at most `wall_s` [s].
 
         Without this limit, a simulation at full speed would use the CPU that other processes need.
         """
@@ -124,6 +124,6 @@ class Observer:
 
 
 def slice_of(run: Path, name: str) -> Mapping[str, Any]:
-    """Return the JSON configuration (slice) of the process `name` from the run folder."""
+    """Return the configuration (slice) of the process `name` from the run folder."""
     found: dict[str, Any] = json.loads((run / "slices" / f"{name}.json").read_text())
     return found

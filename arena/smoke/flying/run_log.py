@@ -1,4 +1,4 @@
-"""Reader of the logs of a running arena while they are written: events.jsonl, the log of the world, and state.json."""
+"""Reader of a running arena's logs: events.jsonl, the log of the world, and state.json."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from arena.supervisor.run_folder import Member
 
 
 class Tail:
-    """Reader of a text file to which another process appends. Only complete lines are read."""
+    """Reader of a text file to which a second process appends. Only complete lines are read."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._at, self._rest = path, 0, b""
@@ -62,11 +62,11 @@ class RunLog:
 
     @property
     def started(self) -> bool:
-        """True if every process of the run has been started. A process that has already ended counts, too."""
+        """True if every process of the run has been started, even if it has already ended."""
         return not any(state in ("STOPPED", "STARTING") for state in self.states.values())
 
     def member(self, process: str) -> Member | None:
-        """Return the newest record of a process in state.json, or None.
+        """Return the newest record of a process in state.json, or None without a record.
 
         process: name, or "supervisor".
 
@@ -77,12 +77,12 @@ class RunLog:
         return self._members.get(process)
 
     def members(self) -> dict[str, Member]:
-        """Return name -> record of all processes that state.json has listed, also of processes that have ended."""
+        """Return name -> record of all processes that state.json has listed, including ended processes."""
         self.member("")
         return dict(self._members)
 
     def update_without_supervisor(self) -> None:
-        """Set the state EXITED for each process that has ended. Call it when the supervisor has died and logs no states."""
+        """Set the state EXITED for each ended process, after the supervisor has died."""
         members = self.members()
         for process, state in self.states.items():
             if state not in ("EXITED", "FATAL", "STOPPED") and not (

@@ -1,4 +1,4 @@
-"""Parallel flights of several scenarios. Each scenario is flown by a worker: a process with its own arena."""
+"""Flies several scenarios in parallel. Each worker process flies one scenario in its own arena."""
 
 from __future__ import annotations
 

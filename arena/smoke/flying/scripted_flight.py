@@ -1,4 +1,6 @@
-"""A flight that a Python test controls step by step. Actions and expectations are written as in scenario files.
+"""Flight that a Python test controls step by step.
+
+Actions and expectations are written as in scenario files.
 
     with ScriptedFlight(arena, options) as flight:
         flight.always("separation > 0.8 m")
@@ -85,7 +87,7 @@ class ScriptedFlight:
         return self.now.vehicles[name]
 
     def until(self, trigger: str, limit_s: float) -> Observation:
-        """Wait for the time that a trigger such as `uav1.airborne + 3 s` (3 s after take-off) defines.
+        """Wait for the time of a trigger, such as `uav1.airborne + 3 s` (3 s after takeoff).
 
         limit_s: longest wait in simulation time [s]; AssertionError is raised after it.
         """
@@ -117,7 +119,7 @@ class ScriptedFlight:
             self._undo.append((self.now.time_s + read.for_s, replace(read, undo=True)))
 
     def expect(self, expectation: str) -> Observation:
-        """Wait until an expectation such as `uav1.landed within 10 s` is fulfilled. Its time limit starts now.
+        """Wait until an expectation such as `uav1.landed within 10 s` is fulfilled. The time limit starts now.
 
         Raises AssertionError if the expectation fails.
         """
@@ -172,7 +174,7 @@ class ScriptedFlight:
 
 
 def _caller(text: str) -> Place:
-    """Return the file and line of the test that called this module, so that error messages can name the line.
+    """Return the file and line of the test that called this module, for error messages.
 
     text: the trigger, action, expectation or rule that the test passed.
     """

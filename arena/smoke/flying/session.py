@@ -1,4 +1,4 @@
-"""A running arena for one flight: started with `arena up`, as a user does it. At the end, all its processes are ended."""
+"""Starts an arena with `arena up` for one flight, and ends all its processes after the flight."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _libc = ctypes.CDLL(None)
 
 @dataclass(frozen=True, kw_only=True)
 class LaunchOptions:
-    """Options of `arena up`: which arena is started, where its run folder is created, speed and seed.
+    """Options of `arena up`: the arena's YAML, the folder for run folders, speed and seed.
 
     arena: YAML file of the arena.
     runs: folder in which the run folder is created.
@@ -123,8 +123,9 @@ class Session:
         return self._observer
 
     def outcome(self) -> dict[str, Any]:
-        """Return the content of outcome.json after the end of the arena; {} if the file is missing, for
-        example after SIGKILL of the supervisor.
+        """Return the content of outcome.json after the end of the arena. Return {} if the file is missing.
+
+        It is missing, for example, after SIGKILL of the supervisor.
         """
         try:
             found = json.loads((self.run / "outcome.json").read_text()) if self.run else {}
@@ -133,7 +134,9 @@ class Session:
         return found if isinstance(found, dict) else {}
 
     def run_to_end(self, limit_s: float) -> int:
-        """Start the arena, wait until it ends by itself, and return the exit code of `arena up`. Nothing observes this arena.
+        """Start the arena, wait until it ends by itself, and return the exit code of `arena up`.
+
+        Nothing observes this arena.
 
         limit_s: longest wall time [s].
         Raises RunError if the arena does not start, or does not end in time.
@@ -236,7 +239,10 @@ class Session:
     # -- end
 
     def close(self) -> None:
-        """Land the vehicles and end the arena. At an interrupt, kill the remaining processes and raise the interrupt again."""
+        """Land the vehicles and end the arena.
+
+        At an interrupt, kill the remaining processes and raise the interrupt again.
+        """
         try:
             self._end()
         finally:
@@ -307,7 +313,10 @@ class Session:
             time.sleep(_POLL_S)
 
     def _tidy(self) -> None:
-        """Copy the output of `arena up` to logs/up.txt in the run folder. Delete state.json, because the run has ended."""
+        """Copy the output of `arena up` to logs/up.txt in the run folder, and delete state.json.
+
+        The run has ended, so state.json is no longer needed.
+        """
         if self.run is not None:
             with contextlib.suppress(OSError):
                 shutil.copyfile(self._output, self.run / "logs" / "up.txt")
@@ -346,7 +355,10 @@ class Session:
 
 
 def free_address() -> str:
-    """Return an address 127.99.x.y on which no router listens. The first address tried depends on the process id."""
+    """Return an address 127.99.x.y on which no router listens.
+
+    The first address that is tried depends on the process id.
+    """
     first = os.getpid()
     for number in range(first, first + 1000):
         address = f"127.99.{number // 250 % 250}.{number % 250 + 1}"

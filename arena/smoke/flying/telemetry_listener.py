@@ -57,7 +57,7 @@ class TelemetryListener:
         )  # vehicles whose last telemetry was in time; `listen` waits for these only
 
     def listen(self, now: float) -> None:
-        """Receive telemetry, wait up to _MAX_WAIT_S for late telemetry, and request missing messages."""
+        """Receive telemetry and request missing messages. Wait up to _MAX_WAIT_S for late telemetry."""
         self._drain(now)
         deadline = time.monotonic() + _MAX_WAIT_S
         while (late := [name for name in self._prompt if self._is_late(name, now)]) and (
@@ -102,7 +102,10 @@ class TelemetryListener:
                     break
 
     def _is_late(self, name: str, now: float) -> bool:
-        """Return whether the autopilot's time stamp of the vehicle's newest position is older than _LATE_S, or no position has arrived."""
+        """Return whether the newest position of a vehicle is missing or older than _LATE_S.
+
+        The age is counted from the autopilot's time stamp.
+        """
         local = self.telemetry[name].local
         return local is None or now - local.boot_s > _LATE_S
 
@@ -124,7 +127,10 @@ class TelemetryListener:
 
 
 def _open(vehicle: VehiclePlan) -> socket.socket:
-    """Return a UDP socket connected to the tools port of a vehicle. A connected socket receives datagrams from this port only."""
+    """Return a UDP socket that is connected to the tools port of a vehicle.
+
+    A connected socket receives datagrams from this port only.
+    """
     sock = open_udp((vehicle.router.partner_host, 0))
     sock.connect((vehicle.router.partner_host, vehicle.tools_port))
     return sock

@@ -30,7 +30,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, kw_only=True)
 class Lost:
-    """The end of a worker that sent no result, for example because it was killed.
+    """End of a worker process that has sent no result, for example because it was killed.
 
     exit_code: negative for a signal.
     """
@@ -82,7 +82,10 @@ def run_all(
 
 @contextmanager
 def collected_stops() -> Iterator[list[int]]:
-    """Collect SIGINT, SIGTERM and SIGHUP in a list during a `with` block, so that these signals do not interrupt the block."""
+    """Collect SIGINT, SIGTERM and SIGHUP in a list during a `with` block.
+
+    These signals do not interrupt the block.
+    """
     found: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -97,7 +100,10 @@ def collected_stops() -> Iterator[list[int]]:
 
 
 def _begin(task: T, work: Callable[[T], R]) -> _Worker[T]:
-    """Fork a worker for one task. Fork saves time, because a forked worker need not import the modules again."""
+    """Fork a worker process for one task.
+
+    A forked worker need not import the modules again.
+    """
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(theirs, os.getpid(), task, work))
@@ -130,7 +136,7 @@ def _ended(workers: Sequence[_Worker[T]]) -> list[_Worker[T]]:
 
 
 def _result(worker: _Worker[T]) -> Any:
-    """Return the result of a worker that has ended; None if the worker was interrupted."""
+    """Return the result of a worker that has ended, or None if the worker was interrupted."""
     try:
         result = worker.answer.recv()
     except EOFError:

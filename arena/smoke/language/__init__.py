@@ -1,1 +1,4 @@
-"""The scenario language: parser from the text of a scenario file to frozen data. See `tokens` and `grammar`."""
+"""The scenario language: converts the text of a scenario file to frozen dataclasses.
+
+See `tokens` and `grammar`.
+"""

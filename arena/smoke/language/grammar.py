@@ -1,4 +1,4 @@
-"""Parser of one entry of a scenario: text -> trigger, expectation, rule, action, or allowance (accepted failure).
+"""Parser of one scenario entry: text -> trigger, expectation, rule, action or accepted failure.
 
 The module `vocabulary` lists the words of the language.
 """
@@ -38,7 +38,7 @@ from arena.smoke.language.vocabulary import (
 
 
 def read_trigger(text: str, names: Names, place: Place) -> Trigger:
-    """Parse an entry `at`, such as `uav1.airborne + 3 s`. Raises WrongWordError if the text is not valid.
+    """Parse an entry `at`, such as `uav1.airborne + 3 s`. Raises WrongWordError if it is not valid.
 
     names: names of the arena.  place: file and line of the text.
     """
@@ -54,7 +54,7 @@ def read_trigger(text: str, names: Names, place: Place) -> Trigger:
 
 
 def read_expectation(text: str, names: Names, place: Place) -> Expectation:
-    """Parse an entry `expect`, such as `uav1.landed within 10 s`. Raises WrongWordError if the text is not valid.
+    """Parse an entry `expect`, such as `uav1.landed within 10 s`. Raises WrongWordError if it is not valid.
 
     names: names of the arena.  place: file and line of the text.
     """
@@ -67,7 +67,7 @@ def read_expectation(text: str, names: Names, place: Place) -> Expectation:
 
 
 def read_rule(text: str, names: Names, place: Place) -> Rule:
-    """Parse an entry of `always`, such as `separation > 0.8 m`. Raises WrongWordError if the text is not valid.
+    """Parse an entry of `always`, such as `separation > 0.8 m`. Raises WrongWordError if it is not valid.
 
     names: names of the arena.  place: file and line of the text.
     """
@@ -82,7 +82,7 @@ def read_rule(text: str, names: Names, place: Place) -> Rule:
 
 
 def read_action(text: str, names: Names, place: Place) -> Action:
-    """Parse an entry `do`, such as `kill program uav1`. Raises WrongWordError if the text is not valid.
+    """Parse an entry `do`, such as `kill program uav1`. Raises WrongWordError if it is not valid.
 
     names: names of the arena.  place: file and line of the text.
     """
@@ -104,7 +104,7 @@ def read_action(text: str, names: Names, place: Place) -> Action:
 
 
 def read_allowance(text: str, names: Names) -> Allowance:
-    """Parse an entry of `may` (failures that the scenario accepts), such as `crash uav1`.
+    """Parse an entry of `may`, such as `crash uav1`: a failure that the scenario accepts.
 
     Raises WrongWordError if the text is not valid.
     """
@@ -127,7 +127,7 @@ def read_allowance(text: str, names: Names) -> Allowance:
 def _condition(
     tokens: TokenReader, names: Names, place: Place, also: tuple[str, ...] = (), *, rule: bool = False
 ) -> Condition:
-    """Parse a condition, such as `separation > 0.8 m`. Raises WrongWordError if the text is not valid.
+    """Parse a condition, such as `separation > 0.8 m`. Raises WrongWordError if it is not valid.
 
     also: words other than a condition that are allowed here. They are listed in the error message.
     rule: whether the condition is an entry of `always`.
@@ -250,7 +250,7 @@ def _of_process(tokens: TokenReader, names: Names) -> dict[str, object]:
 
 
 def _form(tokens: TokenReader) -> tuple[Form, list[str]]:
-    """Parse the first words of an action, such as `battery drain`, which decide what kind of action it is.
+    """Parse the first words of an action, such as `battery drain`. They determine the kind of action.
 
     Returns the syntax of the action, and the words of this syntax that are still to be parsed.
     """
@@ -318,7 +318,10 @@ def _part_rotor(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
 
 
 def _part_already_parsed(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
-    """Do nothing, because the function for the part before has parsed this part, too. Example: `N E D` is parsed at `N`."""
+    """Do nothing, because the function for an earlier part has parsed this part, too.
+
+    Example: `N E D` is parsed at `N`.
+    """
 
 
 _READ_PART: dict[str, Callable[[TokenReader, Names, dict[str, object]], None]] = {

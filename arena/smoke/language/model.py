@@ -1,4 +1,6 @@
-"""Data classes shared by `language`, `referee` and `flying`: the content of a scenario, and observations of a flight.
+"""Dataclasses of a scenario's content and of the observations of a flight.
+
+`language`, `referee` and `flying` share them.
 
 This module must not import these packages.
 """
@@ -80,7 +82,7 @@ class Box:
     high_n: Vector
 
     def outside_m(self, p_n: Vector) -> float:
-        """Return how far `p_n` is outside the box [m]. If it is inside, return minus the distance to the nearest side."""
+        """Return the distance of `p_n` from the box [m]. Inside the box, it is minus the distance to the nearest side."""
         return max(max(low - p, p - high) for low, p, high in zip(self.low_n, p_n, self.high_n, strict=True))
 
 
@@ -125,7 +127,7 @@ Verb = Literal[
 
 @dataclass(frozen=True, kw_only=True)
 class Action:
-    """An action that is carried out on the arena during the flight, such as a fault. It comes from an entry `do`.
+    """Action on the arena during a flight, such as a fault. It comes from an entry `do`.
 
     processes: affected processes, by their names in the plan, or "supervisor".
     vehicles: affected vehicles, in the order of the text.
@@ -152,7 +154,7 @@ Operator = Literal["", "<", ">", "==", "!="]
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """A statement about the flight that is true or false at an instant.
+    """Statement about the flight that is true or false at each instant.
 
     kind: airborne, mode, height, separation, ...: a key of the tables in `vocabulary`.
     vehicles: vehicles for all of which the statement must be true.
@@ -176,7 +178,7 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class Trigger:
-    """Definition of the time at which a step begins, from an entry `at`.
+    """Time at which a step begins, from an entry `at`.
 
     condition: the step begins when this condition becomes true; None for `start` and `then`.
     then: the step begins when the step before is done. Without condition and `then`, it begins at the start of the flight.
@@ -191,7 +193,9 @@ class Trigger:
 
 @dataclass(frozen=True, kw_only=True)
 class Expectation:
-    """An expectation, from an entry `expect`: a condition and a time. One of the two times is set, the other is None.
+    """Expectation from an entry `expect`: a condition with a time.
+
+    One of its two times is set, the second time is None.
 
     within_s: the condition must be true at least once within this time [s].
     for_s: the condition must be true at every observation during this time [s].
@@ -205,7 +209,7 @@ class Expectation:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A step, from an entry of `steps`.
+    """Step of a scenario, from an entry of `steps`.
 
     trigger: None if the step begins as soon as the step before is done.
     """

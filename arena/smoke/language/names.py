@@ -1,4 +1,7 @@
-"""Parsers for the names in scenario entries: vehicles, processes and flight modes. A name must exist in the arena."""
+"""Parsers for names in scenario entries: vehicles, processes and flight modes.
+
+A name must exist in the arena.
+"""
 
 from __future__ import annotations
 
@@ -40,14 +43,19 @@ def names_of(arena: Arena) -> Names:
 
 
 def read_vehicles(tokens: TokenReader, names: Names) -> tuple[str, ...]:
-    """Parse the name of a vehicle, or `each`, and return the vehicles. Raises WrongWordError for an unknown name."""
+    """Parse the name of a vehicle or the word `each`, and return the vehicles.
+
+    Raises WrongWordError for an unknown name.
+    """
     found = vehicles_named(tokens, names, tokens.next.text)
     tokens.advance()
     return found
 
 
 def vehicles_named(tokens: TokenReader, names: Names, name: str) -> tuple[str, ...]:
-    """Return the vehicles that `name` stands for: one vehicle, or all for `each`. Raises WrongWordError for an unknown name.
+    """Return the vehicles for a name: one vehicle, or all vehicles for `each`.
+
+    Raises WrongWordError for an unknown name.
 
     No token is consumed.
     """
@@ -66,7 +74,7 @@ def _with_rest(tokens: TokenReader, vehicles: tuple[str, ...]) -> list[str]:
 
 
 def read_process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
-    """Parse a process, such as `program uav1`, and return the name of the process, such as `program.uav1`.
+    """Parse a process such as `program uav1`, and return its name, such as `program.uav1`.
 
     Returns several names for `program each`. Raises WrongWordError for an unknown process.
     """
@@ -104,7 +112,7 @@ def read_process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
 
 
 def read_mode(tokens: TokenReader) -> str:
-    """Parse a flight mode and return its name as decoded from HEARTBEAT, such as `AUTO.LAND`. Raises WrongWordError for an unknown mode."""
+    """Parse a flight mode and return its name, such as `AUTO.LAND`. Raises WrongWordError for an unknown mode."""
     name = tokens.next.text.removeprefix("AUTO.")
     name = "LOITER" if name == "HOLD" else name
     if tokens.next.kind != "word" or name not in MODES:

@@ -1,4 +1,4 @@
-"""Loader of scenario files: YAML -> frozen `Scenario` objects, or an InputError with every problem and its line.
+"""Loads scenario files: YAML -> frozen `Scenario` objects, or an InputError with all problems and their lines.
 
 This module starts no processes.
 """
@@ -36,7 +36,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A scenario to be flown in one arena.
+    """Scenario that is flown in one arena.
 
     name: name of the scenario. If the file lists several arenas, the name ends with the arena: `offboard loss lands [four]`.
     about: one sentence about what the scenario tests; "" if the file has none.
@@ -105,14 +105,17 @@ def stem(file: str) -> str:
 
 
 def _files(arena: Any) -> tuple[str, ...]:
-    """Return the paths of the arena files under the key `arena`, or ("",) if the scenario file itself defines the arena."""
+    """Return the paths of the arena files under the key `arena`.
+
+    Return ("",) if the scenario file itself defines the arena.
+    """
     if isinstance(arena, dict):
         return ("",)
     return (arena,) if isinstance(arena, str) else tuple(dict.fromkeys(arena))
 
 
 def _in_order(problems: Sequence[Problem]) -> list[Problem]:
-    """Return the problems sorted by file and line, with only the first problem of each key."""
+    """Return the problems sorted by file and line. Each key keeps its first problem only."""
     first: dict[tuple[str, int, str], Problem] = {}
     for problem in problems:
         first.setdefault((problem.file, problem.line, problem.field), problem)
@@ -120,7 +123,7 @@ def _in_order(problems: Sequence[Problem]) -> list[Problem]:
 
 
 class _Reader:
-    """Reads one scenario of a scenario file, for one of its arenas. `problems` collects the problems found."""
+    """Reader of one scenario for one of its arenas. `problems` collects the problems found."""
 
     def __init__(self, document: Document, model: ScenarioFile, file: str, overrides: Sequence[str]) -> None:
         self._source = Source(document=document, data=document.data)
@@ -131,7 +134,7 @@ class _Reader:
         self.problems: list[Problem] = []
 
     def scenario(self) -> Scenario | None:
-        """Return the scenario, or None if there are problems."""
+        """Return the scenario, or None if the scenario file has problems."""
         arena = self._load()
         names = names_of(arena) if arena is not None else self._likely_names()
         if names is None:
@@ -177,7 +180,7 @@ class _Reader:
         return arena
 
     def _likely_names(self) -> Names | None:
-        """Return the names of vehicles and processes in an arena that has errors, so that the scenario can be checked anyway.
+        """Return the vehicle and process names of an arena with errors. Then the scenario can still be checked.
 
         Return None if the names cannot be read.
         """
@@ -207,7 +210,9 @@ class _Reader:
         return path
 
     def _at_scenario(self, problem: Problem) -> Problem:
-        """Return a problem of the arena's YAML, with file and line of the scenario's entry (such as `set`) if that caused it.
+        """Return a problem of the arena's YAML with the file and line of the scenario entry that caused it.
+
+        Such an entry is `set`.
 
         A problem with another cause is returned unchanged.
         """
@@ -240,7 +245,10 @@ class _Reader:
     # -- the steps and rules
 
     def _steps(self, names: Names) -> Iterator[Step]:
-        """Yield the steps of the scenario. The expectations of an entry with only `expect` are added to the step before."""
+        """Yield the steps of the scenario.
+
+        The expectations of an entry with only `expect` are added to the previous step.
+        """
         last: Step | None = None
         for i, entry in enumerate(self._model.steps):
             step = self._step(("steps", i), entry, names)
@@ -279,7 +287,7 @@ class _Reader:
         *,
         single: bool = False,
     ) -> tuple[T, ...]:
-        """Parse all entries under one key of a step. Entries with problems are reported and left out."""
+        """Parse all entries under one key of a step. Wrong entries are reported and left out."""
         if key not in entry:
             return ()
         value, here = entry[key], (*path, key)
@@ -324,7 +332,7 @@ class _Reader:
 
 
 def _step_text(entry: dict[str, Any]) -> str:
-    """Return the values of `at` and `do` of a step as one text, which names the step in the report."""
+    """Return `at` and `do` of a step as one text, which identifies the step in the report."""
     actions = entry.get("do", ())
     done = ", ".join(str(d) for d in actions) if isinstance(actions, tuple) else str(actions)
     return ": ".join(part for part in (f"at {entry['at']}" if "at" in entry else "", done) if part)
@@ -343,7 +351,7 @@ def _inside(document: Document, path: YamlPath) -> Document:
 
 
 def fence_of(arena: Arena) -> Box:
-    """Return the box that vehicles must not leave: the geofence or, if there is none, the room.
+    """Return the box that vehicles must not leave: the geofence, or the room without a geofence.
 
     It has no lower limit, so vehicles on the floor are inside.
     """

@@ -1,4 +1,7 @@
-"""Content of a scenario file: its keys with their types and descriptions. Conditions and actions stay texts here."""
+"""Pydantic model of a scenario file: its keys, types and descriptions.
+
+Conditions and actions are still texts.
+"""
 
 from __future__ import annotations
 

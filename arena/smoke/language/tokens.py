@@ -1,4 +1,4 @@
-"""Tokenizer of one entry of a scenario: splits the text into words, numbers, units and operators, and returns them in order.
+"""Tokenizer of one scenario entry: splits its text into words, numbers, units and operators.
 
 A `WrongWordError` says which word was found and which was expected.
 """
@@ -45,7 +45,7 @@ _SIGNS_INSTEAD = {
 
 
 class WrongWordError(Exception):
-    """Error for a wrong word in a scenario. The message says which word was found and which was expected.
+    """Error about a wrong word in a scenario, with the found and the expected word.
 
     The loader (`scenario`) adds file and line.
     """
@@ -68,7 +68,7 @@ class TokenReader:
 
     @property
     def next(self) -> Token:
-        """The next token, without consuming it; kind "end" after the last token."""
+        """Next token, which stays in the text. Its kind is "end" after the last token."""
         return self._tokens[self._at] if self._at < len(self._tokens) else Token(kind="end", text="")
 
     def advance(self) -> Token:
@@ -78,7 +78,7 @@ class TokenReader:
         return token
 
     def accept(self, *texts: str) -> bool:
-        """Consume the next tokens if they are exactly these texts. Return True if the tokens were consumed."""
+        """Consume the next tokens if they are exactly these texts. Return whether they were consumed."""
         ahead = [token.text for token in self._tokens[self._at : self._at + len(texts)]]
         if ahead != list(texts):
             return False
@@ -86,7 +86,7 @@ class TokenReader:
         return True
 
     def error(self, expected: str, known: Sequence[str] = ()) -> WrongWordError:
-        """Return an error about the next token.
+        """Return an error that names the next token.
 
         expected: what is allowed here, such as "expected a mode".  known: valid words at this place, for the hint.
         """
@@ -97,7 +97,7 @@ class TokenReader:
         return WrongWordError(f"{got}{after}, {expected}." + (f" {hint}" if hint else ""))
 
     def one_of(self, known: Sequence[str], what: str) -> str:
-        """Consume and return the next word, which must be one of `known`. Raises WrongWordError for another word.
+        """Consume and return the next word, which must be in `known`. Raises WrongWordError for an unknown word.
 
         what: text after "expected" in the error message.
         """
@@ -106,12 +106,14 @@ class TokenReader:
         return self.advance().text
 
     def expect(self, text: str) -> None:
-        """Consume the next token, which must be this text; else raise WrongWordError."""
+        """Consume the next token, which must be a given text. Otherwise raise WrongWordError."""
         if not self.accept(text):
             raise self.error(f"expected {text}", [text])
 
     def number(self, what: str) -> float:
-        """Consume and return a number with an absolute value of at most a million. Raises WrongWordError for another token.
+        """Consume and return a number with an absolute value of at most a million.
+
+        Raises WrongWordError for a different token.
 
         what: text after "expected" in the error message.
         """
@@ -124,7 +126,9 @@ class TokenReader:
         return value
 
     def quantity(self, kind: str, what: str, *, least: float | None = None) -> float:
-        """Consume a number with a unit and return it in SI units. Raises WrongWordError if the next tokens are different.
+        """Consume a number with a unit and return it in SI units.
+
+        Raises WrongWordError if the next tokens are different.
 
         kind: kind of the quantity, such as "time".  what: text after "expected" in the error message.
         least: exclusive lower limit, in the unit of the text.

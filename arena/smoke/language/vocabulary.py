@@ -1,4 +1,7 @@
-"""Words of the scenario language with their meanings. The grammar, the referee and docs/reference/scenarios.md use them."""
+"""Words of the scenario language with their meanings.
+
+The grammar, the referee and docs/reference/scenarios.md use them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ EACH = "each"
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """Description of a quantity of one vehicle that a condition can compare, such as height.
+    """Quantity of a vehicle that a condition can compare with a limit, such as height.
 
     measures: kind of the quantity, such as "distance".  unit: unit in messages.  meaning: text for the reference page.
     """
@@ -31,7 +34,7 @@ class Quantity:
 
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """Syntax of one action, such as `link delay T V`, in which T stands for a time and V for a vehicle.
+    """Syntax of one action, such as `link delay T V`. T stands for a time and V for a vehicle.
 
     Users write the words in small letters unchanged. They replace the other words, which PARTS explains.
 

@@ -1,4 +1,4 @@
-"""The referee of a smoke flight: receives observations, returns the actions to carry out, and decides whether the flight passed.
+"""The referee of a smoke flight: receives observations, returns actions, and decides pass or fail.
 
 Pure: without sockets, files and clocks.
 """

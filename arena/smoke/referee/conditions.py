@@ -1,4 +1,4 @@
-"""Evaluation of conditions for the newest observation. The result is None if a value is unknown."""
+"""Evaluates conditions at the newest observation. The result is None if a value is unknown."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ _OFFBOARD = "OFFBOARD"
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """Result of a condition for one subject (a vehicle, a pair of vehicles or a process) at one observation.
+    """Result of a condition for one subject at one observation.
+
+    A subject is a vehicle, a pair of vehicles or a process.
 
     who: name of the subject, such as `uav1` or `uav1 and uav2`; "" if the condition has none.
     holds: whether the condition is true; None if unknown.
@@ -31,7 +33,7 @@ class Evaluation:
 
 
 def holds(condition: Condition, flight: FlightHistory) -> Truth:
-    """Return whether the condition is true for all its subjects; None if that is unknown."""
+    """Return whether the condition is true for all its subjects, or None if this is unknown."""
     truths = [evaluation.holds for evaluation in evaluate(condition, flight)]
     if False in truths:
         return False
@@ -39,7 +41,7 @@ def holds(condition: Condition, flight: FlightHistory) -> Truth:
 
 
 def evaluate(condition: Condition, flight: FlightHistory) -> Iterator[Evaluation]:
-    """Yield the result of the condition for each subject (vehicle, pair of vehicles or process) to which it applies."""
+    """Yield the result of the condition for each subject: vehicle, pair of vehicles or process."""
     for who, holding, value, text in _evaluate(condition, flight):
         turned = holding if holding is None or not condition.negated else not holding
         yield Evaluation(who=who, holds=turned, value=value, text=text)
@@ -109,7 +111,7 @@ def _armed(vehicle: VehicleState) -> str:
 
 
 def _value(kind: str, flight: FlightHistory, vehicle: VehicleState) -> float | None:
-    """Return a quantity of a vehicle in SI units; None if unknown.
+    """Return a quantity of a vehicle in SI units, or None if it is unknown.
 
     kind: name of the quantity, such as `height`.
     """
@@ -145,7 +147,7 @@ def _compare(condition: Condition, value: float) -> bool:
 
 
 def unit(condition: Condition) -> tuple[str, float]:
-    """Return the unit in which messages show the value of a condition, and the factor from this unit to the SI unit."""
+    """Return the display unit of a condition's value, and its factor to the SI unit."""
     if condition.kind == REAL_TIME_FACTOR:
         return "", 1.0
     quantity = QUANTITIES.get(condition.kind)
@@ -153,7 +155,7 @@ def unit(condition: Condition) -> tuple[str, float]:
 
 
 def in_words(condition: Condition, value: float) -> str:
-    """Return a value as text with the unit for messages, such as `0.61 m`.
+    """Return a value as text with its unit, such as `0.61 m`.
 
     value: in SI units.
     """
@@ -163,7 +165,7 @@ def in_words(condition: Condition, value: float) -> str:
 
 
 def subject(condition: Condition, who: str) -> str:
-    """Return the text that names the compared value, such as `uav1.mode` or `separation between uav1 and uav2`."""
+    """Return the name of the compared value, such as `uav1.mode` or `separation between uav1 and uav2`."""
     kind = condition.kind
     if kind == "separation":
         return f"separation between {who}" if who else kind

@@ -1,4 +1,4 @@
-"""Tracker of one expectation, which records the observed values until the expectation is fulfilled or has failed."""
+"""Tracker of one expectation. It records the observed values until the expectation is decided."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MAX_LISTED = 4
 
 @dataclass(kw_only=True)
 class _Record:
-    """Record of the observed values of one subject: lowest and highest value, or the sequence of different texts."""
+    """Observed values of one subject: lowest and highest value, or the sequence of different texts."""
 
     texts: list[str] = field(default_factory=list)
     low: float | None = None
@@ -91,7 +91,7 @@ class ExpectationTracker:
                 self._fail(self._describe())
 
     def close(self, flight: FlightHistory, why: str) -> None:
-        """Decide at the end of the flight whether an open expectation is fulfilled or has failed.
+        """Decide an open expectation at the end of the flight: fulfilled or failed.
 
         why: text about the end of the flight.
         """
@@ -110,7 +110,7 @@ class ExpectationTracker:
         self.outcome, self.failure = "failed", failure
 
     def _describe(self) -> str:
-        """Return the text of a failure: the expectation, and what was observed of each vehicle or process that did not meet it."""
+        """Return the text of a failure: the expectation, and the observed values of each failed subject."""
         condition, records = self.expectation.condition, self._records
         wrong = {who: record for who, record in records.items() if record.holds is not True} or records
         found = [

@@ -1,4 +1,4 @@
-"""History of a flight, as the referee needs it: take-offs, touchdowns, crashes, and positions at the last action."""
+"""History of a flight for the referee: takeoffs, touchdowns, crashes, and positions at the last action."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MIN_TIMED_S = 1.0
 
 @dataclass(kw_only=True)
 class _VehicleHistory:
-    """Events of one vehicle during the flight: its take-off, landing and touchdown, and its position at the last action.
+    """Takeoff, landing and touchdown of one vehicle, and its position at the last action.
 
     flown: true after the first take-off.
     in_flight: true from the first take-off until the observation in which the vehicle has landed, that one included.
@@ -67,7 +67,10 @@ class FlightHistory:
             self._timed[1:] = [(now.time_s, now.wall_s)]
 
     def action(self) -> None:
-        """Record the time and the positions of all vehicles at an action, for `drift_m`. Call this when an action is carried out."""
+        """Record the time and all positions at an action, for the quantity `drift_m`.
+
+        Call it when an action is carried out.
+        """
         self.action_s = self.now.time_s
         for name, history in self._histories.items():
             if name in self.now.vehicles:
@@ -102,7 +105,7 @@ class FlightHistory:
 
     @property
     def real_time_factor(self) -> float | None:
-        """Simulated seconds per second of wall time since the first take-off; None if less than 1 s was measured."""
+        """Simulated seconds per second of wall time since the first takeoff. None in the first second."""
         if not self._timed:
             return None
         (sim_0, wall_0), (sim_1, wall_1) = self._timed[0], self._timed[-1]
@@ -112,12 +115,15 @@ class FlightHistory:
 
     @property
     def in_flight(self) -> tuple[str, ...]:
-        """Names of the vehicles that are in flight: from the first take-off until the landing."""
+        """Names of the vehicles in flight: from the first takeoff until the landing."""
         return tuple(name for name, history in self._histories.items() if history.in_flight)
 
     @property
     def still_up(self) -> tuple[str, ...]:
-        """Names of the vehicles that have taken off and not landed. A crashed vehicle on the floor counts as landed."""
+        """Names of the vehicles that have taken off and not landed.
+
+        A crashed vehicle on the floor counts as landed.
+        """
         return tuple(
             name
             for name, history in self._histories.items()
@@ -134,17 +140,17 @@ class FlightHistory:
         return self._histories[name].flown
 
     def touchdown_m_s(self, name: str) -> float | None:
-        """Return the speed at the last touchdown [m/s]; None in the air and before the first touchdown."""
+        """Return the speed at the last touchdown [m/s]. Return None in the air and before a touchdown."""
         history = self._histories[name]
         return None if history.touchdown is None or history.airborne else history.touchdown.speed_m_s
 
     def drift_m(self, name: str) -> float | None:
-        """Return the horizontal distance from the position at the last action [m]; None before the first action."""
+        """Return the horizontal distance from the position at the last action [m], or None before the first action."""
         start, vehicle = self._histories[name].action_p_n, self.now.vehicles.get(name)
         return None if start is None or vehicle is None else math.dist(start[:2], vehicle.p_n[:2])
 
     def separations(self) -> dict[tuple[str, str], float]:
-        """Return pair of vehicles -> distance [m], for the pairs of which at least one vehicle is in flight."""
+        """Return pair of vehicles -> distance [m], for all pairs with at least one vehicle in flight."""
         here = [v for v in self.vehicles if v in self.now.vehicles]
         flying = set(self.in_flight)
         return {

@@ -1,4 +1,4 @@
-"""The referee: receives observations of a flight, returns the actions to carry out, and decides whether the flight passed. Pure.
+"""The referee: receives observations of a flight, returns actions, and decides whether it passed. Pure.
 
     referee = Referee(scenario)
     while not referee.over:                          # 50 times per simulated second
@@ -37,7 +37,7 @@ _DONE, _FAILED, _LIMIT, _GONE = (
 
 
 class Referee:
-    """Referee of one flight: follows the steps and rules of a scenario and gives the verdict."""
+    """Referee of one flight. It follows the steps and rules of a scenario and gives the verdict."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
@@ -92,12 +92,15 @@ class Referee:
 
     @property
     def over(self) -> bool:
-        """True if the flight is over: all steps done and all vehicles down, or a step failed, or the time limit passed."""
+        """True if the flight is over.
+
+        The flight is over if all steps are done and all vehicles are down, a step failed, or the time limit passed.
+        """
         return bool(self._end_reason)
 
     @property
     def _current(self) -> StepTracker | None:
-        """The first step that has failed, is not complete or has not begun. None if all steps have passed."""
+        """First step that has not passed: failed, not complete, or not begun. None if all steps have passed."""
         return next((step for step in self._steps if not step.settled or step.failed), None)
 
     def _update_expectations(self) -> None:
@@ -109,7 +112,7 @@ class Referee:
                 self._then_s = step.done_s
 
     def _begin_steps(self, now: float) -> list[Action]:
-        """Begin the current step, and the steps after it, if the times of their triggers have come.
+        """Begin all steps whose trigger time has come, in order from the current step.
 
         Returns the actions of these steps.
         """
@@ -147,7 +150,9 @@ class Referee:
     # -- after the flight
 
     def finish(self, outcome: Mapping[str, Any], problem: str = "") -> None:
-        """Include the end of the arena in the verdict: its reported failures, and the steps that are still open. Call this once.
+        """Add the end of the arena to the verdict: reported failures, and steps that are still open.
+
+        Call it once.
 
         outcome: content of outcome.json, {} if there is none.
         problem: text of another failure, such as an arena that did not start, which fails the scenario; "" if none.
@@ -178,7 +183,7 @@ class Referee:
             self._problems.append(sentence)
 
     def _close_remaining(self) -> None:
-        """Decide for each step that is still open at the end of the arena whether it has passed or failed.
+        """Decide for each step that is still open at the end of the arena: passed or failed.
 
         A step that is triggered by the end of the arena begins now.
         """
@@ -214,7 +219,7 @@ class Referee:
         )
 
     def _default_rules(self, *, complete: bool) -> Iterator[RuleResult]:
-        """Yield the results of the rules that apply to every scenario without being written in the file."""
+        """Yield the results of the default rules, which apply to every scenario."""
         allowed = self._scenario.allowed
         crashes = [f"{v} crashed: {why}" for v, why in self._flight.crashes.items() if v not in allowed.crash]
         yield self._default_rule(_CRASH, crashes)

@@ -1,4 +1,4 @@
-"""Tracker of one rule of `always`, which evaluates the rule at every observation and records the worst value."""
+"""Tracker of one rule of `always`. It checks the rule at every observation and records the worst value."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from arena.smoke.referee.verdict import RuleResult
 
 @dataclass(kw_only=True)
 class _Sum:
-    """Sum of the squares of values, to compute their root mean square."""
+    """Sum of squared values, from which the root mean square is computed."""
 
     squares: float = 0.0
     count: int = 0
 
     @property
     def rms(self) -> float:
-        """The root mean square of the values so far."""
+        """Root mean square of the values so far."""
         return math.sqrt(self.squares / self.count)
 
 

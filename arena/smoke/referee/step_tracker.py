@@ -1,4 +1,4 @@
-"""Tracker of one step of a scenario: its trigger, its begin, and the trackers of its expectations."""
+"""Tracker of one step of a scenario: its trigger, its begin, and its expectations."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class StepTracker:
         self.held = self.held if truth is None else truth
 
     def due_s(self, start_s: float, then_s: float) -> float | None:
-        """Return the time at which the step must begin [s]; None if the condition of the trigger was never true.
+        """Return the time at which the step must begin [s], or None if the trigger's condition was never true.
 
         start_s: time of the first observation [s].  then_s: time at which the previous step was done [s].
         """
@@ -55,7 +55,7 @@ class StepTracker:
         return None if since is None else since + trigger.after_s
 
     def begin(self, now: float) -> None:
-        """Begin the step: the times of its expectations count from now.
+        """Begin the step. The times of its expectations count from now.
 
         now: simulation time [s].
         """
@@ -74,12 +74,12 @@ class StepTracker:
 
     @property
     def done_s(self) -> float:
-        """Time at which the last expectation was fulfilled [s]. Without expectations: time at which the step began [s]."""
+        """Time at which the last expectation was fulfilled [s], or the begin of a step without expectations."""
         return max((e.done_s for e in self.expectations if e.done_s is not None), default=self.begun_s or 0.0)
 
     @property
     def results(self) -> Iterator[StepResult]:
-        """Yield one result for the trigger and the actions of the step, then one result for each expectation."""
+        """Yield the result of the trigger and actions of the step, then the result of each expectation."""
         step = self.step
         if step.trigger is not None or step.do or self.failure:
             yield self._own_result()

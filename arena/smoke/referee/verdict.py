@@ -1,4 +1,4 @@
-"""Data classes for the result of a scenario."""
+"""Dataclasses for the result of a scenario."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Outcome = Literal["passed", "failed", "not reached"]
 
 @dataclass(frozen=True, kw_only=True)
 class StepResult:
-    """Result of a trigger, of the actions of a step, or of an expectation. Times are simulation time.
+    """Result of a trigger, of a step's actions, or of an expectation. Times are simulation time.
 
     begun_s: time of the trigger, or time from which the expectation counts [s].
     done_s: time at which the actions were carried out or the expectation was fulfilled [s]; None if never.
@@ -29,7 +29,7 @@ class StepResult:
 
     @property
     def took_s(self) -> float | None:
-        """Duration of the step from `begun_s` to `done_s` [s]; None if it was not completed."""
+        """Duration of the step from `begun_s` to `done_s` [s], or None if the step was not completed."""
         return None if self.begun_s is None or self.done_s is None else self.done_s - self.begun_s
 
 
