@@ -176,7 +176,7 @@ def required_parameters(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
 
 
 def params_file_text(arena: Arena, vehicle: Vehicle, asked: str) -> str:
-    """Return a QGroundControl .params file with a vehicle's required parameters and comments, as text."""
+    """Return the text of a QGroundControl .params file with the required parameters of a vehicle."""
     from arena.params.facts.parameter_table import is_unreleased, parameters
     from arena.params.generation.generate import generate as make
     from arena.plan.firmware import requirements, unmeasured

@@ -81,7 +81,7 @@ class Messages:
         return np.asarray(structured_to_unstructured(self._fields[names.split()], dtype=np.float64))
 
     def numbers(self, name: str) -> NDArray[Any]:
-        """Return one field as it was sent, for example as integers (m,)."""
+        """Return one field without conversion to float, for example as integers (m,)."""
         return np.asarray(self._fields[name])
 
 

@@ -53,7 +53,7 @@ _CHANNEL, _MESSAGE_CODE, _CHUNK, _METADATA, _DATA_END = 0x04, 0x05, 0x06, 0x0C, 
 
 
 class RecordedMessage(NamedTuple):
-    """A message in the record of a flight, not decoded.
+    """A message in the record of a flight, as bytes that are not decoded.
 
     topic: name of its channel. time_s: time on the run's clock [s]. data: bytes of the message.
     """

@@ -59,7 +59,7 @@ class LiveFeed:
         return None if self._open is None else self._open.poll(now)
 
     def close(self) -> None:
-        """Close all connections."""
+        """Close all connections to the running arena."""
         if self._open is not None:
             self._open.close()
         self._open = None

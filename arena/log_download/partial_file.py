@@ -77,7 +77,7 @@ class PartialFile:
         return path
 
     def close(self) -> None:
-        """Close the file, complete or not."""
+        """Close the file, even if the download is not complete."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1

@@ -188,7 +188,7 @@ class Px4Links:
     # -- connections -------------------------------------------------------------------------------------------------
 
     def _accept(self) -> None:
-        """Accept the connections of PX4s that have started or restarted.
+        """Accept the TCP connections of PX4s that have started or restarted.
 
         The port of a vehicle without a PX4 is checked at every step, the other ports less often.
         """
