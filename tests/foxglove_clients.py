@@ -13,7 +13,7 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 PROTOCOL = "foxglove.sdk.v1"
-DEADLINE_S = 20.0
+DEADLINE_S = 60.0
 _MESSAGE, _TIME = 1, 2  # operation codes of binary messages
 _KEY = "dGhlIHNhbXBsZSBub25jZQ=="
 

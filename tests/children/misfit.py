@@ -96,9 +96,13 @@ def grandchild() -> None:
 
 
 def grandchild_in_group() -> None:
-    subprocess.Popen([sys.executable, __file__, "ignores_sigterm_alone"])
+    """Start a grandchild that ignores SIGTERM in the same group; end when it runs and its line is in the log."""
+    command = [sys.executable, __file__, "ignores_sigterm_alone"]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert child.stdout is not None
+    line = next(line for line in child.stdout if line.startswith("grandchild"))
+    print(line, end="", flush=True)
     tell(ready=True)
-    time.sleep(0.3)
 
 
 def ignores_sigterm_alone() -> None:

@@ -52,7 +52,7 @@ def link(site: Site) -> Iterator[Any]:
         f"udpout:{site.tools}", source_system=238, source_component=190, dialect="common"
     )
     beat = _Beat(connection)
-    assert connection.wait_heartbeat(timeout=20) is not None
+    assert connection.wait_heartbeat(timeout=60) is not None
     connection.target_system, connection.target_component = site.vehicle, 1
     yield connection
     beat.close()

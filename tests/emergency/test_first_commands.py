@@ -28,7 +28,7 @@ def ends():
     for address in (one.autopilot, one.tools):
         sockets.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         sockets[-1].bind(address)
-        sockets[-1].settimeout(10.0)
+        sockets[-1].settimeout(60.0)
     yield sockets
     for one in sockets:
         one.close()

@@ -32,16 +32,19 @@ STANDS_M = 0.03
 
 PATIENCE = 3.0
 """Factor on all time limits, for a machine that is shared and slow."""
+LEAST_S = 30.0
+"""Least time limit of a wait for an event [s]: starting one process can take so long on a starved machine."""
 
 
 def eventually(check: Callable[[], Any], limit_s: float, what: str, tell: Callable[[], object] = str) -> Any:
     """Poll `check` and return its first true value; fail at the deadline with `what` and the result of `tell`."""
-    deadline = time.monotonic() + PATIENCE * limit_s
+    limit_s = max(LEAST_S, PATIENCE * limit_s)
+    deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:
         if value := check():
             return value
         time.sleep(0.02)
-    raise AssertionError(f"not within {PATIENCE * limit_s:g} s: {what}\n{tell()}")
+    raise AssertionError(f"not within {limit_s:g} s: {what}\n{tell()}")
 
 
 _PR_SET_PDEATHSIG = 1

@@ -71,7 +71,7 @@ class PosingRoom:
         self._slices = {name: self._write(name, slices[f"{name}.json"]) for name in ("world", "mocap")}
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self._start("world", "arena.sim")
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + 90.0
         while not (folder / "clock.sock").exists():
             assert time.monotonic() < deadline and self.processes["world"].poll() is None, self.said("world")
             time.sleep(0.02)

@@ -59,7 +59,7 @@ class ProgramPort:
         (vehicle,) = flight.json("plan.json")["vehicles"]
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind((flight.address, vehicle["port"]))
-        self._socket.settimeout(10.0)
+        self._socket.settimeout(60.0)
         _, self._router = self._socket.recvfrom(65535)
         self._codec = Codec(1, 191)
 
@@ -109,8 +109,8 @@ vehicles:
             flight.until_event(name, "READY", 60, times=2)
         assert flight.cli("arm-permit", "uav1").returncode == 0
         assert program.arm() == (mavlink.MAV_RESULT_DENIED, [RELEASE]) and not uav.armed
-        facts = flight.status()["facts"]
-        assert facts["uav1.blocked"] == facts["uav1.blocked_at_link"] == "land-all has control"
+        for fact in ("uav1.blocked", "uav1.blocked_at_link"):  # told after the reply to the request
+            eventually(lambda fact=fact: flight.fact(fact) == "land-all has control", 10, fact, flight.status)
 
         released = flight.cli("release", "uav1")
         assert released.returncode == 0, released.stderr

@@ -44,8 +44,8 @@ def test_failing_program_lands_only_its_own_vehicle(hangar: Hangar, backend: str
         ]
         assert (offboard["mode"], land["mode"], off["mode"]) == ("OFFBOARD", "AUTO.LAND", "")
         assert (
-            6.5 < land["t_s"] - offboard["t_s"] < 10.0
-        )  # 6 s of setpoints, 1 s of none, told by heartbeats a second apart
+            6.5 < land["t_s"] - offboard["t_s"] < 20.0
+        )  # 6 s of setpoints, 1 s of none, told by heartbeats a second apart; longer on a starved machine
     good = flight.summary["vehicles"]["good"]
     assert (
         good["setpoints"]["worst_m"] <= 0.10

@@ -21,7 +21,7 @@ def packed(message, system, component):
 def station():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
         made.bind(STATION)
-        made.settimeout(5.0)
+        made.settimeout(60.0)
         yield made
 
 

@@ -10,7 +10,7 @@ from arena.recorder.event_tail import EventTail
 def read(tail: EventTail) -> list[bytes]:
     """Return the lines that a complete read finds."""
     tail.poll()
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while tail.busy:
         assert time.monotonic() < end
         time.sleep(0.001)

@@ -50,7 +50,7 @@ class Process(ProcessContext):
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while not condition():
         assert time.monotonic() < end, "the condition did not become true"
         time.sleep(0.001)

@@ -20,7 +20,7 @@ from arena.recorder import mcap_file
 TESTS = Path(__file__).parents[1]
 
 
-def wait_for(condition: Callable[[], bool], deadline_s: float = 10.0) -> None:
+def wait_for(condition: Callable[[], bool], deadline_s: float = 60.0) -> None:
     end = time.monotonic() + deadline_s
     while not condition():
         assert time.monotonic() < end, "the condition did not become true"
@@ -72,11 +72,11 @@ def test_full_disk_ends_the_record_and_keeps_what_was_written(tmp_path, monkeypa
 def test_hung_disk_blocks_nothing_and_ends_the_record(tmp_path, monkeypatch):
     record = RecordFile(tmp_path / "flight.mcap", max_waiting_bytes=20_000)
     wait_for(lambda: not record.file.busy)
-    entered, responds = threading.Event(), threading.Event()
-    monkeypatch.setattr(os, "fdatasync", lambda fd: entered.set() or responds.wait(30.0))
+    entered, responds, ended = threading.Event(), threading.Event(), threading.Event()
+    monkeypatch.setattr(os, "fdatasync", lambda fd: (entered.set(), responds.wait(120.0), ended.set()))
     log(record, 0)
-    assert entered.wait(10.0)
-    began, number = time.monotonic(), 1
+    assert entered.wait(60.0)
+    number = 1
     while not record.file.failure and number < 1000:
         log(record, number)
         number += 1
@@ -84,7 +84,7 @@ def test_hung_disk_blocks_nothing_and_ends_the_record(tmp_path, monkeypatch):
     for more in range(1000):
         log(record, number + more)
     assert not record.file.close(timeout_s=0.1)
-    assert time.monotonic() - began < 5.0
+    assert not ended.is_set(), "the record waited for the disk"
     responds.set()
     wait_for(lambda: not record.file.busy)
     assert datagrams(tmp_path / "flight.mcap") == [b"0" * 100]

@@ -16,7 +16,7 @@ def test_heartbeats_and_missing_rates_are_requested(plan: Plan):
     tools = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in plan.vehicles]
     for sock, vehicle in zip(tools, plan.vehicles, strict=True):
         sock.bind((vehicle.router.partner_host, vehicle.tools_port))
-        sock.settimeout(5)
+        sock.settimeout(60)
     listener, voice = (
         TelemetryListener(plan.vehicles),
         mavlink.MAVLink(None, srcSystem=plan.vehicles[0].id, srcComponent=1),

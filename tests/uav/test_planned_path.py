@@ -35,7 +35,7 @@ class OwnTrajectory:
 def recorder() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
-        sock.settimeout(5.0)
+        sock.settimeout(60.0)
         yield sock
 
 

@@ -15,7 +15,7 @@ from .conftest import make_uav
 def test_reference_arrives_at_the_recorder(autopilot, address):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as logger:
         logger.bind(("127.0.0.1", 0))
-        logger.settimeout(5.0)
+        logger.settimeout(60.0)
         with make_uav(address, log=logger.getsockname()) as uav:
             uav.reference(p=[1, 2, -3], yaw=0.5)
         data = logger.recv(2048)

