@@ -101,10 +101,7 @@ class Supervisor:
         self._all_started = False
 
     def run(self) -> int:
-        """Run the plan to its end and return the exit code.
-
-        Call it in the main thread, because it handles signals and forks.
-        """
+        """Run the plan to its end and return the exit code. Call it in the main thread, because it handles signals and forks."""
         if self.options.adopt:
             child_process.adopt_orphans()
         with SignalQueue() as signals:

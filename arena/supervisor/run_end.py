@@ -88,10 +88,7 @@ def needs_of(spec: ProcessSpec, specs: Mapping[str, ProcessSpec], *, restart: bo
 
 
 def is_dead(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether a process has ended or failed and will not be restarted.
-
-    A task that ended with exit code 0 does not count.
-    """
+    """Return whether a process has ended or failed and will not be restarted. A task that ended with exit code 0 does not count."""
     return status.state in ENDED and not is_usable(spec, status)
 
 

@@ -46,7 +46,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import the asynchronous classes when they are first used: asyncio costs 30 ms, and blocking programs do not need it."""
+    """Import the asynchronous classes when they are first used.
+
+    asyncio takes 30 ms to load, and blocking programs do not need it.
+    """
     if name in _ASYNCHRONOUS:
         from importlib import import_module
 

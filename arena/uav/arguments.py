@@ -1,4 +1,4 @@
-"""Command-line arguments of a user program: they select the vehicle that the program flies.
+"""Parses the command line of a user program, which selects the vehicle to fly.
 
 `arena up` passes a file with all settings; a user who starts the program by hand gives single options.
 """
@@ -43,7 +43,7 @@ def read_arguments(argv: Sequence[str] | None = None, clock_of: ClockOf | None =
 
 
 def simulation_clock(argv: Sequence[str] | None = None) -> tuple[str, str] | None:
-    """Return (path of the simulation clock, name of the client) that the command line selects; None for the wall clock.
+    """Return (path of the simulation clock, client name) from the command line, or None for the wall clock.
 
     Raises InputError. argv: as in `read_arguments`.
     """
@@ -63,7 +63,9 @@ def simulation_clock(argv: Sequence[str] | None = None) -> tuple[str, str] | Non
 
 
 def read_file(file: str, clock_of: Callable[[str | None, str], Clock | None]) -> dict[str, Any]:
-    """Return the keyword arguments for `UAV` from the file that `arena up` writes for the program of a vehicle. Raises InputError.
+    """Return the keyword arguments for `UAV` from the file that `arena up` writes. Raises InputError.
+
+    The file belongs to the program of one vehicle.
 
     clock_of: function of the path of the simulation clock (None for a real vehicle) and of the vehicle's name; returns the clock.
     """
@@ -71,15 +73,17 @@ def read_file(file: str, clock_of: Callable[[str | None, str], Clock | None]) ->
 
 
 def _file_of_arena(given: argparse.Namespace, argv: Sequence[str] | None) -> str:
-    """Return the file that `arena up` names in the environment of an executable, such as a shell program that starts Python; "" for a
-    program that is started by hand or selects its vehicle by options.
+    """Return the vehicle file that `arena up` names in an executable's environment, or "" without one.
+
+    Such an executable is, for example, a shell program that starts Python. "" is returned for a program that is
+    started by hand or selects its vehicle by options.
     """
     by_hand = any(value is not None for value in vars(given).values())
     return "" if argv is not None or by_hand else os.environ.get(UAV_FILE_VARIABLE, "")
 
 
 def read_group(member: Membership | None, clock_of: ClockOf | None = None) -> list[dict[str, Any]]:
-    """Return the keyword arguments for `UAV` of each vehicle of a group. Raises InputError if the program has no group.
+    """Return the keyword arguments for `UAV` of each vehicle of a group. Raises InputError without a group.
 
     clock_of: as in `read_arguments`.
     """
@@ -182,7 +186,7 @@ def _by_hand(given: argparse.Namespace, clock_of: ClockOf) -> dict[str, Any]:
 
 
 def _capture(text: str, body: str) -> dict[str, Any]:
-    """Parse the option `--capture` and return the settings of a motion-capture client that receives one body.
+    """Parse the option `--capture`. Return the settings of a motion capture client for one rigid body.
 
     text: VENDOR:ADDRESS and the vendor's options.
     """

@@ -46,7 +46,7 @@ class AsyncUAV:
 
     @classmethod
     def from_args(cls, argv: Sequence[str] | None = None) -> AsyncUAV:
-        """Return the vehicle that the command line selects, as `UAV.from_args`. Call it inside a coroutine."""
+        """Return the vehicle that the command line selects. Call it inside a coroutine."""
         return cls(UAV(**read_arguments(argv, running_clock)))
 
     @classmethod
@@ -55,7 +55,7 @@ class AsyncUAV:
         return [cls(UAV(**each)) for each in read_group(MEMBERSHIP.get(), running_clock)]
 
     def snapshot(self) -> Snapshot:
-        """Return a copy of the data groups (`ekf`, `sen`, `act`, `info`). Its values stay those of this instant."""
+        """Return a copy of the data groups (`ekf`, `sen`, `act`, `info`). The copy never changes."""
         return self._uav.snapshot()
 
     async def arm_drone(self) -> None:
@@ -155,28 +155,34 @@ class AsyncUAV:
         await self._do("follow", self._uav.steps.follow(trajectory, freq))
 
     async def wait_for(self, name: str, n: int | None = None, timeout: ArrayLike = 30.0) -> float:
-        """Wait until the other programs of the run have called `wait_for` too. Return the common start time [s]."""
+        """Wait until the other programs of the run have called `wait_for`, too. Return the common start time [s]."""
         return await self._do("wait_for", self._uav.steps.wait_for(name, n, timeout))
 
     async def hold_until(self, done: Callable[[], bool], timeout: ArrayLike) -> bool:
-        """Wait until `done` returns true, at most `timeout` [s]. Return False after the timeout.
+        """Wait until the function `done` returns true, at most `timeout` [s]. Return False after the timeout.
 
         In OFFBOARD the vehicle holds its position.
         """
         return bool(await self._do("hold_until", self._uav.control.wait_until(done, duration_s(timeout))))
 
     async def hold_until_time(self, t: float) -> float:
-        """Wait until the time t [s] of `clock`, and return it. In OFFBOARD the vehicle holds its position."""
+        """Hold the position until the time t [s] of `clock`, and return the time.
+
+        The vehicle holds its position if it is in OFFBOARD.
+        """
         return await self._do("hold_until_time", self._uav.steps.hold_until_time(t))
 
     def reference(
         self, p: ArrayLike | None = None, v: ArrayLike | None = None, yaw: ArrayLike | None = None
     ) -> None:
-        """Log the position, velocity and yaw that the program wants to follow. Arguments as in `UAV.reference`. Return at once."""
+        """Log the position, velocity and yaw that the program wants to follow. Return at once.
+
+        Arguments as in `UAV.reference`.
+        """
         self._uav.reference(p, v, yaw)
 
     def planned_path(self, points: ArrayLike) -> None:
-        """Publish the path that the program plans to fly, for viewers and the record.
+        """Publish the path that the program plans to fly, for viewers and the record. Return at once.
 
         points: [m] [NED] (k, 3). Return at once.
         """
@@ -190,7 +196,10 @@ class AsyncUAV:
         return self._uav.control.has_control()
 
     def close(self) -> None:
-        """Close the connection. No command is sent: a vehicle in the air enters its offboard failsafe."""
+        """Close the connection without sending a command.
+
+        A vehicle in the air then enters its offboard loss failsafe.
+        """
         self._uav.close()
 
     async def __aenter__(self) -> Self:
@@ -202,7 +211,7 @@ class AsyncUAV:
         self.close()
 
     async def _do(self, name: str, steps: Steps[T]) -> T:
-        """Carry out the steps of a method, and await each time that they yield."""
+        """Carry out the steps of a method, and await each time at which the method must continue."""
         if self._running:
             steps.close()
             raise VehicleError(

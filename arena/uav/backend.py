@@ -1,4 +1,4 @@
-"""Backends of a user program's connection: the libraries that send its setpoints and commands.
+"""Backends of a user program: the libraries that send its setpoints and commands.
 
 The connection owns the sockets and decodes the telemetry, for all backends in the same way. A backend only turns setpoints and
 commands into bytes.
@@ -39,7 +39,7 @@ class Wire:
         return self.system_id, PROGRAM_COMPONENT
 
     def acknowledged(self, number: int) -> int | None:
-        """Return the MAV_RESULT of the received acknowledgement of a command; None before the final one has arrived.
+        """Return the MAV_RESULT of a command's acknowledgement, or None before the final acknowledgement.
 
         number: MAV_CMD. Acknowledgements for other senders are ignored.
         """
@@ -51,7 +51,7 @@ class Wire:
 
 
 class Command(Protocol):
-    """A command to the autopilot that waits for its acknowledgement."""
+    """Command to the autopilot that waits for its acknowledgement."""
 
     def send(self, message: mavlink.MAVLink_message) -> None:
         """Send the command, or send it again.
@@ -60,17 +60,20 @@ class Command(Protocol):
         """
 
     def result(self) -> int | None:
-        """Return the MAV_RESULT of the acknowledgement; None before it has arrived."""
+        """Return the MAV_RESULT of the acknowledgement, or None before it has arrived."""
 
 
 class Backend(Protocol):
-    """Interface of a backend. All methods but `receive` are called only inside calls of the user program."""
+    """Interface of a backend.
+
+    All methods except `receive` are called only inside calls of the user program.
+    """
 
     def receive(self, datagram: bytes) -> None:
-        """Take in a datagram that contains messages of the vehicle."""
+        """Process a datagram that contains messages of the vehicle."""
 
     def send_setpoint(self, message: mavlink.MAVLink_message) -> None:
-        """Send one setpoint. The setpoint has been sent when the method returns."""
+        """Send one setpoint. When the method returns, the setpoint has been sent."""
 
     def command(self, number: int) -> Command:
         """Return a command that has not been sent yet.
@@ -79,11 +82,11 @@ class Backend(Protocol):
         """
 
     def close(self) -> None:
-        """Stop the threads of the backend. Send nothing."""
+        """Stop the threads of the backend. No message is sent."""
 
 
 class MavlinkCommand:
-    """A command that is packed by pymavlink. See `Command`."""
+    """Command that pymavlink encodes. It implements `Command`."""
 
     def __init__(self, wire: Wire, number: int) -> None:
         self._wire, self._number = wire, number
@@ -97,13 +100,13 @@ class MavlinkCommand:
 
 
 class MavlinkBackend:
-    """Backend that packs messages with pymavlink. See `Backend`."""
+    """Backend that encodes messages with pymavlink. It implements `Backend`."""
 
     def __init__(self, wire: Wire) -> None:
         self._wire = wire
 
     def receive(self, datagram: bytes) -> None:
-        """Do nothing: the connection has decoded the datagram."""
+        """Do nothing, because the connection has already decoded the datagram."""
 
     def send_setpoint(self, message: mavlink.MAVLink_message) -> None:
         self._wire.send(message)
@@ -112,4 +115,4 @@ class MavlinkBackend:
         return MavlinkCommand(self._wire, number)
 
     def close(self) -> None:
-        """Do nothing: this backend has no threads."""
+        """Do nothing, because this backend has no threads."""

@@ -126,13 +126,16 @@ class Connection:
         self.send_to(message, self._known_vehicle())
 
     def send_to(self, message: mavlink.MAVLink_message, address: Address) -> None:
-        """Send a message to a given address, such as that of the recorder."""
+        """Send a message to a given address, such as the recorder's address."""
         with self._sending:
             data = self._codec.pack(message)
         self._send_frame(data, address)
 
     def close(self) -> None:
-        """Close the sockets. No command is sent, so a vehicle in the air enters its failsafe."""
+        """Close the sockets without sending a command.
+
+        A vehicle in the air then enters its offboard loss failsafe.
+        """
         self._ending.set()
         self._receiver.remove(self.chores)
         self._backend.close()
@@ -142,7 +145,7 @@ class Connection:
                 self._capture.close()
 
     def poll(self) -> None:
-        """Read all sockets: store new telemetry in `telemetry` and new poses in `poses`."""
+        """Read all sockets. Store new telemetry in `telemetry` and new poses in `poses`."""
         with self._receiving:
             if self._ending.is_set():
                 return
@@ -175,7 +178,7 @@ class Connection:
         return self._vehicle
 
     def _send_payload(self, msgid: int, payload: bytes) -> None:
-        """Send an encoded payload to the vehicle. Called by backends, also on threads of their own."""
+        """Send an encoded payload to the vehicle. Threads of backends call it, too."""
         if self._vehicle is not None and not self._ending.is_set():
             with self._sending:
                 data = self._codec.frame(msgid, payload)
@@ -197,7 +200,9 @@ class Connection:
 
 
 def _open(url: str) -> tuple[socket.socket, Address | None]:
-    """Open the program's socket. Return the socket and the vehicle's address; None if only a message of the vehicle will show it.
+    """Open the program's socket. Return the socket and the vehicle's address, or None if the address is unknown.
+
+    The first message of the vehicle then shows its address.
 
     Raises InputError.
     """
@@ -221,7 +226,7 @@ def _open(url: str) -> tuple[socket.socket, Address | None]:
 
 
 def _open_capture(settings: Capture | None, bodies: Sequence[str]) -> MocapClient | None:
-    """Open the motion-capture client for these rigid bodies; None without settings or bodies."""
+    """Open the motion capture client for given rigid bodies. Return None without settings or bodies."""
     from arena.mocap.client import open_client
 
     return open_client({**settings, "bodies": list(bodies)}) if settings is not None and bodies else None

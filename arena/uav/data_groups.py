@@ -30,7 +30,7 @@ class Ekf:
 
     @property
     def age_s(self) -> float:
-        """Age of the position or of the attitude, whichever is older [s]; infinite before both have arrived."""
+        """Age of the position or the attitude [s], whichever is older. It is infinite before both have arrived."""
         self._source.refresh()
         return max(
             self._source.age(self._source.telemetry.local), self._source.age(self._source.telemetry.attitude)
@@ -84,7 +84,7 @@ class ImuSensor:
 
     @property
     def acc_body(self) -> Array:
-        """Specific force [m/s2] [FRD] (3,): about (0, 0, -9.81) at rest."""
+        """Specific force [m/s2] [FRD] (3,). It is about (0, 0, -9.81) at rest."""
         return self._imu().acc_body.copy()
 
     @property
@@ -217,8 +217,9 @@ class Actuation:
 
     @property
     def group(self) -> int:
-        """Group number of the actuator outputs: the mixer group in ACTUATOR_CONTROL_TARGET, or the port number in
-        SERVO_OUTPUT_RAW.
+        """Group number of the actuator outputs.
+
+        It is the mixer group in ACTUATOR_CONTROL_TARGET, or the port number in SERVO_OUTPUT_RAW.
         """
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.actuators, "actuators").group
@@ -246,13 +247,13 @@ class Info:
 
     @property
     def flight_mode(self) -> str:
-        """Flight mode, by PX4's names: "OFFBOARD", "AUTO.LAND", ..."""
+        """Flight mode with PX4's name, such as "OFFBOARD" or "AUTO.LAND"."""
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.heartbeat, "heartbeat").mode
 
     @property
     def is_connected(self) -> bool:
-        """True while heartbeats of the autopilot arrive. Never raises."""
+        """True while heartbeats of the autopilot arrive. Never raises an error."""
         return self.age_s <= self._source.limit_s("connection")
 
     @property
@@ -267,14 +268,14 @@ class Info:
 
     @property
     def battery(self) -> float:
-        """Remaining charge [%]; NaN when the autopilot does not measure it."""
+        """Remaining charge [%], or NaN if the autopilot does not measure it."""
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.status, "battery").battery
 
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """All data groups of a vehicle. In the object that `UAV.snapshot` returns, all values are those of one instant."""
+    """All data groups of a vehicle at one instant, as `UAV.snapshot` returns them."""
 
     ekf: Ekf
     sen: Sensors

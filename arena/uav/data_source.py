@@ -54,7 +54,9 @@ class Body:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Storage of one vehicle's received telemetry and poses. All data groups (`uav.ekf`, `uav.sen`, ...) read from it.
+    """Storage of one vehicle's received telemetry and poses.
+
+    All data groups (`uav.ekf`, `uav.sen`, ...) read from it.
 
     ns: name of the vehicle.
     stale_s: age limit of most values [s]. Values that PX4 sends at a low rate have a multiple of it.
@@ -71,7 +73,7 @@ class Source:
     refresh: Callable[[], None]
 
     def fixed(self) -> Source:
-        """Return a copy of this storage, for `UAV.snapshot`. The values and the time of the copy stay those of this instant."""
+        """Return a copy of this storage, for `UAV.snapshot`. Its values and its time never change."""
         self.refresh()
         instant = self.now()
         return Source(
@@ -92,7 +94,7 @@ class Source:
         return self.stale_s * _AGE_LIMITS.get(what, 1.0)
 
     def fresh(self, value: S | None, what: str, limit_s: float | None = None) -> S:
-        """Return the value if it has arrived and is not too old, else raise StaleDataError.
+        """Return a received value. Raises StaleDataError if it has not arrived or is too old.
 
         what: name of the data, for the age limit and the error message.  limit_s: age limit [s]; None: that of `limit_s`.
         """
@@ -105,5 +107,5 @@ class Source:
         return value
 
     def age(self, value: Stamped | None) -> float:
-        """Return the age of a value [s]; infinite if none has arrived."""
+        """Return the age of a value [s]. It is infinite if the value has not arrived."""
         return math.inf if value is None else max(0.0, self.now() - value.received_at)

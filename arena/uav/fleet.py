@@ -1,4 +1,4 @@
-"""`Fleet`, all vehicles of a group that one program flies (a choreographer)."""
+"""`Fleet`: all vehicles of a group that a single program flies."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ V = TypeVar("V", bound=FleetVehicle)
 
 
 class Fleet(Sequence[V]):
-    """Vehicles that one program flies. A list of `UAV`, in the order of the YAML.
+    """List of all `UAV` objects that one program flies, in the order of the YAML.
 
     clock: clock of the program. Use it instead of the module `time`.
     lost: vehicle -> VehicleError that one of its methods has raised. No more setpoints are sent to a lost vehicle, so its
@@ -79,7 +79,10 @@ class Fleet(Sequence[V]):
 
     @property
     def pos(self) -> Array:
-        """Estimated positions [m] [NED] (V, 3). NaN for lost vehicles and for vehicles without a fresh estimate."""
+        """Estimated positions [m] [NED] (V, 3).
+
+        NaN for lost vehicles and for vehicles without a fresh estimate.
+        """
         found = np.full((len(self), 3), np.nan)
         for row, uav in self._flown():
             try:
@@ -89,15 +92,15 @@ class Fleet(Sequence[V]):
         return found
 
     def start_offboard_mission(self) -> None:
-        """Call `start_offboard_mission` of all vehicles at the same time: wait, enter OFFBOARD, arm."""
+        """Make all vehicles ready at the same time: wait, enter OFFBOARD, arm."""
         self.each(lambda uav: uav.start_offboard_mission())
 
     def auto_land(self) -> None:
-        """Land all vehicles at their positions. Return when all are on the ground and disarmed."""
+        """Land all vehicles at their positions. Return when all of them are on the ground and disarmed."""
         self.each(lambda uav: uav.auto_land())
 
     def each(self, action: Callable[[V], object]) -> None:
-        """Call `action` with each vehicle, for all at the same time. Return when all calls have ended.
+        """Call the function `action` for all vehicles at the same time. Return when all calls have ended.
 
         A vehicle in OFFBOARD whose call has ended holds its position until all calls have ended. If a call raises
         a VehicleError, its vehicle is recorded in `lost`, and the other calls continue. Other errors are raised after all calls have ended.
@@ -122,7 +125,9 @@ class Fleet(Sequence[V]):
         self._check_any_left()
 
     def set_pos_yaw(self, pos: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a position setpoint to each vehicle, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
+        """Send a position setpoint to each vehicle, then wait until the next setpoint is due.
+
+        A loop with one such call runs at the rate `freq`.
 
         pos: [m] [NED] (V, 3). yaw: [rad], one for all or (V,). freq: [Hz]. Rows of lost vehicles are not used.
         """
@@ -130,7 +135,9 @@ class Fleet(Sequence[V]):
         self._send(lambda row, uav, now: uav.encoder.pos_yaw(p[row], y[row], now), freq)
 
     def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint to each vehicle, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
+        """Send a velocity setpoint to each vehicle, then wait until the next setpoint is due.
+
+        A loop with one such call runs at the rate `freq`.
 
         vel: [m/s] [NED] (V, 3). yaw: [rad], one for all or (V,). freq: [Hz].
         """
@@ -140,7 +147,9 @@ class Fleet(Sequence[V]):
     def set_pos_vel_yaw(
         self, pos: ArrayLike, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike, *, acc: ArrayLike | None = None
     ) -> None:
-        """Send a trajectory setpoint to each vehicle, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
+        """Send a trajectory setpoint to each vehicle, then wait until the next setpoint is due.
+
+        A loop with one such call runs at the rate `freq`.
 
         pos: [m] [NED] (V, 3). vel: [m/s] [NED] (V, 3). yaw: [rad], one for all or (V,). freq: [Hz].
         acc: [m/s2] [NED] (V, 3), without gravity; None sends no acceleration.
@@ -154,7 +163,10 @@ class Fleet(Sequence[V]):
         self._send(message, freq)
 
     def close(self) -> None:
-        """Close all connections. No command is sent: vehicles in the air enter their offboard failsafe."""
+        """Close all connections without sending a command.
+
+        Vehicles in the air then enter their offboard loss failsafe.
+        """
         for uav in self._uavs:
             uav.close()
 
@@ -183,7 +195,7 @@ class Fleet(Sequence[V]):
         yield from ((row, uav) for row, uav in enumerate(self._uavs) if self.names[row] not in self.lost)
 
     def _guarded(self, uav: V, action: Callable[[], object]) -> None:
-        """Call a function for one vehicle of the fleet.
+        """Call a function for one vehicle of the fleet. If it fails, the vehicle counts as lost.
 
         If the function raises a VehicleError, print the error and record the vehicle in `lost`.
         """
@@ -196,7 +208,11 @@ class Fleet(Sequence[V]):
             raise
         except VehicleError as error:
             self.lost[name] = error
-            print(f"{name}: lost, no more setpoints are sent to it: {error}", file=sys.stderr, flush=True)
+            print(
+                f"{name}: the program has lost this vehicle and sends it no more setpoints: {error}",
+                file=sys.stderr,
+                flush=True,
+            )
 
     def _check_any_left(self) -> None:
         if len(self.lost) == len(self):

@@ -1,4 +1,7 @@
-"""Methods of `UAV` that send setpoints and wait, as `Steps`: shared by `UAV` and `AsyncUAV`, whose docstrings describe them."""
+"""The methods of `UAV` that send setpoints and wait, as generators.
+
+`UAV` and `AsyncUAV` share them. Their docstrings describe the methods.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ _LAST_WITH_ACTUATOR_CONTROL = 1, 13
 
 
 class FlightSteps:
-    """Steps of the methods that send setpoints at a rate.
+    """Generators of the methods that send setpoints at a fixed rate.
 
     control: commands and setpoints of the vehicle.
     barrier: start barrier of the run.
@@ -102,7 +105,7 @@ class FlightSteps:
         return self.send(self._control.encoder.ang_vel_thrust(rates, command, self._clock.now()), freq)
 
     def act(self, group: int, output: ArrayLike, freq: ArrayLike) -> Steps[None]:
-        """Send an actuator setpoint. Raises CommandRefusedError if the autopilot is newer than PX4 v1.13."""
+        """Send an actuator setpoint. Raises CommandRefusedError for autopilots newer than PX4 v1.13."""
         message = self._control.encoder.act(group, output, self._clock.now())
         period_s(freq)
         version = self._source.telemetry.version or (yield from self._control.request_version())
@@ -139,7 +142,10 @@ class FlightSteps:
         return (yield from self.hold_until_time(start))
 
     def hold_until_time(self, start: float) -> Steps[float]:
-        """Wait until the time `start` [s] of the clock. In OFFBOARD the vehicle holds its position. Return the time."""
+        """Hold the position until the time `start` [s] of the clock, and return the time.
+
+        The vehicle holds its position if it is in OFFBOARD.
+        """
         yield from self._control.wait_until(
             lambda: self._clock.now() + 1.0 / STREAM_HZ > start, start - self._clock.now()
         )

@@ -1,5 +1,6 @@
-"""Clocks for the user programs of a group, which run as threads of one process: a common simulation clock in lockstep, or
-separate clocks.
+"""Clocks for the user programs of a group, which run as threads of one process.
+
+The threads share the simulation clock in lockstep, or have separate clocks.
 
 In lockstep exactly one thread runs at a time, and the next thread is the one with the earliest wake-up time, at equal times
 the one that fell asleep first. So the order does not depend on the machine, and threads of one group do not race. The world
@@ -20,7 +21,7 @@ Work = Callable[[], None]
 
 
 class GroupClock:
-    """Simulation clock that the threads of one process share. The threads run one at a time.
+    """Simulation clock that the threads of a process share. Only one thread runs at a time.
 
     clock: client of the world's clock; sleeps for all threads.
     """
@@ -33,7 +34,7 @@ class GroupClock:
         self._failed: RunError | None = None
 
     def sleep(self, t: float) -> float:
-        """Sleep until the time t [s]; the other threads run meanwhile. Return the time after the sleep [s]."""
+        """Sleep until the time t [s] and return the time afterwards. Other threads run meanwhile."""
         turn = self._ask_for_turn(max(t, self.now()))
         self._pass_turn()
         turn.acquire()
@@ -72,7 +73,7 @@ class GroupClock:
         return turn
 
     def _pass_turn(self) -> None:
-        """Wake the next thread. If no thread is due now, sleep first until the next thread is due."""
+        """Wake the next thread that is due. If no thread is due, sleep until the next thread is due."""
         if not self._waiting:
             return
         t, _, turn = heapq.heappop(self._waiting)
@@ -119,7 +120,7 @@ class GroupThreads:
 
     @property
     def client(self) -> tuple[str, str] | None:
-        """Path of the simulation clock's files (without the suffix), and name of this process as a client of this clock.
+        """Path of the simulation clock's files (without suffix), and this process's name as a client of the clock.
 
         None if the group uses the wall clock.
         """
@@ -127,7 +128,7 @@ class GroupThreads:
 
     @property
     def lockstep(self) -> bool:
-        """True if one thread runs at a time, on a common simulation clock."""
+        """True if only one thread runs at a time, on a common simulation clock."""
         return self._group is not None
 
     def clock(self, name: str) -> Clock:

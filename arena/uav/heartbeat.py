@@ -1,4 +1,4 @@
-"""Heartbeat of a user program to the copilot.
+"""Heartbeat that a user program sends to the copilot.
 
 The heartbeat is sent only inside calls of the program. So a program that hangs stops sending, even if threads of its SDK
 continue.
@@ -39,14 +39,14 @@ class Heartbeat:
 
     @classmethod
     def from_args(cls, argv: Sequence[str] | None = None) -> Heartbeat:
-        """Return the heartbeat sender for the vehicle that the argument `--uav FILE` describes. Other arguments are ignored."""
+        """Return the heartbeat sender for the vehicle of the argument `--uav FILE`. Other arguments are ignored."""
         from arena.uav.arguments import read_arguments
 
         found = read_arguments(argv)
         return cls(found.get("heartbeat"), found["system_id"], found["clock"])
 
     def beat(self) -> None:
-        """Send a heartbeat, unless the last one is less than 0.1 s old. The program may call it at any rate."""
+        """Send a heartbeat, at most every 0.1 s. The program may call this method at any rate."""
         if self._address is None:
             return
         now = self._clock.now()

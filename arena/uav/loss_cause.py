@@ -1,4 +1,6 @@
-"""Search for the reason why a program lost control of its vehicle: why the vehicle left OFFBOARD or was disarmed.
+"""Finds the reason why a program lost control of its vehicle.
+
+The vehicle left OFFBOARD or was disarmed.
 
 The autopilot reports its own failsafes. Commands of other senders do not pass through the program, but the
 run folder records the commands of the supervisor, of the copilot and of `arena land-all`, and who has control of the vehicle. If
@@ -22,7 +24,9 @@ UNKNOWN = "a pilot, a ground station or another program commanded it"
 
 
 def cause_of_loss(vehicle: str, texts: Sequence[str], run: Path | None, monotonic_s: float) -> str:
-    """Return why the program lost control, as a text that is appended to a message: "a pilot (...)", "failsafe of the autopilot (...)".
+    """Return why the program lost control, as text such as "a pilot (...)".
+
+    The text is appended to a message.
 
     texts: recent STATUSTEXT messages of the autopilot. run: the run folder, None without one.
     monotonic_s: monotonic wall time [s].

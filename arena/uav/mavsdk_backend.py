@@ -1,4 +1,6 @@
-"""Backend that sends setpoints and commands with MAVSDK 4 (PyPI `mavsdk`, a native library with threads of its own).
+"""Backend that sends setpoints and commands with MAVSDK 4 (PyPI package `mavsdk`).
+
+MAVSDK is a native library with threads of its own.
 
 MAVSDK repeats the last setpoint 20 times a second, also when the program hangs. So MAVSDK has no socket here: all its bytes pass
 `_Gate`, which sends each setpoint of the program once and drops the repetitions. So the autopilot
@@ -43,7 +45,7 @@ _RESULT_TIMEOUT_S = 1.0  # wall time from the received acknowledgement to MAVSDK
 
 
 class _Channels:
-    """MAVLink channels of this process. Each connection needs one.
+    """MAVLink channels of this process. Each MAVSDK connection needs one channel.
 
     MAVSDK 4.1 gives out 32 channels, but MAVLink's C code has buffers for 16. With 20 connections or more, the C library aborted
     each process at its end, because other memory had been overwritten.
@@ -55,7 +57,7 @@ class _Channels:
         self._free = threading.BoundedSemaphore(self.LIMIT)
 
     def take(self) -> None:
-        """Reserve a channel. Raises InputError if none is free."""
+        """Reserve a MAVLink channel. Raises InputError if all channels are in use."""
         if not self._free.acquire(blocking=False):
             raise InputError(
                 f"backend mavsdk: at most {self.LIMIT} vehicles in one process (MAVSDK has buffers for {self.LIMIT} connections). "
@@ -70,7 +72,7 @@ _CHANNELS = _Channels()
 
 
 class MavsdkCommand:
-    """A command that MAVSDK sends. See `Command`."""
+    """Command that MAVSDK sends. It implements `Command`."""
 
     def __init__(self, wire: Wire, gate: _Gate, direct: MavlinkDirect, number: int) -> None:
         self._wire, self._gate, self._direct, self._number = wire, gate, direct, number
@@ -79,7 +81,10 @@ class MavsdkCommand:
         wire.telemetry.acks.clear()
 
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """Pass the command to MAVSDK. A repetition does not go through MAVSDK, whose repetitions follow the wall clock."""
+        """Pass the command to MAVSDK.
+
+        A repetition does not go through MAVSDK, whose repetitions follow the wall clock.
+        """
         if self._is_sent:
             return self._wire.send(message)
         self._is_sent = True
@@ -87,7 +92,7 @@ class MavsdkCommand:
         self._gate.command.pass_one(message, lambda: _SEND_COMMAND(self._direct, asked, self._on_result))
 
     def result(self) -> int | None:
-        """Return the MAV_RESULT; None before the acknowledgement has arrived.
+        """Return the MAV_RESULT of the acknowledgement, or None before it has arrived.
 
         MAVSDK's thread reports the result a moment after the acknowledgement has arrived. The method waits for it, so that
         flights in lockstep do not depend on the speed of MAVSDK's threads. MAVSDK's own time-out is wall time: if
@@ -106,7 +111,9 @@ class MavsdkCommand:
 
 
 class _Gate:
-    """Passes the bytes of MAVSDK to the vehicle: each setpoint and each command that a call of the program asks for, once.
+    """Filter that passes each setpoint and command from MAVSDK to the vehicle once.
+
+    Only messages that a call of the program has requested are passed.
 
     All else that MAVSDK sends is dropped: repeated setpoints and commands, heartbeats (the connection sends one per second), pings
     and its own requests. So MAVSDK's threads change neither what the autopilot receives nor when.
@@ -119,7 +126,7 @@ class _Gate:
         self.dropped = 0
 
     def on_bytes(self, data: bytes) -> None:
-        """Send or drop the frames of one datagram of MAVSDK. Runs on a thread of MAVSDK."""
+        """Send or drop the frames of one datagram from MAVSDK. It runs on a thread of MAVSDK."""
         for frame in parse_frames(data).frames:
             is_setpoint = frame.msgid in setpoints.SETPOINTS
             if not is_setpoint and frame.msgid not in _COMMANDS:
@@ -133,7 +140,9 @@ class _Gate:
 
 
 class _Slot:
-    """Message that a call of the program asks for and that MAVSDK has not sent yet. One slot for setpoints, one for commands.
+    """Message that the program has requested and that MAVSDK has not sent yet.
+
+    There is one slot for setpoints and one slot for commands.
 
     same: function that compares the message that was asked for with one that MAVSDK sends.
     sent: set when the message has been sent to the vehicle.
@@ -145,7 +154,7 @@ class _Slot:
         self._lock, self._calls = threading.Lock(), threading.Lock()
 
     def pass_one(self, asked: Any, call: Callable[[], object]) -> None:
-        """Call a function of MAVSDK, and wait until the gate has sent its message to the vehicle.
+        """Call a function of MAVSDK, and wait until its message has been sent to the vehicle.
 
         Raises NotConfirmedError if MAVSDK does not send the message.
         """
@@ -176,7 +185,7 @@ class _Slot:
 
 
 class MavsdkBackend:
-    """Backend that sends with MAVSDK's plugins Offboard and MavlinkDirect. See `Backend`."""
+    """Backend that sends with MAVSDK's plugins Offboard and MavlinkDirect. It implements `Backend`."""
 
     def __init__(self, wire: Wire) -> None:
         self._wire, self._gate = wire, _Gate(wire)
@@ -198,7 +207,7 @@ class MavsdkBackend:
 
     @property
     def dropped(self) -> int:
-        """Number of setpoints that MAVSDK has repeated by itself and that were not sent."""
+        """Number of setpoints that MAVSDK repeated without a request and that were not sent."""
         return self._gate.dropped
 
     def receive(self, datagram: bytes) -> None:
@@ -242,7 +251,7 @@ def _same_command(asked: Any, sent: Any) -> bool:
 
 @cache
 def _subscribe_to_errors() -> None:
-    """Print the errors of MAVSDK. Called once per process, before MAVSDK has threads.
+    """Print the errors of MAVSDK. Call it once per process, before MAVSDK has threads.
 
     A second subscription frees the C function of the first one while a thread of MAVSDK may call it (mavsdk 4.1.0).
     """
@@ -250,7 +259,7 @@ def _subscribe_to_errors() -> None:
 
 
 def _log(level: mavsdk.LogLevel, message: str, _file: str | None, _line: int) -> bool:
-    """Print the errors of MAVSDK. Return True, so that MAVSDK prints nothing by itself."""
+    """Print an error of MAVSDK. Return True, so that MAVSDK does not print it again."""
     if level >= mavsdk.LogLevel.ERROR:
         print(f"mavsdk: {message}", file=sys.stderr, flush=True)
     return True

@@ -1,5 +1,4 @@
-"""Setpoints for MAVSDK: the call of its Offboard plugin for each MAVLink setpoint, and the comparison of what MAVSDK sends
-with what the program asked for.
+"""Converts MAVLink setpoints to calls of MAVSDK's Offboard plugin, and compares sent with requested setpoints.
 
 MAVSDK uses degrees. Setpoints that the Offboard plugin cannot send go through the MavlinkDirect plugin, whose input is JSON.
 """
@@ -75,7 +74,7 @@ def as_json(own: tuple[int, int], message: Any) -> MavlinkMessage:
 
 
 def same_setpoint(asked: Any, sent: Any) -> bool:
-    """Return whether two setpoints ask the autopilot for the same motion. Times and ignored fields are not compared.
+    """Return whether two setpoints request the same motion. Times and ignored fields are not compared.
 
     asked: message of `Encoder`. sent: decoded message with the same id.
     """
@@ -91,7 +90,7 @@ def _close(field: str, one: float, two: float) -> bool:
 
 
 def _meaning(message: Any) -> Mapping[str, float]:
-    """Return the fields of a setpoint that the autopilot must obey: field -> value."""
+    """Return the fields that the autopilot must use in a setpoint: field -> value."""
     if hasattr(message, "coordinate_frame"):
         found = {"frame": message.coordinate_frame, "mask": message.type_mask}
         for ignored, names in _LOCAL_FIELDS:

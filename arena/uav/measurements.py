@@ -18,7 +18,7 @@ M = TypeVar("M", NeighbourMeasurement, BeaconMeasurement)
 
 @dataclass(frozen=True, kw_only=True)
 class RelativeSensors:
-    """Configuration of a vehicle's emulated relative sensors: which neighbours and beacons they measure, relative to the vehicle.
+    """Configuration of a vehicle's emulated relative sensors: which neighbours and beacons they measure.
 
     neighbours: name of each measured neighbour -> its MAV_SYS_ID.
     beacons: name of each measured beacon -> its number, from 1 in the order of the YAML.
@@ -65,7 +65,7 @@ class Measurements:
                 self.beacons[found.number] = Received(received_at=now, value=found)
 
     def __copy__(self) -> Self:
-        """Return a copy with the present values, which does not change any more."""
+        """Return a copy of the present measurements. The copy never changes."""
         made = type(self)(self.sensors, self._system)
         made.neighbours, made.beacons = dict(self.neighbours), dict(self.beacons)
         return made

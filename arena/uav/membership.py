@@ -1,4 +1,4 @@
-"""Vehicles that the program in the running thread flies, in a process that runs the programs of a whole group.
+"""Vehicles that the running thread's program flies, in a process with the programs of a whole group.
 
 Such programs have no command line of their own, so `UAV.from_args` reads their arguments from `MEMBERSHIP`.
 """
@@ -15,14 +15,17 @@ from arena.uav.receiver import Receiver
 
 
 class Closable(Protocol):
-    """Interface of a vehicle that a program has opened. `UAV` implements it, but cannot be imported here (circular import)."""
+    """Interface of a vehicle that a program has opened.
+
+    `UAV` implements it, but cannot be imported here (circular import).
+    """
 
     def close(self) -> None: ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Membership:
-    """Vehicles that one user program of a group flies, and what it shares with the other programs of the group.
+    """Vehicles that one user program of a group flies, and the objects it shares with the other programs.
 
     argv: command line for each vehicle: vehicle -> arguments without the program's name.
     once: whether the program flies all vehicles.

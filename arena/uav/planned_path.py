@@ -1,4 +1,7 @@
-"""Publishes the path that a program plans to fly, for viewers and the record. Nothing of it reaches the vehicle."""
+"""Publishes the path that a program plans to fly, for viewers and the record.
+
+Nothing is sent to the vehicle.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ class PathPublisher:
         self._of_trajectory = False
 
     def publish(self, points: ArrayLike, now: float) -> None:
-        """Publish a path.
+        """Publish a planned path.
 
         points: [m] [NED] (k, 3); none removes the path.
         now: [s].
@@ -48,7 +51,9 @@ class PathPublisher:
         self._publish(found, now)
 
     def publish_trajectory(self, trajectory: Trajectory, now: float) -> None:
-        """Publish the path of a trajectory of `arena.trajectories`; nothing for other classes.
+        """Publish the path of a trajectory from `arena.trajectories`.
+
+        Trajectories of other classes have no path to publish.
 
         now: [s].
         """
@@ -68,7 +73,7 @@ class PathPublisher:
     def publish_line(
         self, from_n: Callable[[], Array], goal: ArrayLike, duration_s: float, now: float
     ) -> None:
-        """Publish the straight line to a goal, if the flight to it takes at least 0.5 s and the goal is a new one.
+        """Publish the straight line to a new goal, if the flight takes at least 0.5 s.
 
         from_n: returns the present position [m] [NED] (3,).  goal: [m] [NED] (3,).  duration_s: time of the flight [s].
         """

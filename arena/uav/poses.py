@@ -1,4 +1,4 @@
-"""Newest motion-capture pose of the program's own rigid body. Pure."""
+"""Newest motion capture pose of the program's own rigid body. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from arena.geometry import Array
 
 
 class Pose(NamedTuple):
-    """Pose as plain numbers. 180 poses arrive per second, so numpy arrays are made only when a program reads them.
+    """Pose as plain numbers.
+
+    180 poses arrive per second, so numpy arrays are made only when a program reads them.
 
     received_at: time of arrival [s].
     position: [m] [NED] (3,).

@@ -1,4 +1,4 @@
-"""Background thread of a program on the wall clock: it receives the data of one or several connections."""
+"""Background thread that receives the data of connections, for programs on the wall clock."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _PERIOD_S = 0.02  # 50 wake-ups a second instead of one per datagram
 
 
 class Receiver:
-    """Thread that does the regular work (`chores`) of its connections every 20 ms of wall time.
+    """Thread that receives data and sends heartbeats for its connections every 20 ms of wall time.
 
     The thread runs while it has a connection.
     """

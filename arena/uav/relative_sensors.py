@@ -25,7 +25,7 @@ class Neighbour:
 
     @property
     def age_s(self) -> float:
-        """Age of the measurement [s]; infinite before the first one."""
+        """Age of the measurement [s]. It is infinite before the first measurement."""
         self._source.refresh()
         return self._source.age(self._source.relative.neighbours.get(self._number))
 
@@ -46,7 +46,7 @@ class Neighbour:
 
     @property
     def measurement(self) -> NeighbourMeasurement:
-        """The whole measurement: its values belong to one instant."""
+        """All values of one measurement. They belong to the same instant."""
         self._source.refresh()
         found, limit = self._source.relative.neighbours.get(self._number), self._limit_s
         return self._source.fresh(found, f"measurement of neighbour {self._name}", limit).value
@@ -65,7 +65,7 @@ class Beacon:
 
     @property
     def age_s(self) -> float:
-        """Age of the measurement [s]; infinite before the first one."""
+        """Age of the measurement [s]. It is infinite before the first measurement."""
         self._source.refresh()
         return self._source.age(self._source.relative.beacons.get(self._number))
 
@@ -103,7 +103,7 @@ class Beacon:
 
     @property
     def measurement(self) -> BeaconMeasurement:
-        """The whole measurement: its values belong to one instant."""
+        """All values of one measurement. They belong to the same instant."""
         self._source.refresh()
         found, limit = self._source.relative.beacons.get(self._number), self._limit_s
         return self._source.fresh(found, f"measurement of beacon {self._name}", limit).value
@@ -151,7 +151,7 @@ class Beacons(Mapping[str, Beacon]):
         return len(self._items)
 
     def in_range(self) -> list[Beacon]:
-        """Return the beacons whose measurement is not too old. Never raises."""
+        """Return the beacons whose measurement is not stale. Never raises an error."""
         found = []
         for beacon in self._items.values():
             try:
@@ -163,14 +163,17 @@ class Beacons(Mapping[str, Beacon]):
 
 
 class EmulatedSensor:
-    """All neighbours as arrays, `uav.sen.emu`: the sensor of the thesis. Row k belongs to neighbour k of the YAML."""
+    """All neighbours' relative positions and velocities as arrays, `uav.sen.emu`.
+
+    Row k belongs to neighbour k of the YAML. It is the sensor of the thesis.
+    """
 
     def __init__(self, source: Source) -> None:
         self._neighbours = Neighbours(source)
 
     @property
     def age_s(self) -> float:
-        """Age of the oldest measurement [s]; infinite until every neighbour has been measured once."""
+        """Age of the oldest measurement [s]. It is infinite until every neighbour has been measured."""
         return max((n.age_s for n in self._neighbours.values()), default=math.inf)
 
     @property

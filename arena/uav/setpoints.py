@@ -55,7 +55,7 @@ def vector(value: ArrayLike, what: str, size: int = 3) -> Array:
 
 
 def scalar(value: ArrayLike, what: str) -> float:
-    """Check that a value is one finite number, and return the number. Raises SetpointError for anything else.
+    """Check that a value is a finite number and return it. Raises SetpointError otherwise.
 
     value: a number, or an array (1,) or (1, 1).
     """
@@ -69,7 +69,7 @@ def scalar(value: ArrayLike, what: str) -> float:
 
 
 def period_s(freq: ArrayLike) -> float:
-    """Return the period [s] of a rate `freq` [Hz]. Raises SetpointError unless 0 < freq <= 1000."""
+    """Return the period [s] of a rate `freq` [Hz]. Raises SetpointError outside 0 < freq <= 1000."""
     hz = scalar(freq, "freq")
     if not 0.0 < hz <= 1000.0:
         raise SetpointError(
@@ -161,7 +161,7 @@ class Encoder:
     def reference(
         self, p: ArrayLike | None, v: ArrayLike | None, yaw: ArrayLike | None, now: float
     ) -> mavlink.MAVLink_message:
-        """Return the program's own reference as POSITION_TARGET_LOCAL_NED, for the log.
+        """Return the program's reference as POSITION_TARGET_LOCAL_NED, for the log.
 
         p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. None if the reference has no such value.
         Raises SetpointError if all three are None.
@@ -187,7 +187,7 @@ class Encoder:
     def vel_body_yaw_rate(
         self, vel_body: ArrayLike, yaw_rate: ArrayLike, now: float
     ) -> mavlink.MAVLink_message:
-        """Return a velocity setpoint in axes that turn with the vehicle's yaw but stay level when the vehicle tilts.
+        """Return a velocity setpoint in level vehicle axes: they turn with the yaw, but do not tilt.
 
         vel_body: forward, right, down [m/s] (3,).
         yaw_rate: [rad/s].
@@ -247,7 +247,7 @@ class Encoder:
     def command_at(
         self, number: int, params: tuple[float, ...], confirmation: int
     ) -> mavlink.MAVLink_message:
-        """Return a COMMAND_INT message, whose place has a resolution of 1e-7 deg (1 cm).
+        """Return a COMMAND_INT message. Its position has a resolution of 1e-7 deg (1 cm).
 
         number: MAV_CMD. params: 7, of which param5 and param6 are latitude and longitude [deg], and param7 the altitude [m].
         confirmation: not contained in COMMAND_INT.

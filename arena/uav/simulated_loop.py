@@ -1,5 +1,6 @@
-"""`run`, which runs an asynchronous program: on the wall clock as `asyncio.run`, and in simulated time on an event loop whose time
-is the simulation clock.
+"""`run`, which runs an asynchronous program on the wall clock or in simulated time.
+
+On the wall clock it works as `asyncio.run`. In simulated time, the time of the event loop is the simulation clock.
 
 On the simulation clock, `asyncio.sleep`, time-outs and `AsyncUAV` all use simulated time. In lockstep the world waits while the
 program computes, and advances while all tasks wait.
@@ -34,7 +35,7 @@ def run(main: Coroutine[Any, Any, T], argv: Sequence[str] | None = None) -> T:
 
 
 def running_clock(path: str | None, name: str) -> Clock | None:
-    """Return the clock for a vehicle of the running event loop; None for the wall clock.
+    """Return the clock for a vehicle of the running event loop, or None for the wall clock.
 
     path: path of the simulation clock that the program must use. name: name of the vehicle.
     Raises InputError if the event loop does not use the simulation clock.
@@ -70,7 +71,10 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
 
 
 class LoopClock(LockstepClock):
-    """Clock of a vehicle in an asynchronous program in simulated time. Only the event loop sleeps on it."""
+    """Clock of a vehicle in an asynchronous program in simulated time.
+
+    Only the event loop sleeps on it.
+    """
 
     def __init__(self, loop: SimulatedLoop) -> None:
         self._loop = loop
@@ -83,13 +87,13 @@ class LoopClock(LockstepClock):
         return self._loop.time()
 
     def sleep_only(self, t: float) -> float:
-        """Refuse to block: raises RunError."""
+        """Raise RunError, because an asynchronous program must not block."""
         raise RunError(
             "a blocking sleep in an asynchronous program: use `await asyncio.sleep(...)` and the methods of AsyncUAV"
         )
 
     def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
-        """Call the function `chores` every `every_s` of simulation time [s], from the event loop."""
+        """Call the function `chores` at a period of `every_s` [s] of simulation time, from the event loop."""
 
         def again() -> None:
             chores()
@@ -99,7 +103,10 @@ class LoopClock(LockstepClock):
 
 
 class _SimulatedSelector(selectors.EpollSelector):
-    """Selector that waits in simulation time. It returns early when another file descriptor is ready."""
+    """Selector that waits in simulation time.
+
+    It returns early when another file descriptor is ready.
+    """
 
     def __init__(self, sim_clock: SimClock) -> None:
         super().__init__()
@@ -107,7 +114,7 @@ class _SimulatedSelector(selectors.EpollSelector):
         self.register(sim_clock, selectors.EVENT_READ)
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """Wait at most `timeout` [s] of simulation time; None: without a limit."""
+        """Wait at most `timeout` [s] of simulation time. None means no limit."""
         if timeout is not None and timeout <= 0.0:
             return self._others(super().select(0))
         self._clock.request_wake(self._clock.now() + (_FOREVER_S if timeout is None else timeout))
@@ -120,5 +127,5 @@ class _SimulatedSelector(selectors.EpollSelector):
     def _others(
         self, ready: list[tuple[selectors.SelectorKey, int]]
     ) -> list[tuple[selectors.SelectorKey, int]]:
-        """Return the entries without that of the clock, because the event loop handles only the others."""
+        """Return the ready entries without the entry of the clock."""
         return [(key, events) for key, events in ready if key.fileobj is not self._clock]

@@ -30,14 +30,16 @@ class Arrivals:
 
     @property
     def start_s(self) -> float | None:
-        """Start time of all programs [s], on the clock that they share; None until all have arrived."""
+        """Start time of all programs [s] on their common clock, or None until all have arrived."""
         if len(self.times) < self.count:
             return None
         return sorted(self.times.values())[self.count - 1] + START_DELAY_S
 
 
 class StartBarrier:
-    """Start barriers of a run, as one program uses them. At a barrier, programs wait for each other, so that they start together.
+    """Start barriers of a run for one program.
+
+    At a barrier, programs wait for each other, so that they start together.
 
     vehicle: name of the program's vehicle.
     folder: folder for the files of all programs of the run; None if `arena up` did not start the program.
@@ -81,7 +83,10 @@ class StartBarrier:
 
 
 class _Waiting:
-    """Wait of one program at a barrier: finds out which other programs have arrived, and can be withdrawn after a timeout."""
+    """Wait of a single program at a barrier.
+
+    It finds which other programs have arrived, and can be withdrawn after a timeout.
+    """
 
     def __init__(self, vehicle: str, folder: Path, count: int, programs: Sequence[str]) -> None:
         self._vehicle, self._folder, self._count, self._programs = vehicle, folder, count, programs

@@ -1,4 +1,7 @@
-"""`Steps`, the waits of a method as a generator, so that blocking and asynchronous programs share the same code."""
+"""Generators (`Steps`) that describe when a method must wait.
+
+Blocking and asynchronous programs share this code.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ Steps = Generator[float, None, T]
 
 
 def run(steps: Steps[T], clock: Clock) -> T:
-    """Carry out the steps: sleep until each time that they yield. Return their result."""
+    """Run a generator of waits: sleep until each time that it yields. Return its result."""
     while True:
         try:
             due = next(steps)

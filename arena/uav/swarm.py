@@ -1,4 +1,6 @@
-"""`Swarm`, vehicles that fly a common plan from one asynchronous program: barriers, a common time, and landing all if one fails.
+"""`Swarm`: vehicles with a common plan, flown by one asynchronous program.
+
+It has barriers and a common time, and lands all vehicles if one fails.
 
 A `Fleet` flies on without a lost vehicle; a `Swarm` does not.
 """
@@ -24,7 +26,7 @@ START_DELAY_S = (
 
 
 class Swarm:
-    """Vehicles that fly together. If one of them fails, all land.
+    """Vehicles that fly together. If one vehicle fails, all vehicles land.
 
     uavs: the vehicles, in the order of the YAML.
     names: names of the vehicles.
@@ -57,11 +59,11 @@ class Swarm:
         return cls(AsyncUAV.all_from_args())
 
     def now(self) -> float:
-        """Return the time of the clock that all vehicles share [s]."""
+        """Return the time of the vehicles' common clock [s]."""
         return self.uavs[0].clock.now()
 
     async def fly(self, part: Callable[[AsyncUAV, Swarm], Awaitable[object]]) -> None:
-        """Call `part(uav, swarm)` for each vehicle, all at the same time. Return when all calls have ended.
+        """Call `part(uav, swarm)` for all vehicles at the same time. Return when all calls have ended.
 
         If a call raises an exception, the other calls are cancelled, all vehicles that the program still controls land, and the
         exception is raised. Each vehicle lands as soon as its own call has ended, so a slow clean-up delays no other vehicle.
@@ -103,14 +105,19 @@ class Swarm:
         return await uav.hold_until_time(max(arrived.values()) + START_DELAY_S)
 
     async def land_all(self) -> None:
-        """Land all vehicles that the program controls, at the same time. Print the errors of vehicles that do not land.
+        """Land all vehicles that the program controls, at the same time.
+
+        Errors of vehicles that do not land are printed.
 
         A vehicle that a pilot or a failsafe controls, or whose autopilot is silent, gets no command.
         """
         await self._report(self._land(uav) for uav in self.uavs)
 
     async def _report(self, landings: Iterable[Awaitable[object]]) -> None:
-        """Carry out one landing per vehicle, at the same time. Print the errors of vehicles that do not land."""
+        """Carry out one landing per vehicle at the same time.
+
+        Errors of vehicles that do not land are printed.
+        """
         results = await asyncio.gather(*landings, return_exceptions=True)
         for name, result in zip(self.names, results, strict=True):
             if isinstance(result, VehicleError):
@@ -119,7 +126,10 @@ class Swarm:
                 raise result
 
     def close(self) -> None:
-        """Close all connections. No command is sent: vehicles in the air enter their offboard failsafe."""
+        """Close all connections without sending a command.
+
+        Vehicles in the air then enter their offboard loss failsafe.
+        """
         for uav in self.uavs:
             uav.close()
 
@@ -144,11 +154,11 @@ class Swarm:
             self._ended.add(name)
 
     def _gone(self, arrived: dict[str, float]) -> list[str]:
-        """Return the vehicles that are missing at a barrier and cannot arrive any more, because their part has ended."""
+        """Return the missing vehicles that cannot arrive at a barrier, because their part of the program has ended."""
         return [name for name in self.names if name not in arrived and name in self._ended]
 
     async def _end(self, part: asyncio.Future[None], uav: AsyncUAV) -> None:
-        """Cancel the part of one vehicle, wait until the part has ended, and land the vehicle."""
+        """Cancel one vehicle's part of the program, wait for its end, and land the vehicle."""
         part.cancel()
         await asyncio.gather(part, return_exceptions=True)
         await self._land(uav)

@@ -42,7 +42,7 @@ def age_limit_s(msgid: int) -> float:
 
 
 def without_old_frames(data: Buffer, age_s: float) -> tuple[bytes, int]:
-    """Remove from a datagram to a vehicle the frames that are too old.
+    """Remove the frames that are too old from a datagram to a vehicle.
 
     Return the other frames and the number of removed frames.
 

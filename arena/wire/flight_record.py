@@ -1,4 +1,6 @@
-"""Layout of the messages in `flight.mcap`, the record of a flight: topics, schemas, and conversion of bytes to values and back.
+"""Layout of `flight.mcap`, the record of a flight: topics, schemas, and conversion of messages.
+
+The conversion is from bytes to values and back.
 
 Structured messages are ROS 2 messages (CDR, little endian), because Foxglove and PlotJuggler read them. All numbers are float64,
 so the record is exact. Datagrams of MAVLink are recorded as they are.
@@ -29,7 +31,7 @@ SIMULATION_CLOCK, UNIX_CLOCK = "simulation", "unix"
 
 
 def tail_path(record: Path) -> Path:
-    """Return the path of the tail: the file with the messages of the chunk that is not yet in the record."""
+    """Return the path of the tail file, which contains the messages of the unfinished chunk of the record."""
     return record.with_name(f"{record.name}.tail")
 
 
@@ -39,7 +41,10 @@ def down_topic(vehicle: str) -> str:
 
 
 def up_topic(vehicle: str) -> str:
-    """Return the topic of the MAVLink datagrams to a vehicle, and of the references that its program publishes."""
+    """Return the topic of the MAVLink datagrams to a vehicle.
+
+    It also contains the references that the vehicle's program publishes.
+    """
     return f"/{vehicle}/mavlink/up"
 
 
@@ -158,7 +163,10 @@ _NO_POSE = (float("nan"),) * 7
 def pack_true_state(
     p_n: Sequence[float], v_n: Sequence[float], q_nb: Sequence[float], omega_b: Sequence[float]
 ) -> bytes:
-    """Return the message of a true state. The arguments are the fields of the schema `TRUE_STATE`."""
+    """Encode a true state as a message of the record.
+
+    The arguments are the fields of the schema `TRUE_STATE`.
+    """
     return _CDR_HEAD + _TRUE_STATE.pack(*p_n, *v_n, *q_nb, *omega_b)[4:]
 
 
@@ -198,7 +206,7 @@ def pack_frame(
     simulated: bool,
     bodies: Sequence[tuple[str, Sequence[float] | None]],
 ) -> bytes:
-    """Return the message of a motion-capture frame.
+    """Encode a motion capture frame as a message of the record.
 
     number, exposed_s, sent_s, simulated: fields of the schema `CAPTURED_FRAME`.
     bodies: (name, pose) of each body, ordered by name. Pose: p_n and q_nb (7,), None if the body is not tracked.
@@ -212,7 +220,10 @@ def pack_frame(
 
 @functools.lru_cache(maxsize=64)
 def _frame_layout(names: tuple[str, ...]) -> tuple[struct.Struct, tuple[bytes, ...]]:
-    """Return the layout of a frame with these bodies, without the head of CDR, and their names with a final zero byte."""
+    """Return the byte layout of a frame with these bodies, and their names with a final zero byte.
+
+    The layout is without the head of CDR.
+    """
     text = "<I?3xddI"
     size = struct.calcsize(text)
     encoded = tuple(name.encode() + b"\0" for name in names)
@@ -230,7 +241,7 @@ _LENGTH, _POSE = struct.Struct("<I"), struct.Struct("<7d")
 
 
 def unpack_frame(time_s: float, data: bytes) -> RecordedFrame:
-    """Decode a message of /mocap/frames.
+    """Decode a motion capture frame from a message of /mocap/frames.
 
     time_s: time at which the frame was received, by the run's clock [s].
     """

@@ -1,4 +1,4 @@
-"""PX4's simulator API: encodes and decodes the messages of each simulation step as MAVLink 2 frames.
+"""PX4's simulator API: encoder and decoder of the MAVLink 2 messages of each simulation step.
 
 No sockets, no clocks.
 
@@ -57,7 +57,10 @@ class Controls(NamedTuple):
 
 
 class HilSender:
-    """Encoder for simulator API messages, sent as one MAVLink system and component. The sequence number increases with each message."""
+    """Encoder of the simulator API messages that one MAVLink component sends.
+
+    The sequence number increases with each message.
+    """
 
     def __init__(self, system: int, component: int) -> None:
         self.srcSystem, self.srcComponent, self.seq = system, component, 0
@@ -157,7 +160,7 @@ class HilFields:
 
 @dataclass(frozen=True, kw_only=True)
 class HilMessage:
-    """Conversion of one simulated sensor's readings to a message of its own, such as HIL_GPS.
+    """Conversion of one simulated sensor's readings to a separate message, such as HIL_GPS.
 
     name: key in the vehicle's row of the world's configuration; its value says whether the vehicle has the
     sensor

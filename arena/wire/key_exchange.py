@@ -1,4 +1,4 @@
-"""Exchange of a signing key with an autopilot, by SETUP_SIGNING over a cable. Pure: no device, no clock."""
+"""Exchange of a signing key with an autopilot, by SETUP_SIGNING over a cable. Pure."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class KeyExchange:
         self._next = 0.0
 
     def receive(self, data: Buffer, frames: Sequence[Frame]) -> None:
-        """Process frames from the vehicle. Only heartbeats of its autopilot are used."""
+        """Process frames from the vehicle. Only its autopilot's heartbeats are used."""
         for frame in frames:
             if (frame.sysid, frame.compid, frame.msgid) != (self._system, AUTOPILOT, mav.HEARTBEAT):
                 continue

@@ -17,7 +17,7 @@ from arena.wire.mavlink_minimal import pack_onboard_heartbeat
 
 
 class Codec:
-    """Encodes MAVLink messages with the ids of one sender (system and component), and decodes received messages.
+    """Encoder and decoder of MAVLink messages, with the system and component id of one sender.
 
     counts: number of bytes and messages that could not be decoded, by reason
     """
@@ -43,7 +43,7 @@ class Codec:
         return data
 
     def take_sequence(self, count: int) -> int:
-        """Return the next sequence number, and reserve it and the following ones for `count` frames."""
+        """Reserve sequence numbers for `count` frames, and return the first one."""
         seq: int = self._sender.seq
         self._sender.seq = (seq + count) % 256
         return seq
@@ -62,7 +62,7 @@ class Codec:
         return found.frames
 
     def decode(self, datagram: Buffer, at: Frame) -> Any | None:
-        """Return the message of a frame; None if the dialect does not contain it. Never raises."""
+        """Return the message of a frame, or None if the dialect does not contain it. Never raises an error."""
         try:
             return self._sender.decode(bytearray(datagram[at.start : at.end]))
         except (mavlink.MAVError, ValueError, IndexError):  # unknown message, or a string that is not UTF-8

@@ -59,7 +59,7 @@ class MavlinkSender(Protocol):
 
 
 def pack_frame(msgid: int, payload: bytes, sender: MavlinkSender, crc_extra: bytes) -> bytes:
-    """Return a MAVLink 2 frame with a payload. Zeros at the end of the payload are left out, as MAVLink 2 asks.
+    """Return a MAVLink 2 frame with a payload. Zeros at the end of the payload are left out.
 
     The caller increases the sequence number of `sender`.
     """
@@ -76,7 +76,7 @@ def parse_frames(data: Buffer) -> ParsedFrames:
 
 
 class Stream:
-    """Finds frames in a byte stream, such as a serial line.
+    """Finds MAVLink frames in a byte stream, such as a serial line.
 
     The stream is passed in pieces of any length; a frame can begin in one piece and end in a later one.
 
@@ -90,7 +90,7 @@ class Stream:
         self._clean = True  # the kept bytes begin at the end of a frame
 
     def feed(self, data: Buffer) -> tuple[bytes, ParsedFrames]:
-        """Add the next piece of the stream. Return a buffer and the frames that are now complete in this buffer. Never raises."""
+        """Add the next bytes of the stream. Return a buffer, and the complete frames in it. Never raises an error."""
         buffer = self._kept + bytes(data)
         frames: list[Frame] = []
         size, at, garbage, bad_crc, unknown = len(buffer), 0, 0, 0, 0
@@ -124,18 +124,18 @@ class Stream:
 
 
 def byte_at(data: Buffer, frame: Frame, offset: int) -> int:
-    """Return one byte of the payload; 0 beyond the end of the payload."""
+    """Return one byte of the payload. Bytes beyond the end of the payload are 0."""
     return data[frame.payload + offset] if offset < frame.size else 0
 
 
 def uint_at(data: Buffer, frame: Frame, offset: int, width: int) -> int:
-    """Return a little-endian unsigned integer of the payload; bytes beyond the end of the payload are 0."""
+    """Return a little-endian unsigned integer of the payload. Bytes beyond the end of the payload are 0."""
     end = frame.payload + min(offset + width, frame.size)
     return int.from_bytes(data[frame.payload + offset : end], "little")
 
 
 def _begins(data: Buffer, at: int, size: int) -> bool:
-    """Return whether a frame may begin at the position `at`, judged by the header bytes received so far."""
+    """Return whether a frame may begin at the position `at`, according to its received header bytes."""
     if data[at] == _V2:
         return at + 2 >= size or not data[at + 2] & ~_SIGNED
     return data[at] == _V1

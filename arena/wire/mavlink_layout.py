@@ -33,7 +33,9 @@ class Field(NamedTuple):
 
 
 def layout(msgid: int) -> dict[str, Field]:
-    """Return the place of each field of a message by name, in wire order. Extension fields are included.
+    """Return the position of each field in a message's payload, by name and in wire order.
+
+    Extension fields are included.
 
     Raises KeyError if neither the dialect nor `px4_messages.FIELDS` contains the message.
     """
@@ -92,14 +94,16 @@ _NOT_IN_DIALECT = {
 
 
 def message_name(msgid: int) -> str:
-    """Return the name of a message, such as HEARTBEAT; "message N" if it is unknown."""
+    """Return the name of a message, such as HEARTBEAT, or "message N" if it is unknown."""
     found = mavlink.mavlink_map.get(msgid)
     return str(found.msgname) if found else _NOT_IN_DIALECT.get(msgid, f"message {msgid}")
 
 
 @cache
 def decoder(msgid: int) -> Callable[[Buffer, Frame], Any]:
-    """Return a function that decodes a frame of this message as a named tuple, with pymavlink's names of the fields.
+    """Return a function that decodes frames of a message to named tuples.
+
+    The fields have pymavlink's names.
 
     An array is a tuple. A text is bytes, without the zeros at its end. Raises KeyError if the dialect does not contain the message.
     """
@@ -119,7 +123,7 @@ def decoder(msgid: int) -> Callable[[Buffer, Frame], Any]:
 
 
 def _grouped(values: tuple[Any, ...], lengths: list[int]) -> list[Any]:
-    """Return the values of fields: an array is one value."""
+    """Return the values of all fields. An array counts as one value."""
     found: list[Any] = []
     k = 0
     for length in lengths:

@@ -70,12 +70,15 @@ def request_list(system: int) -> Message:
 
 
 def request_data(system: int, number: int, offset: int, count: int) -> Message:
-    """Return the request for `count` bytes of a log. The vehicle then sends LOG_DATA until all bytes are sent."""
+    """Return the request for a part of a log.
+
+    The vehicle then sends LOG_DATA until `count` bytes are sent.
+    """
     return REQUEST_DATA, _REQUEST.pack(offset, count, number, system, AUTOPILOT)
 
 
 def request_end(system: int) -> Message:
-    """Return the request to send no more LOG_DATA."""
+    """Return the request to stop sending LOG_DATA."""
     return REQUEST_END, bytes((system, AUTOPILOT))
 
 

@@ -71,13 +71,13 @@ class HardwareUid(NamedTuple):
     uid2: bytes
 
     def __str__(self) -> str:
-        """Return uid2 in hexadecimal digits, else uid; "" if the autopilot reports neither of them."""
+        """Return uid2 in hexadecimal digits, or else uid, or "" if the autopilot reports none of them."""
         if any(self.uid2):
             return self.uid2.hex()
         return f"{self.uid:016x}" if self.uid else ""
 
     def matches(self, recorded: str) -> bool:
-        """Return whether a text (`recorded`) is the uid of this autopilot: its uid2 or its uid, in hexadecimal digits."""
+        """Return whether a text is the uid of this autopilot: its uid2 or its uid, in hexadecimal digits."""
         wanted = recorded.strip().lower().removeprefix("0x")
         short = f"{self.uid:016x}" if self.uid else ""
         return bool(wanted) and wanted in (str(self), short)
@@ -112,7 +112,7 @@ def pack_onboard_heartbeat(sender: MavlinkSender) -> bytes:
 
 
 def result_words(result: int) -> str:
-    """Return the text for a MAV_RESULT, such as "denied"; "result 42" for an unknown number."""
+    """Return the text of a MAV_RESULT, such as "denied". Unknown numbers give "result 42"."""
     return RESULT_WORDS.get(result, f"result {result}")
 
 
@@ -133,7 +133,7 @@ def parse_ack(data: Buffer, at: Frame) -> AckFields:
 
 
 def parse_channel_count(data: Buffer, at: Frame) -> int:
-    """Decode a RC_CHANNELS and return its `chancount`, the number of received channels of a radio."""
+    """Decode RC_CHANNELS and return `chancount`, the number of received radio channels."""
     return uint_at(data, at, _CHANNEL_COUNT_OFFSET, 1)
 
 

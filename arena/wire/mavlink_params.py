@@ -82,7 +82,7 @@ def parse_value(data: Buffer, frame: Frame) -> Value:
 
 
 def parse_error(data: Buffer, frame: Frame) -> tuple[str, int, str]:
-    """Decode PARAM_ERROR, an autopilot's refusal to read or set a parameter. Return (name, error number, error text)."""
+    """Decode PARAM_ERROR, the refusal to read or set a parameter. Return (name, error number, text)."""
     *_, name, error = _ERROR.unpack(_payload(data, frame, _ERROR.size))
     return _text(name), error, _ERRORS.get(error, f"error {error}")
 
@@ -139,7 +139,7 @@ def request_uid(system: int) -> Message:
 
 
 def fitted(value: float, kind: int) -> float:
-    """Return the value after conversion to the parameter's type `kind` (MAV_PARAM_TYPE), as the autopilot stores it.
+    """Convert a value to the parameter's type (MAV_PARAM_TYPE), as the autopilot stores it.
 
     Raises ValueError with the reason if the type cannot store the value.
     """
@@ -157,7 +157,7 @@ def fitted(value: float, kind: int) -> float:
 
 
 def alike(a: float, b: float, kind: int) -> bool:
-    """Return whether two values are equal.
+    """Return whether two parameter values count as equal.
 
     Floats are equal if they agree in all digits that a .params file contains.
     """

@@ -16,7 +16,10 @@ SET_POSITION_TARGET, ODOMETRY = 84, 331
 
 
 class Odometry(NamedTuple):
-    """Contents of an ODOMETRY message: p_n [m] in `frame_id`, q wxyz, variances of x, y, z, roll, pitch, yaw."""
+    """Content of an ODOMETRY message: position, attitude and their variances.
+
+    p_n [m] in `frame_id`, q wxyz, variances of x, y, z, roll, pitch, yaw.
+    """
 
     p_n: Triple
     q: tuple[float, float, float, float]
@@ -64,7 +67,7 @@ _POSITION_TARGET = struct.Struct("<I11fHBBB")
 
 
 def _unpacked(layout: struct.Struct, data: Buffer, at: Frame) -> tuple[Any, ...]:
-    """Return the values of a payload; bytes that MAVLink 2 has truncated count as 0."""
+    """Return the values of a payload. Bytes that MAVLink 2 has truncated count as 0."""
     if at.size >= layout.size:
         return layout.unpack_from(data, at.payload)
     return layout.unpack(bytes(data[at.payload : at.payload + at.size]).ljust(layout.size, b"\0"))

@@ -94,7 +94,10 @@ class FrameSigner:
         return signed + _signature(self._key, signed)
 
     def on_received(self, timestamp: int) -> None:
-        """Record the timestamp of a received frame with a valid signature, so that later frames are signed with newer timestamps only."""
+        """Record the timestamp of a correctly signed frame.
+
+        Later frames are signed with newer timestamps only.
+        """
         self.timestamp = max(self.timestamp, timestamp)
 
     def _sender_of(self, frame: Frame) -> tuple[int, int]:
@@ -108,7 +111,9 @@ class FrameSigner:
 
 
 class SignatureCheck:
-    """Checks the signatures of received frames. Refuses replayed frames, which somebody has recorded and sends again.
+    """Check of the signatures of received frames.
+
+    It refuses replayed frames, which were recorded and are sent again.
 
     timestamp: newest timestamp of a valid frame [10 us since 2015-01-01]
     """
@@ -139,7 +144,9 @@ class SignatureCheck:
 
 
 class SignedConnection:
-    """Signing on one connection to a vehicle: signs the frames to the vehicle, and drops unsigned or wrongly signed frames from it.
+    """MAVLink signing on the connection to one vehicle.
+
+    It signs the frames to the vehicle, and drops its unsigned or wrongly signed frames.
 
     RADIO_STATUS is accepted without a signature, because telemetry radios do not sign.
 
@@ -160,7 +167,7 @@ class SignedConnection:
         return self._signer.timestamp
 
     def sign(self, data: Buffer, wall_s: float) -> bytes | None:
-        """Return a frame with a signature; None if it cannot be signed.
+        """Return a frame with a signature, or None if the frame cannot be signed.
 
         wall_s: time of the wall clock [s since 1970]
         """
@@ -188,7 +195,10 @@ def is_signed(data: Buffer, frame: Frame) -> bool:
 
 
 def has_signature(key: bytes, data: Buffer, frame: Frame) -> bool:
-    """Return whether a frame was signed with this key. A replayed frame passes, too; `SignatureCheck` refuses it."""
+    """Return whether a frame was signed with a given key.
+
+    A replayed frame passes, too; `SignatureCheck` refuses it.
+    """
     if not is_signed(data, frame):
         return False
     found = bytes(data[frame.end - _HASH : frame.end])
@@ -196,12 +206,15 @@ def has_signature(key: bytes, data: Buffer, frame: Frame) -> bool:
 
 
 def timestamp_at(wall_s: float) -> int:
-    """Return the timestamp of a time of the wall clock [10 us since 2015-01-01]; 0 for earlier times."""
+    """Return the signing timestamp of a wall-clock time [10 us since 2015-01-01], or 0 for earlier times."""
     return min(max(0, int((wall_s - _EPOCH_S) * TICKS_PER_S)), _MOST_TICKS)
 
 
 def checked_key(key: bytes) -> bytes:
-    """Return the key if it is valid. Raises ValueError if its length is wrong or all bytes are 0; the message never contains the key."""
+    """Return the key if it is valid. Raises ValueError for a wrong length or a key of zeros.
+
+    The message never contains the key.
+    """
     if len(key) != KEY_BYTES or not any(key):
         raise ValueError(f"a signing key has {KEY_BYTES} bytes, not all of them 0; got {len(key)} bytes")
     return key
@@ -210,7 +223,9 @@ def checked_key(key: bytes) -> bytes:
 def pack_setup_signing(
     sender: MavlinkSender, system: int, component: int, key: bytes, timestamp: int
 ) -> bytes:
-    """Encode a SETUP_SIGNING, which gives a vehicle its key. It contains the key as plain text: send it only over a cable.
+    """Encode a SETUP_SIGNING message, which gives a vehicle its key.
+
+    It contains the key as plain text: send it only over a cable.
 
     timestamp: initial timestamp of the vehicle [10 us since 2015-01-01]
     """

@@ -48,12 +48,12 @@ def path_messages(points_n: Array, time_us: int) -> list[mavlink.MAVLink_message
 
 
 def may_contain_path(data: bytes) -> bool:
-    """Return whether a datagram begins with a message of a path. This test is quick."""
+    """Return quickly whether a datagram begins with a message of a planned path."""
     return len(data) > 9 and data[7] == _LOW and data[8] == _MIDDLE and data[9] == _HIGH and data[0] == 0xFD
 
 
 class PathAssembler:
-    """Collects the messages of one vehicle's program to a path.
+    """Assembler of the messages of one vehicle's program to a planned path.
 
     points: [m] [NED] (k, 3), as tuples.  changes: count of changes of the path.
     """
@@ -65,7 +65,7 @@ class PathAssembler:
         self.changes = 0
 
     def on_datagram(self, data: bytes) -> bool:
-        """Take over the messages of a path in a datagram. Return whether the path has changed."""
+        """Add the path messages of a datagram. Return whether the path has changed."""
         before = self.changes
         for frame in parse_frames(data).frames:
             if (frame.msgid, frame.compid, frame.sysid) == (

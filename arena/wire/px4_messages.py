@@ -1,4 +1,4 @@
-"""Encoders and decoders of PX4's messages that pymavlink's `common` dialect does not contain.
+"""Encoders and decoders of PX4 messages that are not in pymavlink's `common` dialect.
 
     ESC_INFO (290)                <Q 4I H 4H 4h 4B    time_usec, errors, counter, failures, temperature, index, count, connection, info
     ESC_STATUS (291)              <Q 4i 4f 4f B       time_usec, rpm, voltage, current, index
@@ -63,7 +63,9 @@ class Px4Message(NamedTuple):
 
 
 def px4_crc32(data: bytes, crc: int = 0) -> int:
-    """Return PX4's CRC-32 of data, which begins with 0 and is not inverted at the end. `zlib.crc32` inverts it twice.
+    """Return the CRC-32 of data as PX4 computes it: it begins with 0 and is not inverted.
+
+    `zlib.crc32` inverts it twice.
 
     crc: checksum of the data before
     """
@@ -91,7 +93,7 @@ def read_event_request(data: Buffer, at: Frame) -> EventRequest:
 
 
 def protocol_version() -> Px4Message:
-    """Return PROTOCOL_VERSION: MAVLink 2, and MAVLink 1 is understood."""
+    """Return PROTOCOL_VERSION, which reports MAVLink 2 with support of MAVLink 1."""
     return _message(PROTOCOL_VERSION, 200, 100, 200, b"", b"")
 
 

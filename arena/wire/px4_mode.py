@@ -1,5 +1,6 @@
-"""PX4's flight modes: converts custom_mode numbers to and from the mode names that ground stations show,
-and encodes two messages about modes.
+"""PX4's flight modes: converts custom_mode numbers to names and back, and encodes two mode messages.
+
+The names are those that ground stations show.
 
 pymavlink's `common` dialect does not contain these messages yet, so this module packs them itself:
 
@@ -54,7 +55,7 @@ _MAX_NAME_BYTES = 34
 
 
 def split_mode(custom_mode: int) -> tuple[int, int]:
-    """Return PX4's main mode (bits 16 to 23 of custom_mode) and sub mode (bits 24 to 31)."""
+    """Return PX4's main mode (bits 16 to 23) and sub mode (bits 24 to 31) of a custom_mode."""
     return custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
 
 

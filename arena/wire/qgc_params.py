@@ -55,7 +55,10 @@ class Fault(NamedTuple):
 
 
 def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
-    """Read a .params file. Return its parameters and its lines with errors, in order. Parameters of other components are skipped."""
+    """Read a .params file. Return its parameters and its wrong lines, in order.
+
+    Parameters of other components are skipped.
+    """
     entries: dict[str, Entry] = {}
     faults: list[Fault] = []
     for number, line in enumerate(text.split("\n"), 1):
@@ -83,7 +86,7 @@ def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
 
 
 def parse_params(text: str) -> dict[str, float]:
-    """Read a .params file into {name: value}; integers as int.
+    """Read a .params file into {name: value}. Integers are int.
 
     Raises WireError with the number of the first line that has an error.
     """

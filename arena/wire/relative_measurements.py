@@ -1,4 +1,6 @@
-"""MAVLink messages of the emulated relative sensors: DEBUG_FLOAT_ARRAY of the vehicle's system, component 158. Pure.
+"""MAVLink messages of the emulated relative sensors (DEBUG_FLOAT_ARRAY). Pure.
+
+Sender: the vehicle's system, component 158.
 
     name         array_id                      data
     "neighbour"  system id of the neighbour    0..2  position relative to the vehicle: north, east, down [m]
@@ -83,7 +85,10 @@ def measurement_payload(measurement: Measurement) -> bytes:
 
 
 def is_sensor_datagram(data: Buffer) -> bool:
-    """Return whether a datagram begins with a frame of the emulated sensors. Other datagrams need not be parsed."""
+    """Return whether a datagram begins with a frame of the emulated sensors.
+
+    Other datagrams need not be parsed.
+    """
     return len(data) > _COMPID_PLACE and data[0] == 0xFD and data[_COMPID_PLACE] == SENSORS_COMPONENT
 
 

@@ -1,4 +1,6 @@
-"""PING to the router: registers its sender as a tool, which then receives the telemetry of a vehicle. Pure.
+"""PING message to the router, which registers the sender as a tool. Pure.
+
+The tool then receives the telemetry of a vehicle.
 
 The router does not forward a PING that is addressed to the router. So its sender counts for no vehicle as ground station, program or pilot.
 """

@@ -22,7 +22,9 @@ CENTRED = Sticks()
 
 
 def sticks_from_manual_control(x: int, y: int, z: int, r: int) -> Sticks:
-    """Return the stick positions in a MANUAL_CONTROL message. As in PX4, a value out of range is replaced by the centre.
+    """Return the stick positions in a MANUAL_CONTROL message.
+
+    As in PX4, a value out of range is replaced by the centre.
 
     x, y, r: pitch, roll and yaw, -1000..1000
     z: throttle, 0..1000

@@ -73,7 +73,7 @@ def pressures_pa(abs_pressure: ArrayLike) -> Array:
 
 
 class _Newest(Generic[T]):
-    """Attribute of `Telemetry`: the newest value of one kind of data, such as the attitude.
+    """Attribute of `Telemetry` with the newest value of one kind of data, such as the attitude.
 
     slot: key in `Telemetry.waiting` of the frames that are decoded when the value is read; None: frames are decoded on arrival.
     """
@@ -103,7 +103,9 @@ class _Newest(Generic[T]):
 
 
 class Telemetry:
-    """Decoder that keeps the newest value of each kind of data, such as `local` or `attitude`; None before the first message.
+    """Decoder that keeps the newest value of each kind of data, such as `local` or `attitude`.
+
+    A value is None before the first message.
 
     A new message replaces the whole value. Frequent messages are decoded when their value is read, and only the
     newest one: a program that flies many vehicles reads few of the values.
@@ -172,13 +174,13 @@ class Telemetry:
         return received
 
     def decode_waiting(self, slot: int) -> None:
-        """Decode the frames that wait in one slot (see `_SLOTS`), in the order of arrival."""
+        """Decode the stored frames of one kind of data, in the order of arrival."""
         with self._lock:
             for datagram, frame, now in self.waiting.pop(slot, {}).values():
                 self._decode(datagram, frame, now)
 
     def __copy__(self) -> Self:
-        """Return a copy with the present values, which does not change any more."""
+        """Return a copy with the present values. The copy never changes."""
         with self._lock:
             for slot in list(self.waiting):
                 self.decode_waiting(slot)
@@ -191,7 +193,7 @@ class Telemetry:
         self._handlers[frame.msgid](self, decoder(frame.msgid)(datagram, frame), now)
 
     def recent_texts(self, since: float, worst: int = mavlink.MAV_SEVERITY_INFO) -> list[str]:
-        """Return the STATUSTEXTs received since a time [s], each text once.
+        """Return the STATUSTEXT messages since a time [s], each text once.
 
         worst: largest severity number that is returned (0 emergency .. 7 debug).
         """

@@ -1,4 +1,6 @@
-"""The truth page: the true state of the simulated vehicles, in shared memory, as numpy arrays. The world writes it.
+"""The truth page: true states of the simulated vehicles in shared memory, as numpy arrays.
+
+The world writes it.
 
 `arena.wire.truth_rows` describes the layout of the page.
 """
@@ -100,13 +102,14 @@ class TruthReader:
         self._last: tuple[float, Truth | None] = (math.nan, None)
 
     def newest(self) -> Truth | None:
-        """Return the newest true state; None if the world has not written one yet."""
+        """Return the newest true state, or None if the world has not written a state yet."""
         row = self._rows.newest()
         return None if row is None else Truth.from_row(array(row))
 
     def at(self, time_s: float) -> Truth | None:
-        """Return the state at `time_s` [s], interpolated between the samples before and after; None if one of
-        them is not in the page.
+        """Return the true state at `time_s` [s], interpolated, or None if the time is not in the page.
+
+        The state is interpolated between the samples before and after.
 
         A second call with the same time returns the same object, for readers that ask for each vehicle.
         """

@@ -1,4 +1,6 @@
-"""Layout of the truth page, and a reader that returns plain numbers. `arena.wire.truth_page` writes the page, and reads it as arrays.
+"""Layout of the truth page, and a reader that returns plain numbers.
+
+`arena.wire.truth_page` writes the page, and reads it as arrays.
 
 The page is a ring of samples in shared memory, so that a reader can interpolate between two samples. The world writes it; any
 number of processes read it (motion capture emulator, recorder, referee). Layout, native doubles:
@@ -85,7 +87,10 @@ class ViewedStates:
 
 
 class TruthRows:
-    """Reader of the rows of a truth page. Raises RunError if there is no page, WireError if the file is not a truth page."""
+    """Reader of the rows of a truth page.
+
+    Raises RunError if there is no page, and WireError if the file is not a truth page.
+    """
 
     def __init__(self, path: str | Path) -> None:
         try:
@@ -104,7 +109,7 @@ class TruthRows:
             )
 
     def newest(self) -> Floats | None:
-        """Return a copy of the newest row; None if the world has not written one yet."""
+        """Return a copy of the newest row, or None if the world has not written a row yet."""
         while count := int(self._all[0]):
             row = self._copy(count - 1)
             if int(self._all[0]) - count < self._ring - 1:
@@ -112,7 +117,7 @@ class TruthRows:
         return None
 
     def at(self, time_s: float) -> Floats | None:
-        """Return the row at `time_s` [s], interpolated between the rows before and after; None if one of them is not in the page."""
+        """Return the row at `time_s` [s], interpolated, or None if the time is not in the page."""
         count = int(self._all[0])
         held = min(count, self._ring - 1)
         found = self._around(time_s, count, held)
@@ -126,7 +131,7 @@ class TruthRows:
         return out
 
     def _around(self, time_s: float, count: int, held: int) -> tuple[Floats, Floats] | None:
-        """Return the rows before and after `time_s`; None if one of them is not in the page."""
+        """Return the rows before and after `time_s`, or None if one of them is not in the page."""
         if held < 2 or time_s > self._time(count - 1) + 1e-9:
             return None
         # The samples from `count - held` to `count - 2` can be the one before.
@@ -156,11 +161,11 @@ class StateReader:
         self._rows = TruthRows(path)
 
     def newest(self) -> ViewedStates | None:
-        """Return the newest true states; None if the world has not written any yet."""
+        """Return the newest true states, or None if the world has not written a state yet."""
         row = self._rows.newest()
         return None if row is None else ViewedStates(row)
 
     def at(self, time_s: float) -> ViewedStates | None:
-        """Return the states at `time_s` [s], interpolated between two samples; None if one of them is not in the page."""
+        """Return the true states at `time_s` [s], interpolated, or None if the time is not in the page."""
         row = self._rows.at(time_s)
         return None if row is None else ViewedStates(row)

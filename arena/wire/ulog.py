@@ -91,7 +91,7 @@ class _Reader:
         return self.log
 
     def _next(self) -> tuple[int, bytes] | None:
-        """Return the next message; None if the log ends before the message is complete."""
+        """Return the next message, or None if the log ends before the message is complete."""
         if len(self.data) - self.at < _HEAD.size:
             return None
         size, kind = _HEAD.unpack_from(self.data, self.at)
@@ -155,7 +155,7 @@ class _Reader:
         self.log.types[name] = "FLOAT" if form == "float" else "INT32"
 
     def _recover(self, place: int) -> bool:
-        """Skip a damaged part of the log, up to the next synchronisation message. Return False if there is no such message."""
+        """Skip a damaged part of the log. Return False if the log has no further synchronisation message."""
         self.log.damaged.append(place)
         found = self.data.find(_SYNC, place)
         self.at = found + len(_SYNC)

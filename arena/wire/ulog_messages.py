@@ -42,7 +42,7 @@ TEXT_BYTES = 127
 
 
 def message(kind: str, body: bytes) -> bytes:
-    """Return one message.
+    """Return the bytes of one ULog message.
 
     kind: its type, one letter
     """
@@ -103,7 +103,7 @@ def set_record_head(records: np.ndarray[tuple[int], np.dtype[np.void]], number: 
 
 
 def subscriptions(topics: Iterable[str]) -> bytes:
-    """Return the messages that number the topics: the first has msg_id 0."""
+    """Return the messages that number the topics. The first topic has msg_id 0."""
     return b"".join(
         message("A", struct.pack("<BH", 0, number) + topic.encode()) for number, topic in enumerate(topics)
     )
@@ -132,7 +132,7 @@ class ParameterMessages:
         return head + _packed(code, value)
 
     def all(self, values: Mapping[str, float]) -> bytes:
-        """Return all parameters, and the defaults of those that differ from their default."""
+        """Return all parameters of a log, and the defaults of the changed parameters."""
         found = [self.value(name, value) for name, value in values.items()]
         for name, value in values.items():
             code, _, head = self._known[name]
@@ -152,7 +152,7 @@ def text(severity: int, time_us: int, words: str) -> bytes:
 
 
 def gap(duration_s: float) -> bytes:
-    """Return the message (dropout) about missing data of this duration [s]. It can report up to 65.5 s."""
+    """Return the dropout message about missing data of a given duration [s], at most 65.5 s."""
     return message("O", struct.pack("<H", min(round(1e3 * duration_s), _MOST_GAP_MS)))
 
 

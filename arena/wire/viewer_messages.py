@@ -20,7 +20,7 @@ _HEAD = int.from_bytes(_LITTLE_ENDIAN, "little")
 
 @dataclass(frozen=True, kw_only=True)
 class NumberMessage:
-    """Message of numbers.
+    """Message for viewers that consists of numbers only.
 
     name: name of the ROS 2 message.  summary: first line of the schema.
     fields: name of each field -> its meaning with unit.
@@ -177,6 +177,9 @@ def pack_fault(fault: str, process: str) -> bytes:
 
 
 def _string(text: str) -> bytes:
-    """Return a string of CDR: the number of bytes with the final zero byte, then the bytes."""
+    """Return a text as a CDR string.
+
+    It is the number of bytes with the final zero byte, then the bytes.
+    """
     data = text.encode() + b"\0"
     return len(data).to_bytes(4, "little") + data

@@ -15,7 +15,10 @@ VIEW_HZ, SLOW_HZ, SCENE_PERIOD_S = 15.0, 1.0, 5.0
 
 
 class Content(StrEnum):
-    """Topics, without the vehicle's name. `VEHICLE_TOPICS` and `ARENA_TOPICS` describe each of them."""
+    """Kinds of topics for viewers, without the vehicle's name.
+
+    `VEHICLE_TOPICS` and `ARENA_TOPICS` describe each of them.
+    """
 
     LOCAL_POSITION = "local_position"
     ATTITUDE = "attitude"
@@ -45,7 +48,7 @@ class Content(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """Row of the table.
+    """Topic for viewers: its name, message and rate.
 
     schema: name of the messages' schema.  numbers: message of numbers; None for messages of Foxglove, and with texts.
     rate_hz: largest rate [Hz]; faster messages are left out. None: each message is published.

@@ -1,4 +1,4 @@
-"""`Group`, which runs the programs of a group of vehicles in this process.
+"""Runs the user programs of a group of vehicles in this process.
 
 The file is read and compiled once. With `run: each` it runs once for each vehicle, in a thread of its own, with its own
 global variables; `UAV.from_args` returns the vehicle of the thread. With `run: once` it runs once, and `UAV.all_from_args`
@@ -24,8 +24,9 @@ Report = Callable[[str, int, str], None]
 
 
 class Group:
-    """Runs the user program of a group of vehicles in this process: once for all vehicles, or once per vehicle in a thread
-    each.
+    """User programs of a group of vehicles, which run in this process.
+
+    The program runs once for all vehicles, or once per vehicle in a thread each.
 
     settings: JSON configuration of the process (slice).
     report: function that is called with vehicle, exit code and reason when a program has ended.
@@ -53,7 +54,7 @@ class Group:
         return 1 if failed else 0
 
     def _run_program(self, argv: dict[str, tuple[str, ...]]) -> None:
-        """Run the user program for the vehicles in `argv`, close its vehicles and report its exit code. Never raises."""
+        """Run the user program for some vehicles, close its vehicles and report its exit code. Never raises an error."""
         membership = Membership(
             argv=dict(argv), once=self._once, threads=self._threads, receiver=self._receiver
         )
@@ -76,7 +77,7 @@ class Group:
 
 
 def end_report(vehicle: str, code: int, why: str, *, once: bool) -> dict[str, Any]:
-    """Return the report to the supervisor that the program of a vehicle has ended.
+    """Return the report to the supervisor that a vehicle's program has ended.
 
     once: one program flies all vehicles of the group. Then the report contains no event: the end of the process and the last line of
     its log say the same once, and not once per vehicle.
@@ -94,7 +95,7 @@ def _compiled(file: str) -> CodeType:
 
 
 def _exit_of(end: SystemExit) -> tuple[int, str]:
-    """Return the exit code that `sys.exit` asks for, and its message."""
+    """Return the exit code and the message of `sys.exit`."""
     if end.code is None or isinstance(end.code, int):
         return int(end.code or 0), ""
     return 1, str(end.code)
