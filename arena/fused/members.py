@@ -89,7 +89,8 @@ class Members:
         self._frames = FrameConverter(mocap.settings["bodies"])
         self._mocap = EmulatorShell(mocap, self._time.now(), self._on_frame)
         self._watch = watch
-        members = self._panic, self._mocap.faults, self._router, self._router.faults, self._recorder.link
+        capture = self._mocap, self._mocap.faults
+        members = self._panic, *capture, self._router, self._router.faults, self._recorder.link
         for member in members:
             watch.add(member.fileno())
 
@@ -139,7 +140,7 @@ class Members:
         if self._watch.has_data(self._mocap.faults.fileno()):
             self._mocap.apply_faults()
         while self._mocap.due <= now + _EARLY_S:
-            self._mocap.advance(now)
+            self._mocap.advance(now, requests=self._watch.has_data(self._mocap.fileno()))
         for forwarder in self._forwarders.values():
             forwarder.step(now)
         if self._sensors is not None:

@@ -15,6 +15,26 @@ _ATTITUDE = 3
 """Column of the attitude in the numbers of one vehicle."""
 
 
+def sample_before(
+    page: Floats, begin: int, width: int, ring: int, oldest: int, newest: int, time_s: float
+) -> int:
+    """Return the number of the last sample of the truth page that is not after `time_s`, or `oldest - 1` if there is none.
+
+    page: the whole page.  begin: place of its first row.  width: numbers per row, of which the first is the time [s].
+    ring: rows in the page. Sample k is in row k modulo `ring`.
+    oldest, newest: first and last sample to search. Their times increase.
+    time_s: [s]
+    """
+    low, high = oldest, newest + 1
+    while low < high:
+        middle = (low + high) // 2
+        if time_s < page[begin + middle % ring * width]:
+            high = middle
+        else:
+            low = middle + 1
+    return low - 1
+
+
 def interpolate(before: Floats, after: Floats, time_s: float, width: int, out: Floats) -> None:
     """Interpolate between two rows of the truth page: attitudes on the sphere, all other numbers linearly.
 

@@ -5,8 +5,9 @@ The raw channels are the record from which the logs of a flight are computed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Protocol
 
 from arena.mocap.client import CapturedFrame
@@ -31,6 +32,9 @@ from arena.wire.truth_rows import TrueStates
 
 if TYPE_CHECKING:
     from foxglove import Context
+
+
+_NAME = itemgetter(0)
 
 
 class RecordChannels(Protocol):
@@ -135,11 +139,12 @@ def nanoseconds(time_s: float) -> int:
 
 
 def _bodies(frame: CapturedFrame) -> list[tuple[str, tuple[float, ...] | None]]:
-    found: Iterable[tuple[str, tuple[float, ...] | None]] = (
-        *((pose.body, (*pose.p_n, *pose.q_nb)) for pose in frame.poses),
-        *((name, None) for name in frame.untracked),
-    )
-    return sorted(found, key=lambda body: body[0])
+    found: list[tuple[str, tuple[float, ...] | None]] = [
+        (body, (*p_n, *q_nb)) for body, p_n, q_nb in frame.poses
+    ]
+    found += [(name, None) for name in frame.untracked]
+    found.sort(key=_NAME)
+    return found
 
 
 def _channel(context: Context, topic: str, encoding: str, schema: MessageSchema) -> _Channel:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 import mmap
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,7 @@ SPAN_S = 1e-3 * MAX_MOCAP_LATENCY_MS + 0.5
 """Time that a page reaches back [s]. The cameras read a sample one latency after its exposure, and may be late."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Truth:
+class Truth(NamedTuple):
     """True state of V vehicles at one time.
 
     time_s: simulation time [s]

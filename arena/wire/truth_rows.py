@@ -18,7 +18,6 @@ This module needs no numpy, whose import costs more CPU time than the recorder n
 
 from __future__ import annotations
 
-import bisect
 import mmap
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,7 +25,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from arena.constants import MAX_ROTORS
 from arena.errors import RunError, WireError
-from arena.kernels.truth_interpolation import interpolate
+from arena.kernels.truth_interpolation import interpolate, sample_before
 
 if TYPE_CHECKING:
     from arena.kernels.arrays import Floats
@@ -136,10 +135,9 @@ class TruthRows:
             return None
         # The samples from `count - held` to `count - 2` can be the one before.
         first = count - held
-        after = bisect.bisect_right(range(first, count - 1), time_s, key=self._time)
-        if after == 0:
+        i = sample_before(self._all, HEAD, self._width, self._ring, first, count - 2, time_s)
+        if i < first:
             return None
-        i = first + after - 1
         return self._copy(i), self._copy(i + 1)
 
     def _time(self, number: int) -> float:

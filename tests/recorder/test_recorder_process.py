@@ -191,7 +191,7 @@ def test_simulated_vehicles_are_recorded_in_simulation_time_with_their_true_stat
         while server.may_advance(now, time.monotonic()) and server.joined and now < 2.0:
             now = round(now + 0.004, 6)
             state = truth_at(np.array([now, 0.0, -1.0]), np.zeros(3))
-            page.write(type(state)(**{**vars(state), "time_s": now}))
+            page.write(state._replace(time_s=now))
             recorder.serve[0].sendto(b"%.3f" % now, recorder.to)
             server.tick(now)
     recorder.wait_for_rate("uav1", "datagrams_hz")

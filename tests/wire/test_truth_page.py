@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -47,7 +46,7 @@ def test_position_and_attitude_are_interpolated_between_two_samples(tmp_path):
 def test_outputs_of_all_rotors_are_read_back(tmp_path):
     writer = TruthWriter(tmp_path / "truth", 1, period_s=0.004)
     outputs = np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])
-    writer.write(dataclasses.replace(sample(0.0), motors=outputs))
+    writer.write(sample(0.0)._replace(motors=outputs))
     newest = TruthReader(tmp_path / "truth").newest()
     assert newest.motors[0].tolist() == [*outputs[0], 0.0, 0.0]
 

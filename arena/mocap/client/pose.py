@@ -5,7 +5,6 @@ Uses plain floats, not arrays, because many processes run this code 180 times a 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import sqrt
 from typing import NamedTuple
 
@@ -27,8 +26,7 @@ class Pose(NamedTuple):
     q_nb: Quad
 
 
-@dataclass(frozen=True, slots=True)
-class Echo:
+class Echo(NamedTuple):
     """Comparison of the server's clock with the receiver's clock.
 
     The receiver sends a request, and the server replies with its time.

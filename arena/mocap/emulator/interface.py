@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol, cast
 
 from arena.mocap.vendors import Settings, load_vendor
@@ -24,8 +23,7 @@ class MeasuredBody(NamedTuple):
     tracked: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeasuredFrame:
+class MeasuredFrame(NamedTuple):
     """Poses of all bodies that the emulated cameras measure at one exposure.
 
     number: frame number. exposed_s: time of the exposure [s].
@@ -57,6 +55,9 @@ class MocapServer(Protocol):
 
     def answer(self, wall: float) -> None:
         """Reply to the requests that clients have sent. wall: monotonic wall time [s]."""
+
+    def fileno(self) -> int:
+        """Return a file descriptor that is readable when a request has arrived."""
 
     def close(self) -> None:
         """Close the sockets of the server."""

@@ -40,8 +40,15 @@ class EmulatorShell:
         """Simulation time at which the next frame must be measured or sent, by `advance` [s]."""
         return self._cameras.due(self._number)
 
-    def advance(self, now: float) -> None:
-        """Measure and send the frames that are due. now: simulation time [s]."""
+    def fileno(self) -> int:
+        """Return a file descriptor that is readable when a request of a client has arrived."""
+        return self._server.fileno()
+
+    def advance(self, now: float, *, requests: bool = True) -> None:
+        """Measure and send the frames that are due, and answer requests.
+
+        now: simulation time [s].  requests: read the socket of the requests; False saves a system call if `fileno` is not readable.
+        """
         cameras, due = self._cameras, self.due
         self._late += now - due > max(1.0 / cameras.rate_hz, _LATE_S)
         wall = time.monotonic()
@@ -55,7 +62,8 @@ class EmulatorShell:
             if not (self._ready or failed):
                 self._ready = True
                 self._process.ready()
-        self._server.answer(wall)
+        if requests:
+            self._server.answer(wall)
         if wall - self._reported >= 1.0:
             self._report(wall)
 

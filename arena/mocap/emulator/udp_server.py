@@ -71,6 +71,9 @@ class UdpServer:
                 with contextlib.suppress(OSError):
                     self._requests.sendto(reply, sender)
 
+    def fileno(self) -> int:
+        return self._requests.fileno()
+
     def close(self) -> None:
         self._requests.close()
         self._frames.close()

@@ -225,10 +225,10 @@ def encode_frame(frame: Frame, version: Version) -> bytes:
     """Encode a NatNet FRAME packet."""
     empty = _SIZED.pack(0, 0) if version >= (4, 1) else _COUNT.pack(0)
     bodies = b"".join(
-        _BODY.pack(
-            b.streaming_id, *b.position, *b.quat_xyzw, b.mean_error_m, TRACKING_VALID if b.tracked else 0
-        )
-        for b in frame.bodies
+        [
+            _BODY.pack(number, *position, *quat_xyzw, error_m, TRACKING_VALID if tracked else 0)
+            for number, position, quat_xyzw, error_m, tracked in frame.bodies
+        ]
     )
     count = _COUNT.pack(len(frame.bodies))
     head = count + _COUNT.pack(len(bodies)) if version >= (4, 1) else count

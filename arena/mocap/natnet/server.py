@@ -46,10 +46,7 @@ class NatNetServer:
     def encode(self, frame: MeasuredFrame, sent_s: float) -> bytes:
         self.counts["frames"] += 1
         self._now_s = sent_s
-        bodies = tuple(
-            codec.Body(b.number, b.position_w, b.quat_xyzw_wf, b.mean_error_m, b.tracked)
-            for b in frame.bodies
-        )
+        bodies = tuple([codec.Body(*body) for body in frame.bodies])  # both list the same values
         packet = codec.Frame(
             number=frame.number,
             timestamp_s=frame.exposed_s,
