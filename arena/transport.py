@@ -191,9 +191,9 @@ def listen_udp(
     try:
         return open_udp(local, receive_buffer_bytes=receive_buffer_bytes)
     except OSError as error:
-        what = f"{owner} cannot listen" if owner else "cannot listen"
+        problem = f"{owner} cannot listen" if owner else "cannot listen"
         hint = ". Does another program use this port?" if error.errno == errno.EADDRINUSE else ""
-        raise RunError(f"{what} on UDP {local[0]}:{local[1]}: {error.strerror}{hint}") from error
+        raise RunError(f"{problem} on UDP {local[0]}:{local[1]}: {error.strerror}{hint}") from error
 
 
 def receive_datagrams(

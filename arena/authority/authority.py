@@ -131,7 +131,7 @@ class Authority:
         return self._armed and self._mode in MANUAL_MODES and now - self._input_at <= _INPUT_S
 
     def _refusal_with_pilot(self, role: Role, kind: Kind) -> str:
-        """Return why a request is refused while the pilot has control; "" if the request is allowed.
+        """Return why a request is refused while a pilot has control; "" if the request is allowed.
 
         A program's setpoints are allowed, because a pilot gives control back by switching to OFFBOARD. A simulated
         vehicle obeys land-all, because no pilot could land it.
@@ -353,7 +353,7 @@ class Authority:
 
     @property
     def blocked(self) -> str:
-        """Reason why programs must not fly the vehicle until `release` is called; "" if programs are allowed to fly."""
+        """Reason why programs must not fly the vehicle now; "" if they may. `release` ends it."""
         return f"{self._latch.by.words} has control" if self._latch is not None else self._taken
 
     @property

@@ -146,17 +146,17 @@ def _connected(address: str) -> Any:
     try:
         ray.init(address=address, log_to_driver=False, logging_level="ERROR", configure_logging=False)
     except (ConnectionError, ValueError, RuntimeError) as error:
-        said = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RunError(
-            f"cannot join the Ray cluster {address} ({said}). This computer must be one of the cluster, with the same "
-            f"versions of Ray and Python: {_start(address)}"
+            f"cannot join the Ray cluster {address} ({reason}). This computer must be one of the cluster, with the same "
+            f"versions of Ray and Python: {_how_to_start(address)}"
         ) from error
     finally:
         signal.signal(signal.SIGTERM, before)
     return ray
 
 
-def _start(address: str) -> str:
+def _how_to_start(address: str) -> str:
     head = "HOST:PORT" if address == "auto" else address
     return f"run `ray start --head` on one computer and `ray start --address={head}` on each of the others"
 
@@ -181,11 +181,11 @@ def check_address(address: str) -> None:
         with socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S) as connection:
             answer = _answer(connection)
     except (OSError, OverflowError) as error:
-        said = str(getattr(error, "strerror", None) or error)
-        raise RunError(f"no Ray cluster at {address} ({said}): {_start(address)}") from error
+        reason = str(getattr(error, "strerror", None) or error)
+        raise RunError(f"no Ray cluster at {address} ({reason}): {_how_to_start(address)}") from error
     if os.environ.get("RAY_USE_TLS", "0") in ("", "0") and answer[3:4] != bytes((_SETTINGS,)):
         raise RunError(
-            f"no Ray cluster at {address} (another server answers there): {_start(address)}. "
+            f"no Ray cluster at {address} (another server answers there): {_how_to_start(address)}. "
             "The usual port is 6379"
         )
 

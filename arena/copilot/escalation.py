@@ -219,7 +219,7 @@ class Escalation:
                 return
 
     def _due(self, status: VehicleStatus, now: float) -> Step | None:
-        """Return the command to send now.
+        """Return the command of the copilot to send to the vehicle now; None for none.
 
         Return None if the copilot has given no order, if the vehicle has obeyed the order, or if the command was sent less
         than REPEAT_S ago.

@@ -1,4 +1,4 @@
-"""Emulated relative sensors of vehicles: positions and velocities of neighbours, and directions of beacons.
+"""Emulated relative sensors: position and velocity of neighbours, distance and direction of beacons.
 
 They are computed from motion capture or from the estimates of the autopilots, for simulated and real vehicles alike.
 """

@@ -82,10 +82,10 @@ def fly_file(vehicle: RunningVehicle, trajectory: Trajectory, say: Say) -> int:
             say("landing")
             uav.auto_land()
         except VehicleError as error:
-            say(f"NOT FLOWN TO THE END: {error}")
+            say(f"TRAJECTORY NOT COMPLETED: {error}")
             return _land_after_error(uav, say)
         except KeyboardInterrupt:
-            say("interrupted: landing")
+            say("interrupted by Ctrl-C: landing the vehicle")
             return _land_after_error(uav, say, EXIT_INTERRUPTED)
         say(f"{vehicle.name}: landed and disarmed")
     return EXIT_OK
@@ -97,13 +97,15 @@ def _fly(uav: UAV, trajectory: Trajectory, limits: FlightLimits, say: Say) -> No
     here, yaw = np.asarray(uav.ekf.pos, float), float(yaw_from_quat(uav.ekf.att_q))
     above = np.array([here[0], here[1], start.pos[2]])
     check_way(np.array([above, start.pos]), limits)
-    say(f"take-off to {-start.pos[2]:.2f} m")
+    height_m = -start.pos[2]
+    say(f"taking off to a height of {height_m:.2f} m")
     uav.follow(StraightLine(here, above, yaw=(yaw, yaw), speed=SPEED_M_S, shortest_s=4.0))
     _arrive(uav, above, yaw)
-    say(f"to the start: north {start.pos[0]:.2f} m, east {start.pos[1]:.2f} m")
+    north, east, _ = start.pos
+    say(f"flying to the start of the trajectory: north {north:.2f} m, east {east:.2f} m")
     uav.follow(StraightLine(above, start.pos, yaw=(yaw, start.yaw), speed=SPEED_M_S))
     _arrive(uav, start.pos, start.yaw)
-    say(f"trajectory of {trajectory.duration_s:.1f} s")
+    say(f"flying the trajectory ({trajectory.duration_s:.1f} s)")
     uav.follow(trajectory)
     end = trajectory.at(trajectory.duration_s)
     uav.set_pos_yaw(end.pos, end.yaw, _REST_S)
@@ -117,8 +119,9 @@ def check_way(p: Array, limits: FlightLimits) -> None:
     p: both ends of the way [m] [NED] (2, 3). The climb before the way is not checked.
     """
     if problems := list(collisions(None, p, limits)):
+        too_near_to_obstacle = problems[0]
         raise VehicleError(
-            f"the straight way to the start is {problems[0]}. Place the vehicle below the start of the trajectory"
+            f"the straight way to the start of the trajectory is {too_near_to_obstacle}. Place the vehicle below the start"
         )
 
 
@@ -132,7 +135,7 @@ def _arrive(uav: UAV, pos: object, yaw: float) -> None:
     while float(np.linalg.norm(np.asarray(uav.ekf.pos, float) - wanted)) > _ARRIVED_M:
         if uav.clock.now() > end:
             raise NotConfirmedError(
-                f"{uav.info.drone_ns}: not at {wanted.round(2).tolist()} m after {_ARRIVE_S:g} s"
+                f"{uav.info.drone_ns}: not at the position {wanted.round(2).tolist()} m [NED] after {_ARRIVE_S:g} s"
             )
         uav.set_pos_yaw(wanted, yaw, 0.1)
 
@@ -145,7 +148,7 @@ def _land_after_error(uav: UAV, say: Say, code: int = EXIT_FAILED) -> int:
     try:
         if uav.info.is_armed and uav.info.flight_mode == "OFFBOARD":
             uav.auto_land()
-            say("landed and disarmed")
+            say("the vehicle has landed and is disarmed")
     except VehicleError as error:
         say(f"LANDING NOT CONFIRMED: {error}. Use `arena land-all`")
         return EXIT_FAILED

@@ -74,7 +74,9 @@ def find_vehicle(name: str | None, run: Path | None = None) -> RunningVehicle:
                 "the running arena has no vehicle. Add one to its YAML, or give another run folder with --run"
             )
         known = ", ".join(v.name for v in vehicles)
-        raise InputError(f"{name}: no running arena has this vehicle. There are: {known}")
+        raise InputError(
+            f"{name}: no running arena has this vehicle. The vehicles of running arenas are: {known}"
+        )
     if len(found) > 1:
         choices = "\n".join(f"  {v.name} in {v.run.run}" for v in found)
         raise InputError(

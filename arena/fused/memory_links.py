@@ -75,7 +75,7 @@ class RecorderLink:
         return self._copies.fileno()
 
     def receive(self, references: bool = True) -> Iterator[tuple[str, bool, bytes]]:
-        """Yield (vehicle, up, data) for each datagram that has arrived.
+        """Yield (vehicle, True for data to the autopilot, data) for each datagram that has arrived.
 
         The datagrams that the router has copied come first. up: True for a datagram to the vehicle
 

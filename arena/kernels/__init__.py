@@ -1,4 +1,4 @@
-"""Kernels: the formulas that run in every step for every vehicle, as loops over the rows of arrays. Pure.
+"""Kernels: compiled formulas that run in every step for every vehicle, as loops over arrays. Pure.
 
 A kernel is a plain Python module, and its .pxd file contains the C types for Cython. The compiled and the interpreted
 module give the same results, bit for bit. Import a kernel as usual: it is the compiled module if all kernels are
@@ -23,7 +23,7 @@ _FOLDER = Path(__file__).parent
 
 
 def why_interpreted(folder: Path = _FOLDER) -> str | None:
-    """Return why the kernels in a folder run as Python source, None if they are compiled.
+    """Return why the kernels in a folder run as Python source; None if they are compiled.
 
     The text is a message for people: it names the reason and what to do.
     """
@@ -46,7 +46,9 @@ def why_interpreted(folder: Path = _FOLDER) -> str | None:
 
 
 class _SourceFinder:
-    """Import hook that makes Python import the source of each kernel. Its base class would import `importlib.abc`, which takes 5 ms.
+    """Import hook that makes Python import the source of each kernel.
+
+    Its base class would import `importlib.abc`, which takes 5 ms.
 
     Without this hook, Python would prefer a compiled module, even if it was compiled from older source.
     """

@@ -1,4 +1,4 @@
-"""Views (Python's `memoryview`) of numpy arrays, through which the kernels read and write single elements.
+"""Views of numpy arrays (Python's `memoryview`), through which the kernels read and write elements.
 
 An interpreted kernel reads Python floats from a view, which is twice as fast as reading elements of a numpy
 array. A compiled kernel reads the memory directly. The numpy array and its view share the memory.
@@ -20,25 +20,37 @@ if TYPE_CHECKING:
 
 
 def floats(*shape: int, fill: float = 0.0) -> Floats:
-    """Return a view of a new array of float64 with this shape, filled with one value."""
+    """Return a view of a new float64 array with a given shape, filled with one value."""
     return view(np.full(shape, fill))
 
 
 def view(array: Array) -> Floats:
-    """Return a view of an array of float64. For most kernels the array must be contiguous in memory."""
+    """Return a view of a float64 array.
+
+    For most kernels the array must be contiguous in memory.
+    """
     return cast("Floats", memoryview(array))  # type: ignore[arg-type]
 
 
 def integers(array: NDArray[np.int64]) -> Integers:
-    """Return a view of an array of int64. The array must be contiguous in memory."""
+    """Return a view of an int64 array.
+
+    The array must be contiguous in memory.
+    """
     return cast("Integers", memoryview(array))  # type: ignore[arg-type]
 
 
 def flags(array: NDArray[np.bool_]) -> Flags:
-    """Return a view of an array of bool. The array must be contiguous in memory."""
+    """Return a view of a bool array.
+
+    The array must be contiguous in memory.
+    """
     return cast("Flags", memoryview(array))  # type: ignore[arg-type]
 
 
 def array(values: Floats) -> Array:
-    """Return the numpy array of a view. Both share the memory."""
+    """Return the numpy array of a view.
+
+    Both share the memory.
+    """
     return np.asarray(values)

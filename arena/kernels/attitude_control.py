@@ -34,7 +34,7 @@ class AttitudeLaw:
         self.yaw_rate, self.rates = floats(vehicles), floats(vehicles, 3)
 
     def step(self) -> None:
-        """Compute the rate setpoints of all vehicles."""
+        """Compute the body rate setpoints of all vehicles."""
         for i in range(len(self.yaw_rate)):
             self._update(i)
 

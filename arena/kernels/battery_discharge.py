@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class BatteryDischarge:
-    """Batteries of V vehicles.
+    """Batteries of V vehicles, discharged by their rotors.
 
     spin: input: rotor state 0..1 [-] (V, R)
     idle, per_square: current at rest, and per sum of the squared rotor states [A] (V,)
@@ -34,7 +34,7 @@ class BatteryDischarge:
         self.current, self.voltage, self.supply = floats(v), floats(v), floats(v, fill=1.0)
 
     def step(self) -> float:
-        """Advance all batteries by one step. Return the smallest remaining charge 0..1 [-]."""
+        """Advance all batteries by one step. Return the smallest remaining charge, 0..1 [-]."""
         least = 1.0
         for i in range(len(self.remaining)):
             squares = 0.0

@@ -1,4 +1,4 @@
-"""Cascade of the position, attitude and rate controllers.
+"""Position, attitude and rate controller in one call (a cascade).
 
 The level of a setpoint is the controller that receives the setpoint. The setpoint of each later controller is the output of
 the controller before it.
@@ -45,7 +45,7 @@ class CascadeLaw:
         yaw_rate: Floats,
         yaw_rate_ff: Floats,
     ) -> None:
-        """Use these arrays as the setpoints of attitude, body rates and thrust in each later step."""
+        """Use some arrays as the setpoints of attitude, body rates and thrust in each later step."""
         self.level, self.q_nb, self.omega_b, self.thrust = level, q_nb, omega_b, thrust
         self.yaw_rate, self.yaw_rate_ff = yaw_rate, yaw_rate_ff
 
@@ -69,8 +69,10 @@ class CascadeLaw:
         self.rate.step()
 
     def _select_attitude(self, i: int) -> None:
-        """Set attitude setpoint and thrust of vehicle i: the output of the position controller if the vehicle has a position
-        setpoint, else the values given in `q_nb` and `thrust`.
+        """Set the attitude and thrust setpoint of vehicle i.
+
+        They are the output of the position controller if the vehicle has a position setpoint. Otherwise they
+        are `q_nb` and `thrust`.
         """
         by_position = self.level[i] == POSITION
         self.selected_thrust[i] = self.position.thrust[i] if by_position else self.thrust[i]

@@ -1,4 +1,4 @@
-"""Clearance: which bodies have so much free space around them that nothing can touch them in the next sensor period.
+"""Clearance: finds the bodies that nothing can touch in the next sensor period.
 
 Each body is a sphere about its origin. The room consists of a floor at height 0 and of boxes along the axes.
 """
@@ -25,7 +25,9 @@ _SPEED_CHANGE = 1.0
 
 
 class Clearance:
-    """Finds which of V bodies nothing can touch, by the distances between spheres around the bodies, boxes and the floor.
+    """Finds which of V bodies have so much free space that nothing can touch them.
+
+    The distances are those between spheres around the bodies, boxes and the floor.
 
     period_s: time between two checks [s]
     free: output: True for each body that nothing can touch (V,)
@@ -48,11 +50,14 @@ class Clearance:
         self._need, self._spare = floats(len(free)), 0.0
 
     def reset(self) -> None:
-        """Make the next `check` measure all distances. Call this after a body was placed elsewhere."""
+        """Make the next `check` measure all distances.
+
+        Call this after a body was placed elsewhere.
+        """
         self._spare = 0.0
 
     def check(self) -> bool:
-        """Update `free` for the next period. Return False if `free` has certainly not changed.
+        """Update which bodies are free in the next period. Return False if nothing has changed.
 
         The distances are measured only if the bodies may have moved so far that the smallest spare distance is used up.
         """
@@ -69,7 +74,10 @@ class Clearance:
         return True
 
     def _measure(self) -> None:
-        """Measure all distances. Set `free`, and `_spare`: the smallest distance minus the space that its bodies need."""
+        """Measure all distances, and set `free`.
+
+        `_spare` is the smallest distance minus the space that its bodies need.
+        """
         count = len(self.free)
         for i in range(count):
             self._need[i] = (_MARGIN_M if self.free[i] else _RETURN_M) + self.radius[i] + self._reach[i]
@@ -84,7 +92,9 @@ class Clearance:
                     self.free[j] = False
 
     def _use(self, i: int, spare: float) -> None:
-        """Update `_spare` with one distance of body i. Without spare distance the body is not free.
+        """Update `_spare` with one distance of body i.
+
+        A body without spare distance is not free.
 
         spare: the distance minus the space that its bodies need [m]
         """
@@ -99,7 +109,7 @@ class Clearance:
         return math.sqrt(x * x + y * y + z * z)
 
     def _room(self, i: int) -> float:
-        """Return the distance from body i to the floor or the nearest box [m], or a lower limit of this distance."""
+        """Return the distance from body i to the floor or the nearest box [m], or a smaller distance."""
         p, boxes = self.place_w, self.boxes
         least = p[i, 2]
         for b in range(len(boxes)):

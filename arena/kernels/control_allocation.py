@@ -66,7 +66,7 @@ class ControlAllocation:
             self.saturated[i, axis] = (1.0 if torque > 0.0 else -1.0) if torque != 0.0 else 0.0
 
     def _add_yaw(self, i: int) -> float:
-        """Add the yaw torque to the commands of vehicle i. Return the share of the yaw torque that the motors can deliver 0..1."""
+        """Add the yaw torque to the motor commands of vehicle i. Return the share 0..1 that is possible."""
         base, yaw, rotors = self._tilt, self._yaw, len(self._tilt)
         fastest, slowest = 0.0, 1.0
         for k in range(rotors):
@@ -90,7 +90,10 @@ class ControlAllocation:
         return share
 
     def _limit(self, i: int) -> None:
-        """Subtract the same number from all commands of vehicle i, so that none exceeds 1. Then limit each command to 0..1."""
+        """Limit the motor commands of vehicle i to 0..1.
+
+        First the same number is subtracted from all commands, so that none exceeds 1.
+        """
         commands, most = self._tilt, 1.0
         for k in range(len(commands)):
             most = max(most, commands[k])

@@ -1,4 +1,4 @@
-"""Covariance of the estimator's error state: prediction, correction by scalar measurements, and repair of rounding errors.
+"""Covariance of the estimator's error state: prediction, correction, and repair of rounding errors.
 
 Error state of 15 numbers, three each: position, velocity [NED], attitude [FRD], gyroscope bias, accelerometer bias.
 """
@@ -18,7 +18,7 @@ _MOST_VARIANCE = 1e4
 
 
 class ErrorCovariance:
-    """Covariance of the estimator's error state, for V vehicles.
+    """Covariance matrices of the estimator's error state, for V vehicles.
 
     dt: IMU period [s]
     samples: number of IMU samples of a prediction; each prediction uses their mean, as PX4's `ImuDownSampler`
@@ -37,7 +37,7 @@ class ErrorCovariance:
         self.error, self._column = floats(15), floats(15)
 
     def step(self) -> None:
-        """Add one IMU sample. When the samples of one prediction period are complete, predict the covariance of all vehicles."""
+        """Add one IMU sample, and predict all covariances if the prediction period is complete."""
         self.summed += 1
         for i in range(len(self.force_sum)):
             for k in range(3):
@@ -74,7 +74,9 @@ class ErrorCovariance:
             self.force_sum[i, k] = self.omega_sum[i, k] = 0.0
 
     def _advance_error(self, i: int) -> None:
-        """Multiply the error state in `_column` by the matrix F of vehicle i, which advances it by one prediction period.
+        """Multiply the error state in `_column` by the state transition matrix F of vehicle i.
+
+        F advances the error state by one prediction period.
 
         Derivatives: dp' = dv, dv' = -R (f x dth + dba), dth' = -w x dth - dbg, with specific force f, body rates w, and the
         errors of position dp, velocity dv, attitude dth, gyroscope bias dbg and accelerometer bias dba.
@@ -95,7 +97,7 @@ class ErrorCovariance:
         x[8] = tz - (wx * ty - wy * tx) - period * x[11]
 
     def variance(self, i: int, jacobian: Floats, row: int) -> float:
-        """Return the variance that the covariance predicts for a measurement, without the noise of the measurement itself.
+        """Return the predicted variance of a measurement, without the noise of the measurement itself.
 
         jacobian: derivatives of measurements by the error state (M, 15)
         row: row of the measurement
@@ -108,12 +110,12 @@ class ErrorCovariance:
         return total
 
     def begin(self) -> None:
-        """Set the estimated error to zero, before the first measurement of a vehicle."""
+        """Set the estimated error to zero before the first measurement of a vehicle."""
         for k in range(15):
             self.error[k] = 0.0
 
     def correct(self, i: int, jacobian: Floats, row: int, innovation: float, noise: float) -> None:
-        """Use one scalar measurement of vehicle i: update the estimated error and the covariance.
+        """Fuse one scalar measurement of vehicle i: update the estimated error and the covariance.
 
         Measurements with independent noise may be used one after the other; the result is that of all at once.
 
@@ -140,7 +142,7 @@ class ErrorCovariance:
                 cov[i, j, k] -= gain * covariance[k]
 
     def repair(self, i: int) -> None:
-        """Make the covariance of vehicle i symmetric. Replace each negative variance by a small positive one.
+        """Make the covariance of vehicle i symmetric, and its variances positive.
 
         Rounding errors can make a variance negative. Its correlations are set to zero, as in PX4.
         """

@@ -1,4 +1,7 @@
-"""Validity of the estimates of the built-in autopilots. `arena.autopilot.estimation.estimator` explains the conditions."""
+"""Validity of the estimates of the built-in autopilots (position, height and heading).
+
+`arena.autopilot.estimation.estimator` explains the conditions.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ _USE_YAW = 8
 
 
 class EstimateValidity:
-    """Validity of the estimates of V vehicles.
+    """Validity of the position, height and heading estimates of V vehicles.
 
     xy, z, yaw: output: whether horizontal position and velocity, height, and heading are valid (V,)
     cov: covariance of the error state (V, 15, 15)
@@ -49,7 +52,10 @@ class EstimateValidity:
         self.last_baro = floats(v)
 
     def update(self, now: float) -> None:
-        """Compute the outputs of all vehicles. now: time since boot [s]"""
+        """Decide which estimates of each vehicle are valid.
+
+        now: time since boot [s]
+        """
         state, vision = self.state, self.vision
         for i in range(len(self.timeout_s)):
             timeout, aligned = self.timeout_s[i], state.aligned[i] != 0
@@ -60,7 +66,7 @@ class EstimateValidity:
             self.yaw[i] = aligned and (unused or now - vision.last_yaw[i] < timeout)
 
     def _has_converged(self, i: int, now: float) -> bool:
-        """Return whether the variances of vehicle i are small, and its alignment is old enough."""
+        """Return whether the variances of vehicle i are small and its alignment is old enough."""
         for k in range(len(self.limits)):
             if not self.cov[i, k, k] < self.limits[k]:
                 return False

@@ -1,4 +1,7 @@
-"""Physics steps of one sensor period for vehicles in free flight: rotors and bodies in turn."""
+"""Physics steps of one sensor period for vehicles in free flight.
+
+Rotors and bodies are computed in turn.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class FlightPeriod:
-    """Physics steps of V vehicles, none of which is moved by pybullet.
+    """Physics steps of V vehicles that all are in free flight, so that pybullet moves none of them.
 
     rotors, bodies: kernels of rotors and bodies
     """
@@ -19,7 +22,7 @@ class FlightPeriod:
         self.rotors, self.bodies = rotors, bodies
 
     def step(self, count: int) -> None:
-        """Make `count` physics steps with the commands in `rotors.motors`."""
+        """Make `count` physics steps with the motor commands in `rotors.motors`."""
         rotors, bodies = self.rotors, self.bodies
         for _ in range(count):
             for i in range(len(bodies.height)):

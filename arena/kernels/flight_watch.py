@@ -1,4 +1,4 @@
-"""Flight watch: extreme values of each flight, and which vehicles have touched down, lifted off or tilted too far."""
+"""Extreme values of each simulated flight, and detection of touchdown, lift-off and too much tilt."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class FlightWatch:
-    """Watches V vehicles: records extreme values, and finds touchdown, lift-off and too much tilt.
+    """Records extreme values of V flights, and detects touchdown, lift-off and too much tilt.
 
     step_s: time between two steps [s]
     p_n, v_n: input: position [m] and velocity [m/s] [NED] (V, 3)
@@ -38,7 +38,7 @@ class FlightWatch:
         self.speed, self.speed_before = floats(v), floats(v)
 
     def step(self) -> bool:
-        """Update the records of all vehicles. Return whether a vehicle has touched down, lifted off or tilted too far.
+        """Update all records. Return whether a vehicle has touched down, lifted off or tilted too far.
 
         The caller finds these vehicles by comparing `floor` with `was_on_floor`, and the tilt with `min_cos_tilt`. After that
         the caller calls `finish`.
@@ -58,6 +58,6 @@ class FlightWatch:
         return news
 
     def finish(self) -> None:
-        """Copy `floor` to `was_on_floor`, so that the next step detects touchdowns and lift-offs."""
+        """Store which vehicles touch the floor, so that the next step detects a change."""
         for i in range(len(self.floor)):
             self.was_on_floor[i] = self.floor[i]

@@ -1,4 +1,4 @@
-"""Free flight: motion of rigid bodies that touch nothing, by the same arithmetic as pybullet's, bit for bit.
+"""Motion of rigid bodies in free flight (no contacts), bit for bit as pybullet computes it.
 
 pybullet has a world with z up (`w`) and body axes FLU. The state is kept in these axes, because another order of sums
 would round differently; the outputs are in NED and FRD. One step of duration h:
@@ -35,7 +35,9 @@ _HALF_ROOT = math.sqrt(0.5)
 
 
 class FreeFlight:
-    """Motion of V rigid bodies. `step` moves only the bodies in free flight, which touch nothing.
+    """Motion of V rigid bodies.
+
+    `step` moves only the bodies in free flight, which touch nothing.
 
     step_s: duration of a step [s]
     free: input: True for the bodies that `step` moves; the caller moves the others (V,)
@@ -61,22 +63,27 @@ class FreeFlight:
         self.air_b, self.height, self.accel_b = floats(v, 3), floats(v), floats(v, 3)
 
     def begin(self) -> None:
-        """Prepare a sensor period: set the sum `accel_b` to zero, and compute the airspeed `air_b` with the new wind."""
+        """Prepare a sensor period: reset the sum of specific forces, and apply the new wind."""
         for i in range(len(self.free)):
             for k in range(3):
                 self.accel_b[i, k] = 0.0
             self._set_air(i)
 
     def step(self) -> None:
-        """Move the bodies in free flight by one step. The caller moves the other bodies, and calls `finish` after that."""
+        """Move the bodies in free flight by one step.
+
+        The caller moves the other bodies, and calls `finish` after that.
+        """
         for i in range(len(self.free)):
             if self.free[i]:
                 self._accelerate(i)
                 self._move(i)
 
     def finish(self) -> None:
-        """Update the outputs of all bodies after a step: add the specific force of the step to `accel_b`, and compute the other
-        outputs from the new state.
+        """Update the outputs of all bodies after a step.
+
+        The specific force of the step is added to `accel_b`. The other outputs are computed from the new
+        state.
         """
         for i in range(len(self.free)):
             h, speed, before = self.step_s, self.speed_w, self.v_n
@@ -133,7 +140,7 @@ class FreeFlight:
         )
 
     def _add(self, i: int, velocity: Floats, accel: Triple) -> None:
-        """Add the change that an acceleration causes in one step to the velocity of body i.
+        """Add the change of one step, caused by an acceleration, to the velocity of body i.
 
         velocity: velocities or angular velocities of all bodies, in the world with z up (V, 3)
         accel: acceleration or angular acceleration in body axes FLU
@@ -144,7 +151,7 @@ class FreeFlight:
         velocity[i, 2] = limits.within(velocity[i, 2] + change[2] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
 
     def _move(self, i: int) -> None:
-        """Move and rotate body i for one step with its velocity and angular velocity."""
+        """Move and rotate body i for one step at its velocity and angular velocity."""
         h, rate, q = self.step_s, self.rate_w, self.quat
         for k in range(3):
             self.place_w[i, k] += h * self.speed_w[i, k]
@@ -169,7 +176,10 @@ class FreeFlight:
             self.air_b[i, k] = self._to_body(i, k, north, east, down)
 
     def _to_body(self, i: int, k: int, north: float, east: float, down: float) -> float:
-        """Convert a vector from NED to body axes FRD of body i. Return element k of the converted vector."""
+        """Convert a vector from NED to body axes FRD of body i. Return one element.
+
+        k: index of the element
+        """
         return self.r_nb[i, 0, k] * north + self.r_nb[i, 1, k] * east + self.r_nb[i, 2, k] * down
 
     def _world_from_body(self, i: int, v: Triple) -> Triple:
@@ -179,7 +189,7 @@ class FreeFlight:
         return self._column_times(i, 0, v), self._column_times(i, 1, v), self._column_times(i, 2, v)
 
     def _row_times(self, i: int, k: int, v: Triple) -> float:
-        """Return the product of row k of the rotation matrix of body i and a vector."""
+        """Return the product of a vector and row k of the rotation matrix of body i."""
         return self._r_wf[i, k, 0] * v[0] + self._r_wf[i, k, 1] * v[1] + self._r_wf[i, k, 2] * v[2]
 
     def _column_times(self, i: int, k: int, v: Triple) -> float:
@@ -201,7 +211,9 @@ def cross(a: Triple, b: Triple) -> Triple:
 
 
 def sine_share(rate: float, h: float) -> float:
-    """Return sin(rate * h / 2) / rate [s]. An angular velocity times this factor is the vector part of its rotation's quaternion.
+    """Return sin(rate * h / 2) / rate [s].
+
+    An angular velocity times this factor is the vector part of the quaternion of its rotation.
 
     rate: size of the angular velocity [rad/s]
     h: duration of the rotation [s]

@@ -1,4 +1,7 @@
-"""Land detector and take-off ramp, with PX4's conditions. `arena.autopilot.estimation.land_detector` explains them."""
+"""Land detector and take-off ramp, with PX4's conditions.
+
+`arena.autopilot.estimation.land_detector` explains the conditions.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +58,10 @@ class LandDetection:
         self.since, self.at_rest_since = floats(v), floats(v)
 
     def step(self, now: float) -> None:
-        """Update the outputs of all vehicles. now: time since boot [s]"""
+        """Decide for each vehicle whether it is on the ground.
+
+        now: time since boot [s]
+        """
         for i in range(len(self.force)):
             resting = self._is_resting(i)
             if not resting:
@@ -72,7 +78,7 @@ class LandDetection:
             self.at_rest[i] = now - self.at_rest_since[i] > self.trigger_s[i]
 
     def _is_resting(self, i: int) -> bool:
-        """Return whether thrust and motion of vehicle i are those of a vehicle on the ground."""
+        """Return whether vehicle i has the thrust and the motion of a vehicle on the ground."""
         vertical = abs(self.v_n[i, 2]) < self.z_vel_max[i]
         if self.climbing[i] or not vertical:
             return False
@@ -85,7 +91,7 @@ class LandDetection:
         return self._has_low_thrust(i) or pressed
 
     def _is_quiet(self, i: int) -> bool:
-        """Return whether vehicle i turns slowly about all axes."""
+        """Return whether all angular rates of vehicle i are small."""
         fastest = max(abs(self.omega_b[i, 0]), abs(self.omega_b[i, 1]), abs(self.omega_b[i, 2]))
         return fastest < self.rot_max[i]
 
@@ -116,7 +122,10 @@ class RampLaw:
         self.start, self.begun, self.climb_rate = floats(v), floats(v), floats(v)
 
     def update(self, now: float) -> None:
-        """Update `begun` and `flying` of all vehicles. now: time since boot [s]"""
+        """Start, advance and end the take-off ramps of all vehicles.
+
+        now: time since boot [s]
+        """
         for i in range(len(self.begun)):
             spooled = now - self.armed_since[i] >= self.spoolup_s[i]
             go = spooled and self.climbing[i]
@@ -131,7 +140,10 @@ class RampLaw:
                 self.flying[i] = spooled and done and self.climbing[i]
 
     def limit(self, now: float) -> None:
-        """Compute `climb_rate` of all vehicles. now: time since boot [s]"""
+        """Compute the limit of the climb rate of all vehicles.
+
+        now: time since boot [s]
+        """
         for i in range(len(self.begun)):
             part = limits.within((now - self.begun[i]) / max(self.ramp_s[i], 1e-3), 0.0, 1.0)
             self.climb_rate[i] = self.start[i] + part * (self.full[i] - self.start[i])

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def within(x: float, low: float, high: float) -> float:
-    """Return x, limited to low .. high. NaN stays NaN."""
+    """Limit x to the range low .. high. NaN stays NaN."""
     if x < low:
         return low
     return high if x > high else x
@@ -22,7 +22,7 @@ def length(x: float, y: float) -> float:
 
 
 def shortened(x: float, y: float, most: float) -> Pair:
-    """Return the vector (x, y), limited in length to `most`."""
+    """Limit the length of the vector (x, y) to `most`."""
     share = min(1.0, most / max(length(x, y), 1e-9))
     return x * share, y * share
 

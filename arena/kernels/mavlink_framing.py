@@ -1,4 +1,6 @@
-"""MAVLink frames: finds them in datagrams, and packs payloads into them. `arena.wire.mavlink_frame` describes their layout.
+"""Functions that find MAVLink frames in datagrams, and that pack payloads into frames.
+
+`arena.wire.mavlink_frame` describes the layout of frames.
 
 The CRC is computed by fastcrc, which is compiled: it needs 10 ns for a short frame and 60 ns for a long one.
 """
@@ -28,7 +30,9 @@ _new = tuple.__new__  # a NamedTuple's constructor costs twice as much, and ther
 
 
 class FrameParser:
-    """Finds the MAVLink frames in datagrams. Each datagram is parsed independently of the others.
+    """Parser that finds the MAVLink frames in datagrams.
+
+    Each datagram is parsed independently of the others.
 
     seeds: message id -> seed byte CRC_EXTRA, as bytes
     targets: message id -> (payload offset of target_system, of target_component or -1)
@@ -63,8 +67,9 @@ class FrameParser:
         return _new(ParsedFrames, (frames, size - used, bad_crc, unknown))
 
     def frame_at(self, data: bytes, at: int, size: int) -> Fields | None:
-        """Return the fields of the `Frame` that begins at `at`, without checking its CRC; None if no frame begins there or
-        the frame is incomplete.
+        """Return the fields of the frame at an offset, with unchecked CRC; None if there is no whole frame.
+
+        at: offset of the first byte of the frame
 
         size: number of bytes of `data`
         """
@@ -95,7 +100,10 @@ class FrameParser:
         return at, end, payload, length, sysid, compid, msgid, target_sys, target_comp
 
     def crc_fits(self, data: bytes, frame: Fields) -> bool:
-        """Return whether the CRC of a frame is right. Its message must be in the table of seeds."""
+        """Return whether the CRC of a frame is right.
+
+        The message must be in the table of seeds (CRC_EXTRA).
+        """
         start, at = frame[0], frame[2] + frame[3]
         expected = _crc(self.seeds[frame[6]], _crc(data[start + 1 : at]))
         return expected == data[at] + (data[at + 1] << 8)
@@ -115,7 +123,7 @@ def plausible(data: bytes, frame: Fields, clean: bool, size: int) -> bool:
 
 
 def pack(payload: bytes, msgid: int, seed: bytes, seq: int, sysid: int, compid: int) -> bytes:
-    """Pack a payload into a MAVLink 2 frame, without the zeros at its end.
+    """Pack a payload into a MAVLink 2 frame, without the zeros at the end of the payload.
 
     seed: seed byte CRC_EXTRA of the message
     seq, sysid, compid: sequence number, system and component of the sender

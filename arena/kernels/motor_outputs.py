@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class MotorOutputs:
-    """Motor commands of V vehicles with at most R rotors each.
+    """Controllers and control allocation of V vehicles with at most R rotors each.
 
     state: estimated state.  cascade, allocation: controllers and control allocation
     up_from: input: time from which the motors follow the controllers [s], infinite before (V,)
@@ -31,7 +31,7 @@ class MotorOutputs:
         self.idle, self.motors = floats(v, rotors), floats(v, rotors)
 
     def step(self, now: float, with_position: bool) -> None:
-        """Compute the motor commands.
+        """Compute the motor commands of all vehicles.
 
         now: time [s]
         with_position: run the position controller, too
@@ -54,7 +54,10 @@ class MotorOutputs:
                 self.motors[i, k] = allocation.motors[i, k] if up else self.idle[i, k]
 
     def read_estimates(self, with_position: bool) -> None:
-        """Copy the estimates to the inputs of the controllers. with_position: of the position controller, too"""
+        """Copy the estimates to the inputs of the controllers.
+
+        with_position: also to those of the position controller
+        """
         state, cascade = self.state, self.cascade
         for i in range(len(self.thrust)):
             for k in range(3):

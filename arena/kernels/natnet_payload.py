@@ -1,4 +1,6 @@
-"""Reads the payload of NatNet packets. `arena.mocap.natnet.codec` describes the format and names the fields.
+"""Reader of the payload of NatNet packets.
+
+`arena.mocap.natnet.codec` describes the format and names the fields.
 
 Every client of a motion-capture server reads 180 frames per second, and needs few of the bodies in them.
 """
@@ -23,7 +25,9 @@ _read_body = _BODY.unpack_from
 
 
 class PayloadReader:
-    """Reader of a payload with a position that only moves forward and never passes the end.
+    """Reader of a NatNet payload.
+
+    Its position only moves forward and never passes the end.
 
     data: the payload.  at: position of the next byte.
     """
@@ -32,7 +36,10 @@ class PayloadReader:
         self.data, self.at = data, 0
 
     def i32(self) -> int:
-        """Read a signed number of four bytes. Raises WireError."""
+        """Read a signed integer of four bytes.
+
+        Raises WireError.
+        """
         data, at = self.data, self.at
         if at + 4 > len(data):
             raise WireError(
@@ -45,19 +52,28 @@ class PayloadReader:
         return data[at] + (data[at + 1] << 8) + (data[at + 2] << 16) + highest * (1 << 24)
 
     def u16(self) -> int:
-        """Read an unsigned number of two bytes. Raises WireError."""
+        """Read an unsigned integer of two bytes.
+
+        Raises WireError.
+        """
         self.skip(2)
         return self.data[self.at - 2] + (self.data[self.at - 1] << 8)
 
     def count(self, what: str) -> int:
-        """Read the number of elements of one kind. what: their name, for the error message. Raises WireError."""
+        """Read the number of elements in a list of the payload.
+
+        what: name of the elements, for the error message. Raises WireError.
+        """
         value = self.i32()
         if value < 0 or value > MAX_COUNT:
             raise WireError(f"NatNet payload: got {value} {what}, expected 0 to {MAX_COUNT}")
         return value
 
     def skip(self, size: int) -> None:
-        """Move the position by `size` bytes. Raises WireError."""
+        """Skip a number of bytes of the payload.
+
+        Raises WireError.
+        """
         if size < 0 or self.at + size > len(self.data):
             raise WireError(
                 f"NatNet section of {size} bytes begins at byte {self.at}, but the payload has {len(self.data)} bytes"
@@ -65,13 +81,19 @@ class PayloadReader:
         self.at += size
 
     def section(self) -> bytes:
-        """Read one section: its size, then its content. Return the content. Raises WireError."""
+        """Read the size of a section, then its content. Return the content.
+
+        Raises WireError.
+        """
         size = self.i32()
         self.skip(size)
         return self.data[self.at - size : self.at]
 
     def skip_sections(self, how_many: int) -> None:
-        """Skip sections, each a number of elements, its size, and its content. Raises WireError."""
+        """Skip several sections of the payload.
+
+        A section is a number of elements, its size, and its content. Raises WireError.
+        """
         for _ in range(how_many):
             begin = self.at
             if begin + 8 > len(self.data):
@@ -88,7 +110,10 @@ class PayloadReader:
             self.at += size
 
     def text(self) -> str:
-        """Read a text that ends with a zero byte. Raises WireError."""
+        """Read a text that ends with a zero byte.
+
+        Raises WireError.
+        """
         end = self.data.find(b"\0", self.at)
         if end < 0:
             raise WireError(f"NatNet name at byte {self.at} has no end (zero byte)")
@@ -97,7 +122,9 @@ class PayloadReader:
         return found.decode(errors="replace")
 
     def bodies(self, wanted: Container[int] | None, sized: bool) -> list[RawBody]:
-        """Skip all before the rigid bodies of a frame, and read these. Raises WireError.
+        """Read the rigid bodies of a frame, and skip everything before them.
+
+        Raises WireError.
 
         wanted: streaming ids of the bodies to read, None for all.  sized: sections have their size before them (NatNet 4.1 and later)
         Return (streaming id, x, y, z, qx, qy, qz, qw, mean error, parameters) of each body.
@@ -127,7 +154,10 @@ class PayloadReader:
         return found
 
     def skip_to_stamps(self, sized: bool) -> None:
-        """Skip the sections between rigid bodies and time stamps. Versions below 4.1 do not send their sizes. Raises WireError."""
+        """Skip the sections between the rigid bodies and the time stamps of a frame.
+
+        NatNet versions below 4.1 do not send the sizes of the sections. Raises WireError.
+        """
         if sized:
             self.skip_sections(5)
             return
@@ -139,7 +169,10 @@ class PayloadReader:
         self.skip_samples("devices")
 
     def skip_samples(self, what: str) -> None:
-        """Skip the force plates or devices of a frame. what: one of these names. Raises WireError."""
+        """Skip the samples of force plates or devices in a frame.
+
+        what: name of the samples, for the error message. Raises WireError.
+        """
         for _ in range(self.count(what)):
             self.i32()
             for _ in range(self.count("channels")):

@@ -1,4 +1,4 @@
-"""Routes of ordinary datagrams: those that go as they are to a fixed set of receivers. Pure.
+"""Fast routing of ordinary datagrams, which go unchanged to a fixed set of receivers. Pure.
 
 Most datagrams of a router are ordinary: telemetry from a vehicle to all its clients, and poses and setpoints from a program
 that the router already knows. All other datagrams (commands, replies to one client, status of the autopilot, new senders,
@@ -31,12 +31,15 @@ _Z = 12  # payload offset of z in LOCAL_POSITION_NED
 
 
 def _integers(count: int, value: int = 0) -> Integers:
-    """Return a new array without numpy, which would double the memory of the router's process."""
+    """Return a new array of integers without numpy.
+
+    numpy would double the memory of the router's process.
+    """
     return memoryview(array("l", [value]) * count)
 
 
 def address_number(host: str, port: int) -> int:
-    """Return an IPv4 address and a UDP port as one number."""
+    """Convert an IPv4 address and a UDP port to one number."""
     a, b, c, d = (int(part) for part in host.split("."))
     return a << 40 | b << 32 | c << 24 | d << 16 | port
 
@@ -61,7 +64,7 @@ class OrdinaryDatagrams:
         passes_setpoint: Callable[[int, float], bool],
         max_bytes: int,
     ) -> None:
-        """Create the tables.
+        """Create the tables for known messages, vehicles and clients.
 
         messages: message id -> (properties, CRC_EXTRA, payload offset of target_system or -1)
         ids: MAVLink system id of each vehicle
@@ -106,25 +109,34 @@ class OrdinaryDatagrams:
         self._sysid = self._compid = self._msgid = self._target = self._payload = self._length = 0
 
     def set_receivers(self, number: int, receivers: tuple[Any, ...]) -> None:
-        """Set the receivers of a set. Datagrams to no receiver, or to more than `MAX_RECEIVERS`, are not ordinary."""
+        """Store the receivers in a numbered set.
+
+        Datagrams to no receiver, or to more than `MAX_RECEIVERS`, are not ordinary.
+        """
         receivers = receivers if len(receivers) <= MAX_RECEIVERS else ()
         self.receivers[number] = receivers
         self._receiver_counts[number] = len(receivers)
         self.versions[number] += 1
 
     def set_senders(self, client: int, senders: Collection[int]) -> None:
-        """Set the known senders (system << 8 | component) behind a client's address. At most `MAX_SENDERS`."""
+        """Store the known senders (system << 8 | component) behind a client's address.
+
+        At most `MAX_SENDERS`.
+        """
         known = [*senders, *[-1] * MAX_SENDERS]
         for i in range(MAX_SENDERS):
             self._senders[client * MAX_SENDERS + i] = known[i]
 
     def take_z_bits(self, v: int) -> int:
-        """Return the z of the vehicle's last LOCAL_POSITION_NED as the bits of a float32. -1: there was none since the last call."""
+        """Return z of the vehicle's last LOCAL_POSITION_NED as the bits of a float32; -1 for none.
+
+        Only messages since the last call count.
+        """
         bits, self._z_bits[v] = self._z_bits[v], -1
         return bits
 
     def find(self, socket: int, sender: int, data: Buffer, start: int, end: int, now: float) -> int:
-        """Return the number of the set of receivers of a datagram, `NOT_ORDINARY` if the datagram is not ordinary.
+        """Return the number of a datagram's set of receivers; `NOT_ORDINARY` if there is none.
 
         An ordinary datagram is counted as sent to all its receivers; of others nothing is remembered.
         socket: index of the socket that received it. sender: number of the sender's address
@@ -194,7 +206,7 @@ class OrdinaryDatagrams:
         return False
 
     def _read_frame(self, data: Buffer, at: int, end: int) -> int:
-        """Read the frame that begins at `at`. Return its end; -1 if there is no whole frame of a known message with a right CRC."""
+        """Read the frame at an offset. Return its end; -1 if it is broken or its message is unknown."""
         magic, signature = data[at], 0
         if magic == _V2 and at + _V2_HEAD + _CRC <= end:
             if data[at + 2] > _SIGNED:  # a frame with an unknown flag must not be read
@@ -224,7 +236,7 @@ class OrdinaryDatagrams:
         return crc_at + _CRC + signature
 
     def _crc(self, data: Buffer, start: int, end: int, seed: int) -> int:
-        """Return the CRC-16/MCRF4XX of data[start:end] and the seed byte.
+        """Return the CRC-16/MCRF4XX of data[start:end] and the seed byte (CRC_EXTRA).
 
         Without a table, which would have to be loaded again for nearly every message.
         """
@@ -236,7 +248,10 @@ class OrdinaryDatagrams:
         return crc
 
     def _number_at(self, data: Buffer, offset: int) -> int:
-        """Return four bytes of the payload as a number. Bytes beyond the end of the payload are 0."""
+        """Return four bytes of the payload as a number.
+
+        Bytes beyond the end of the payload are 0.
+        """
         number = 0
         for i in range(4):
             if offset + i < self._length:

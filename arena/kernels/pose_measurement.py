@@ -1,4 +1,7 @@
-"""Poses as emulated cameras measure them: true poses with noise and injected offsets, in the axes of the capture system."""
+"""Poses as emulated cameras measure them: true poses with noise and injected offsets.
+
+The axes are those of the capture system.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ _H = math.sqrt(0.5)
 
 
 class PoseMeasurement:
-    """Measurement of B rigid bodies.
+    """Emulated measurement of the poses of B rigid bodies.
 
     rows: row of each body in the true poses (B,)
     noise: standard normal numbers of the next frames: position, rotation (N, B, 6)
@@ -36,7 +39,7 @@ class PoseMeasurement:
         self.position_w, self.quat_xyzw_wf = floats(b, 3), floats(b, 4)
 
     def measure(self, p_n: Floats, q_nb: Floats, frame: int) -> None:
-        """Measure all bodies.
+        """Compute the measured poses of all bodies.
 
         p_n, q_nb: true positions [m] [NED] (V, 3) and attitudes [-] wxyz (V, 4)
         frame: row of `noise`
@@ -50,7 +53,7 @@ class PoseMeasurement:
             self._turn(i, (q_nb[row, 0], q_nb[row, 1], q_nb[row, 2], q_nb[row, 3]), frame)
 
     def _turn(self, i: int, q_nb: rotations.Quaternion, frame: int) -> None:
-        """Set the measured attitude of body i.
+        """Compute the measured attitude of body i.
 
         This is `arena.geometry.q_wf_from_q_nb`, written out. q_nb: its true attitude wxyz.
         """

@@ -21,7 +21,9 @@ _G = GRAVITY_M_S2
 
 
 class PositionLaw:
-    """Position and velocity controller of V vehicles. Arrays with three columns are NED.
+    """Position and velocity controller of V vehicles.
+
+    Arrays with three columns are NED.
 
     dt: time step [s]
     p, vp, vi_dt, vd: gains of position [1/s] and velocity [1/s], [1/s2 * s], [-]; `vi_dt` contains the time step (V, 3)
@@ -61,7 +63,7 @@ class PositionLaw:
         self._error = floats(3)
 
     def read_setpoints_from(self, p_n: Floats, v_n: Floats, a_n: Floats, yaw: Floats) -> None:
-        """Use these arrays as setpoints of position, velocity, acceleration and heading in each later step."""
+        """Use some arrays as setpoints (position, velocity, acceleration, heading) in each later step."""
         self.sp_p_n, self.sp_v_n, self.sp_a_n, self.sp_yaw = p_n, v_n, a_n, yaw
 
     def step(self) -> None:
@@ -82,7 +84,10 @@ class PositionLaw:
             )
 
     def _set_velocity(self, i: int) -> None:
-        """Compute the velocity setpoint of vehicle i. The part from the position error has priority over the feed-forward."""
+        """Compute the velocity setpoint of vehicle i.
+
+        The part from the position error has priority over the feed-forward.
+        """
         n, e, d = self._from_position(i, 0), self._from_position(i, 1), self._from_position(i, 2)
         feed_n, feed_e, feed_d = self._feed_forward(i, 0), self._feed_forward(i, 1), self._feed_forward(i, 2)
         n, e = limits.sum_within(n, e, feed_n, feed_e, self.xy_max[i])
@@ -92,20 +97,20 @@ class PositionLaw:
         self.v_sp_n[i, 2] = d if self._is_controlled(i, 2) else _NAN
 
     def _from_position(self, i: int, axis: int) -> float:
-        """Return the velocity that corrects the position error [m/s], 0 without a position setpoint."""
+        """Return the velocity that corrects the position error [m/s]; 0 without a position setpoint."""
         wanted = (self.sp_p_n[i, axis] - self.p_n[i, axis]) * self.p[i, axis]
         return wanted if math.isfinite(wanted) else 0.0
 
     def _feed_forward(self, i: int, axis: int) -> float:
-        """Return the given velocity setpoint of an axis [m/s], 0 if none was given."""
+        """Return the velocity setpoint that was given for an axis [m/s]; 0 if none was given."""
         return self.sp_v_n[i, axis] if math.isfinite(self.sp_v_n[i, axis]) else 0.0
 
     def _is_controlled(self, i: int, axis: int) -> bool:
-        """Return whether a position or velocity is given for this axis of vehicle i."""
+        """Return whether an axis of vehicle i has a position or velocity setpoint."""
         return math.isfinite(self.sp_p_n[i, axis] - self.p_n[i, axis]) or math.isfinite(self.sp_v_n[i, axis])
 
     def _set_acceleration(self, i: int, axis: int) -> None:
-        """Compute the acceleration setpoint of one axis of vehicle i: PID of the velocity, and feed-forward."""
+        """Compute the acceleration setpoint of one axis of vehicle i by PID and feed-forward."""
         v, given = self.v_n[i, axis], self.sp_a_n[i, axis]
         self.v_dot[i, axis] += self.low_pass[i] * ((v - self.v_last[i, axis]) / self.dt - self.v_dot[i, axis])
         self.v_last[i, axis] = v
@@ -116,7 +121,7 @@ class PositionLaw:
         self.a_sp_n[i, axis] = accel + (given if math.isfinite(given) else 0.0)
 
     def _set_thrust(self, i: int) -> float:
-        """Compute the thrust vector of vehicle i. Return the vertical thrust before it was limited [-] [NED], for `_integrate`.
+        """Compute the thrust vector of vehicle i. Return the vertical thrust before its limit [-] [NED].
 
         The tilt is limited first. Vertical thrust has priority over horizontal thrust, except for a margin of
         MPC_THR_XY_MARG for horizontal thrust.

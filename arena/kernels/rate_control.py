@@ -1,4 +1,7 @@
-"""Rate controller: computes normalised torques from body rates. Structure and parameters are PX4's."""
+"""Rate controller: computes normalised torques from body rates.
+
+Structure and parameters are PX4's.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,9 @@ _INTEGRAL_CUTOFF = 1.0 / math.radians(
 
 
 class RateLaw:
-    """Rate controller of V vehicles. Each array has the columns roll, pitch, yaw [FRD] (V, 3).
+    """Rate controller of V vehicles.
+
+    Each array has the columns roll, pitch, yaw [FRD] (V, 3).
 
     dt: time step [s]
     p, i_dt, d: gains [s], [-], [s2]; `i_dt` is the integral gain multiplied by the time step
@@ -46,7 +51,7 @@ class RateLaw:
             self.torque[i, 2] = self.yaw_torque[i]
 
     def _torque(self, i: int, axis: int) -> float:
-        """Return the torque about one axis of vehicle i [-], and update the filters and the integral of this axis.
+        """Return the torque about one axis of vehicle i [-], and update its filters and integral.
 
         The low-pass filter of the yaw torque is not applied yet.
         """

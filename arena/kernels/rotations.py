@@ -1,4 +1,7 @@
-"""Rotations of one vehicle in plain floats. Quaternions are Hamilton, wxyz; `arena.geometry` explains the frames."""
+"""Rotations of one vehicle in plain floats.
+
+Quaternions are Hamilton, wxyz. `arena.geometry` explains the frames.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the Hamilton product a * b. The product rotates a vector first by b, then by a."""
+    """Return the Hamilton product a * b of two quaternions.
+
+    The product rotates a vector first by b, then by a.
+    """
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
@@ -50,27 +56,33 @@ def yaw(q: Quaternion) -> float:
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """Return the conjugate. For a unit quaternion this is the inverse."""
+    """Return the conjugate of a quaternion.
+
+    For a unit quaternion this is the inverse.
+    """
     w, x, y, z = q
     return w, -x, -y, -z
 
 
 def normalized(q: Quaternion) -> Quaternion:
-    """Return q, scaled to unit length."""
+    """Scale a quaternion to unit length."""
     w, x, y, z = q
     size = math.sqrt(w * w + x * x + y * y + z * z)
     return w / size, x / size, y / size, z / size
 
 
 def from_rotation_vector(x: float, y: float, z: float) -> Quaternion:
-    """Return the unit quaternion of a rotation vector: axis times angle [rad]."""
+    """Return the unit quaternion of a rotation vector (axis times angle) [rad]."""
     half = 0.5 * math.sqrt(x * x + y * y + z * z)
     share = 0.5 * math.sin(half) / max(half, 1e-100)  # exact at zero
     return math.cos(half), x * share, y * share, z * share
 
 
 def angle_about_z(q: Quaternion) -> float:
-    """Return the third element of the rotation vector of q [rad]: the rotation about the z axis. Its angle is at most pi."""
+    """Return the rotation about the z axis [rad]: the third element of the rotation vector of q.
+
+    The angle of the rotation is at most pi.
+    """
     w, x, y, z = q
     size = math.sqrt(x * x + y * y + z * z)
     if size < 1e-8:
@@ -79,7 +91,10 @@ def angle_about_z(q: Quaternion) -> float:
 
 
 def store_matrix(matrices: Floats, i: int, q: Quaternion) -> None:
-    """Store the rotation matrix R of q in row i of an array (V, 3, 3), with R @ v_b = q * v_b * conj(q)."""
+    """Store the rotation matrix of a quaternion in row i of an array (V, 3, 3).
+
+    The matrix R has R @ v_b = q * v_b * conj(q).
+    """
     w, x, y, z = q
     matrices[i, 0, 0] = w * w + x * x - y * y - z * z
     matrices[i, 1, 1] = w * w - x * x + y * y - z * z
@@ -98,7 +113,10 @@ def euler(q: Quaternion) -> Vector:
 
 
 def rotated(q: Quaternion, v: Vector) -> Vector:
-    """Return q * v * conj(q). Example: q_nb rotates v_b into v_n."""
+    """Rotate a vector by a quaternion: q * v * conj(q).
+
+    Example: q_nb rotates v_b into v_n.
+    """
     w, x, y, z = q
     vx, vy, vz = v
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
@@ -110,13 +128,19 @@ def rotated(q: Quaternion, v: Vector) -> Vector:
 
 
 def rotated_back(q: Quaternion, v: Vector) -> Vector:
-    """Return conj(q) * v * q. Example: q_nb rotates v_n into v_b."""
+    """Rotate a vector by the inverse of a quaternion: conj(q) * v * q.
+
+    Example: q_nb rotates v_n into v_b.
+    """
     w, x, y, z = q
     return rotated((w, -x, -y, -z), v)
 
 
 def rotation_vector(a: Quaternion, b: Quaternion) -> Vector:
-    """Return the rotation from attitude a to attitude b as axis times angle [rad], in body axes of a. The angle is at most pi."""
+    """Return the rotation from attitude a to attitude b as axis times angle [rad], in body axes of a.
+
+    The angle is at most pi.
+    """
     w, x, y, z = between(a, b)
     size = math.sqrt(x * x + y * y + z * z)
     share = 2.0 if size < 1e-8 else 2.0 * math.atan2(size, abs(w)) / size
@@ -126,6 +150,6 @@ def rotation_vector(a: Quaternion, b: Quaternion) -> Vector:
 
 
 def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
-    """Interpolate at constant rate from a (fraction 0) to b (fraction 1), on the shorter way."""
+    """Interpolate at constant rate from attitude a (fraction 0) to b (fraction 1), on the shorter way."""
     x, y, z = rotation_vector(a, b)
     return product(a, from_rotation_vector(fraction * x, fraction * y, fraction * z))

@@ -1,4 +1,7 @@
-"""Rotors of multirotors: motor lag, thrust, reaction torque, drag, ground effect. `arena.vehicle_models` names the sources."""
+"""Rotors of multirotors: motor lag, thrust, reaction torque, drag and ground effect.
+
+`arena.vehicle_models` names the sources.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ MIN_THRUST_SHARE = 0.1
 
 
 class RotorDynamics:
-    """Dynamics of V vehicles with at most R rotors each.
+    """Rotor dynamics of V vehicles with at most R rotors each.
 
     motors: input: motor commands 0..1 [-] (V, R)
     air_b: input of `step`: velocity relative to the air [m/s] [FRD] (V, 3)
@@ -58,7 +61,9 @@ class RotorDynamics:
             self.torque[i, 0], self.torque[i, 1], self.torque[i, 2] = tx, ty, tz
 
     def _wrench_of(self, i: int, ax: float, ay: float, az: float, height: float) -> Wrench:
-        """Make one physics step of the rotors of vehicle i. Return force x, y, z [N] and torque x, y, z [N m] [FRD].
+        """Make one physics step of the rotors of vehicle i. Return force [N] and torque [N m] [FRD].
+
+        The result is force x, y, z and torque x, y, z.
 
         ax, ay, az: velocity relative to the air [m/s] [FRD]
         height: height of the body origin above the floor [m]
@@ -87,14 +92,14 @@ class RotorDynamics:
         return -dx * ax, -dy * ay, fz - dz * az, tx, ty, tz
 
     def _ground_share(self, i: int, height: float) -> float:
-        """Return the thrust at this height divided by the thrust far from the floor [-]."""
+        """Return the ground effect: the thrust at a height divided by the thrust far from the floor [-]."""
         if height >= self.ground_reach[i]:
             return 1.0
         place = limits.within(height * self.ground_scale[i], 0.0, self.ground_cells)
         return self._at(self.ground_table, i, place, self.ground_cells)
 
     def _at(self, table: Floats, i: int, place: float, cells: int) -> float:
-        """Return a value of row i of a table. Between two cells of the row, interpolate linearly.
+        """Return a value from row i of a table, interpolated linearly between two cells.
 
         place: index of the value in the row, 0..cells, with a fraction
         """

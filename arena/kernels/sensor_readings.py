@@ -1,4 +1,6 @@
-"""Sums of the true values, the noise and the bias of simulated sensors. Every function changes its first argument.
+"""Simulated sensor readings: sums of true values, noise and bias.
+
+Every function changes its first argument.
 
 Before `add_*` the array contains noise and bias, afterwards the readings.
 
@@ -14,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def add_inertial(noise: Floats, accel_b: Floats, omega_b: Floats) -> None:
-    """Add specific force [m/s2] to the columns 0 to 2, and angular velocity [rad/s] to the columns 3 to 5, both [FRD] (V, 3)."""
+    """Add the true specific force [m/s2] and angular velocity [rad/s] to noise [FRD] (V, 6).
+
+    Specific force is in the columns 0 to 2, angular velocity in the columns 3 to 5.
+    """
     for i in range(len(noise)):
         for k in range(3):
             noise[i, k] += accel_b[i, k]
@@ -22,7 +27,7 @@ def add_inertial(noise: Floats, accel_b: Floats, omega_b: Floats) -> None:
 
 
 def add_field(noise: Floats, field_n: Floats, r_nb: Floats) -> None:
-    """Add a magnetic field, rotated to the body axes, to the columns 0 to 2.
+    """Add the true magnetic field, rotated to body axes, to the columns 0 to 2 of the noise.
 
     field_n: magnetic field [gauss] [NED] (3,)
     r_nb: rotation from body to NED [-] (V, 3, 3)
@@ -35,7 +40,7 @@ def add_field(noise: Floats, field_n: Floats, r_nb: Floats) -> None:
 
 
 def add_altitude(noise: Floats, origin_m: float, p_n: Floats) -> None:
-    """Add the altitude above mean sea level to column 0, which contains the altitude error of the barometer [m].
+    """Add the true altitude above sea level [m] to column 0, the altitude error of the barometer.
 
     origin_m: altitude of the arena's origin [m]
     p_n: position [m] [NED] (V, 3)
@@ -45,7 +50,10 @@ def add_altitude(noise: Floats, origin_m: float, p_n: Floats) -> None:
 
 
 def limit(readings: Floats, most: Floats, width: int) -> None:
-    """Limit each reading to -most .. most. NaN stays NaN. readings, most: (V, width)"""
+    """Limit each sensor reading to -most .. most. NaN stays NaN.
+
+    readings, most: (V, width)
+    """
     for i in range(len(readings)):
         for k in range(width):
             if readings[i, k] > most[i, k]:

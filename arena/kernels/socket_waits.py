@@ -1,4 +1,4 @@
-"""Longest time that the datagrams in a socket can have waited, computed from the results of polls. Pure.
+"""Longest time for which datagrams in a socket can have waited, from the results of polls. Pure.
 
 A poll reports the sockets that contain data; the others are empty. A datagram cannot have waited longer than the time since its
 socket was last empty.
@@ -20,7 +20,7 @@ def _times(count: int, value: float) -> Floats:
 
 
 class SocketWaits:
-    """Time at which each of N sockets was last empty.
+    """Record of the time at which each of N sockets was last empty.
 
     world_s: simulation time [s] (1,); its present value is read at each poll
     limit_s: datagrams that may have waited longer are old [s]
@@ -42,7 +42,10 @@ class SocketWaits:
         self._world_now = self._last_world = world_s[0]
 
     def before_poll(self, now: float) -> None:
-        """Record that the next poll of the sockets begins. now: monotonic [s]."""
+        """Record that the next poll of the sockets begins.
+
+        now: monotonic [s].
+        """
         self._poll += 1
         self._last, self._last_world = self._now, self._world_now
         self._now, self._world_now = now, self.world_s[0]
@@ -59,5 +62,8 @@ class SocketWaits:
         return self.is_old(i, now)
 
     def is_old(self, i: int, now: float) -> bool:
-        """Return the same as the last call of `may_be_old` for socket i, but for a later time. now: monotonic [s]."""
+        """Return whether the datagrams of socket i may now have waited longer than `limit_s`.
+
+        Call `may_be_old` first. now: monotonic [s].
+        """
         return now - self.empty_at[i] > self.limit_s and self.limited[i] != 0

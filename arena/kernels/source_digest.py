@@ -1,4 +1,6 @@
-"""Digest of the kernel sources. Each compiled kernel contains the digest of the sources it was compiled from.
+"""Digest (SHA-256) of the kernel sources.
+
+Each compiled kernel contains the digest of the sources from which it was compiled.
 
 setup.py runs this file on its own, so it imports only the standard library.
 """
@@ -13,17 +15,23 @@ _MARK = "arena-kernel-sources:"
 
 
 def kernel_names(folder: Path) -> list[str]:
-    """Return the names of the modules in a folder that are compiled: those with a .pxd file beside the .py file."""
+    """Return the names of the modules in a folder that are compiled.
+
+    They have a .pxd file beside the .py file.
+    """
     return sorted(path.stem for path in folder.glob("*.pxd"))
 
 
 def compiled_names(folder: Path) -> list[str]:
-    """Return the names of all compiled modules in a folder: the kernels, and the .pyx modules, which have no Python source."""
+    """Return the names of all compiled modules in a folder: kernels and .pyx modules.
+
+    A .pyx module has no Python source.
+    """
     return sorted([*kernel_names(folder), *(path.stem for path in folder.glob("*.pyx"))])
 
 
 def sources(folder: Path, name: str) -> list[Path]:
-    """Return the source files of a compiled module. The first file is the one to compile."""
+    """Return the source files of a compiled module; the first file is the one to compile."""
     found = [folder / f"{name}{suffix}" for suffix in (".pyx", ".py", ".pxd")]
     return [path for path in found if path.exists()]
 
@@ -43,6 +51,6 @@ def digest_as_c(name: str, digest: str) -> str:
 
 
 def stored_digest(compiled: Path) -> str | None:
-    """Return the digest that a compiled module contains, None if there is none."""
+    """Return the digest that a compiled module contains; None if it contains none."""
     found = re.search(_MARK.encode() + rb"([0-9a-f]{64})", compiled.read_bytes())
     return found[1].decode() if found else None

@@ -1,4 +1,7 @@
-"""Strapdown navigation: predicts position, velocity and attitude from the inertial sensors, and keeps past states."""
+"""Strapdown navigation: predicts position, velocity and attitude from the inertial sensors.
+
+It also keeps past states.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ _G = GRAVITY_M_S2
 
 
 class Strapdown:
-    """Position, velocity, attitude and sensor biases of V vehicles, as predicted from the inertial sensors.
+    """Predicted position, velocity, attitude and sensor biases of V vehicles.
 
     dt: IMU period [s]
     mean_share: share of a new sample in the mean specific force 0..1
@@ -61,7 +64,7 @@ class Strapdown:
         self.steps += 1
 
     def _turn(self, i: int) -> None:
-        """Advance the attitude of vehicle i, and set the rotated specific force `a_n`.
+        """Advance the attitude of vehicle i by one IMU period, and rotate its specific force to NED.
 
         The gyroscope measures the rates at the end of the period, the accelerometer the mean over the period. So the
         rates of both ends are averaged, and the specific force is rotated by the mean of both attitudes.
@@ -83,7 +86,10 @@ class Strapdown:
             self.a_n[i, k] += 0.5 * self._force_n(i, k)
 
     def _mean_rate(self, i: int, axis: int) -> float:
-        """Return the mean body rate of the last period [rad/s], and store the rate at the end of the period."""
+        """Return the mean body rate of the last period about one axis [rad/s].
+
+        The rate at the end of the period is stored.
+        """
         before, after = self.omega_b[i, axis], self.sensed_gyro_b[i, axis] - self.gyro_bias[i, axis]
         self.omega_b[i, axis] = after
         return 0.5 * (before + after)
@@ -98,7 +104,10 @@ class Strapdown:
         rotations.store_matrix(self.r_nb, i, q)
 
     def _move(self, i: int) -> None:
-        """Advance velocity and position of vehicle i. The velocity changes only after the initial attitude is set."""
+        """Advance velocity and position of vehicle i by one IMU period.
+
+        The velocity changes only after the initial attitude is set.
+        """
         self.a_n[i, 2] += _G
         for k in range(3):
             change = self.a_n[i, k] * self.dt if self.aligned[i] else 0.0
@@ -106,11 +115,9 @@ class Strapdown:
             self.v_n[i, k] += change
 
     def find_past(self, i: int, age_s: float) -> rotations.Quaternion:
-        """Return the attitude that vehicle i had `age_s` seconds ago, and set `past_p` to its position then.
+        """Return the attitude of vehicle i at a past time, and store its position then in `past_p`.
 
-        Both are interpolated.
-
-        age_s: age [s]
+        Both are interpolated. age_s: time before now [s]
         """
         periods = math.floor(age_s / self.dt)
         part, whole = age_s / self.dt - periods, int(periods)

@@ -1,4 +1,4 @@
-"""Schedule of MAVLink streams: which messages are due, and when each is sent again. Pure."""
+"""Schedule of MAVLink streams: which messages are due, and when each is sent next. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ _ROUNDING_S = 1e-6
 
 
 class StreamSchedule:
-    """Schedule of L links. A stream is one message that one link sends periodically.
+    """Schedule of the message streams of L links.
+
+    A stream is one message that one link sends periodically.
 
     ids: message ids in ascending order; one column of the arrays for each (S,)
     interval_s: period of each stream [s], 0 for a message that is not streamed (L, S)
@@ -29,28 +31,34 @@ class StreamSchedule:
         self.due_s, self.next_s = floats(links, len(ids), fill=_NEVER), floats(links, fill=_NEVER)
 
     def set_interval(self, link: int, column: int, interval_s: float, first_s: float) -> None:
-        """Set the period of a stream [s]; 0 stops it. first_s: time of the first message [s]"""
+        """Set the period of a message stream [s]; 0 stops the stream.
+
+        first_s: time of the first message [s]
+        """
         self.interval_s[link, column] = interval_s
         self.due_s[link, column] = first_s if interval_s > 0.0 else _NEVER
         self.next_s[link] = self.due_s[link, self.first(link)]
 
     def is_due(self, link: int, now: float) -> bool:
-        """Return whether a message of a link is due at `now` [s]."""
+        """Return whether any message of a link is due at `now` [s]."""
         return self.next_s[link] <= now + _ROUNDING_S
 
     def is_any_due(self, now: float) -> bool:
-        """Return whether a message of any link is due at `now` [s]."""
+        """Return whether any message of any link is due at `now` [s]."""
         first = _NEVER
         for link in range(len(self.next_s)):
             first = min(first, self.next_s[link])
         return first <= now + _ROUNDING_S
 
     def is_stream_due(self, link: int, column: int, now: float) -> bool:
-        """Return whether one message of a link is due at `now` [s]."""
+        """Return whether one given message of a link is due at `now` [s]."""
         return self.due_s[link, column] <= now + _ROUNDING_S
 
     def first(self, link: int) -> int:
-        """Return the column of the message that is due first; of two with equal times that with the smaller id."""
+        """Return the column of the message that is due first.
+
+        Of two messages with equal times it is the one with the smaller id.
+        """
         earliest = 0
         for column in range(1, len(self.ids)):
             if self.due_s[link, column] < self.due_s[link, earliest]:
@@ -58,7 +66,10 @@ class StreamSchedule:
         return earliest
 
     def take_due(self, link: int, now: float) -> list[int]:
-        """Return the columns of the messages that are due at `now` [s], the earliest first, and schedule each again."""
+        """Return the columns of the messages that are due at `now` [s], and schedule each again.
+
+        The earliest is first.
+        """
         due = []
         column = self.first(link)
         while self.due_s[link, column] <= now + _ROUNDING_S:

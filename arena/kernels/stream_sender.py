@@ -1,4 +1,4 @@
-"""Streams of the built-in autopilots: packs the messages of all vehicles that are due in a step. Pure."""
+"""Sender of the streams of built-in autopilots: packs all messages that are due in a step. Pure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class StreamSender:
-    """Streams of V vehicles with K links each, and S messages that can be streamed.
+    """Packs the streams of V vehicles with K links each; S messages can be streamed.
 
     schedule: of all links; link k of vehicle i has the row i * K + k
     packing: packs the frequent messages
@@ -48,7 +48,7 @@ class StreamSender:
         self.wake_s = floats(len(system_ids))
 
     def has_output(self, now: float) -> bool:
-        """Return whether a vehicle has something to send at `now` [s]."""
+        """Return whether any vehicle has a message to send at `now` [s]."""
         first = float("inf")
         for i in range(len(self.wake_s)):
             first = min(first, self.wake_s[i])
@@ -73,7 +73,10 @@ class StreamSender:
         return found
 
     def has_content(self, i: int, column: int) -> bool:
-        """Return whether vehicle i has valid content for a message. Messages built in Python may still have none."""
+        """Return whether vehicle i has valid content for a message.
+
+        Messages that are built in Python may still have none.
+        """
         if self.silent[i, column]:
             return False
         return not self.needs_position[column] or bool(self.packing.xy_valid[i])
@@ -90,7 +93,7 @@ class StreamSender:
         return False
 
     def _datagram(self, i: int, row: int, now: float) -> bytes:
-        """Return the frames of the messages of vehicle i that are due on a link; b"" if none has content.
+        """Return the frames of vehicle i that are due on a link; b"" if there are none.
 
         row: of the link in the schedule
         """

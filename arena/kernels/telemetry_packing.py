@@ -1,4 +1,4 @@
-"""Telemetry of the autopilots: computes the quantities of a vehicle, and packs them into MAVLink frames.
+"""Telemetry of the built-in autopilots: computes the values of a vehicle, and packs them into MAVLink frames.
 
 A quantity is one or several numbers, such as the position. The tables of a message say which quantity its fields contain.
 They are made from pymavlink's dialect (`arena.autopilot.mavlink.telemetry_packer`), so no layout is in this module.
@@ -81,7 +81,7 @@ _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64 = range(8)  # p
 def global_position(
     north: float, east: float, heading: float, lat0: float, lon0: float, earth_m: float
 ) -> tuple[float, float]:
-    """Return latitude and longitude [1e-7 deg] of a local position, rounded.
+    """Return latitude and longitude [1e-7 deg] of a local position, rounded to integers.
 
     `arena.geometry.globe_from_local` has the formula for arrays.
 
@@ -98,7 +98,10 @@ def global_position(
 
 
 def rounded(x: float) -> float:
-    """Return the nearest integer. Values without one, such as NaN, stay."""
+    """Return the nearest integer as a float.
+
+    A value without a nearest integer, such as NaN, is returned unchanged.
+    """
     return math.floor(x + 0.5) if abs(x) < 1e15 else x
 
 
@@ -115,7 +118,10 @@ class PayloadWriter:
     def __init__(
         self, number: int, size: int, seed: bytes, fields: Integers, ranges: Floats, by_escs: bool
     ) -> None:
-        """Prepare the buffer. size: number of bytes of the payload"""
+        """Prepare the buffer for the payload.
+
+        size: number of bytes of the payload
+        """
         self.number, self.seed, self.fields, self.ranges = number, seed, fields, ranges
         self.by_escs = by_escs
         raw = memoryview(bytearray(_MOST_BYTES))
@@ -124,13 +130,18 @@ class PayloadWriter:
         self.u64, self.i64, self.f32 = raw.cast("Q"), raw.cast("q"), raw.cast("f")
 
     def write(self, values: Floats) -> bytes:
-        """Return the payload with these values."""
+        """Return the encoded payload.
+
+        values: values of a vehicle
+        """
         for k in range(len(self.fields)):
             self._store(values[self.fields[k, 0]], self.fields[k, 1], self.fields[k, 2])
         return self.payload.tobytes()
 
     def _store(self, value: float, kind: int, at: int) -> None:
-        """Store a number in the payload. An integer is truncated toward zero and limited to its range; NaN becomes 0.
+        """Store a number in the payload.
+
+        An integer is truncated toward zero and limited to its range. NaN becomes 0.
 
         at: offset in units of the type's size
         """
@@ -179,7 +190,7 @@ class TelemetryPacking:
         writers: Sequence[PayloadWriter],
         earth_m: float,
     ) -> None:
-        """Use these messages.
+        """Prepare the arrays for the vehicles and the messages.
 
         constants: constant values of all messages
         writers: one for each message
@@ -209,7 +220,10 @@ class TelemetryPacking:
         resets: Integers,
         xy_valid: Flags,
     ) -> None:
-        """Use these arrays of the estimator in each later step. xy_valid: whether the horizontal position is valid (V,)"""
+        """Use some arrays of the estimator in each later step.
+
+        xy_valid: True for a valid horizontal position (V,)
+        """
         self.p_n, self.v_n, self.q_nb, self.r_nb, self.omega_b = p_n, v_n, q_nb, r_nb, omega_b
         self.cov, self.resets, self.xy_valid = cov, resets, xy_valid
 
@@ -224,12 +238,12 @@ class TelemetryPacking:
         q_sp: Floats,
         omega_sp: Floats,
     ) -> None:
-        """Use these arrays of the setpoints and of the controllers in each later step."""
+        """Use some arrays of the setpoints and the controllers in each later step."""
         self.level, self.sp_p_n, self.sp_yaw, self.sp_yaw_rate = level, p_n, yaw, yaw_rate
         self.v_sp_n, self.a_sp_n, self.q_sp, self.omega_sp = v_sp_n, a_sp_n, q_sp, omega_sp
 
     def set_time(self, time_ms: float, time_us: float, time_ns: float) -> None:
-        """Set the time of the messages.
+        """Set the time that the next messages contain.
 
         time_ms: time since boot [ms], modulo 2^32
         time_us, time_ns: time since boot [us], [ns]
@@ -239,14 +253,14 @@ class TelemetryPacking:
         self.values[_ESC_COUNTER] = rounded(time_ns * 1e-8) % 65536.0  # ten messages a second
 
     def frame_count(self, i: int, message_ids: list[int]) -> int:
-        """Return how many frames `pack` returns for these messages of vehicle i."""
+        """Return how many frames `pack` returns for several messages of vehicle i."""
         count = 0
         for number in message_ids:
             count += self._parts(i, self.writers[number])
         return count
 
     def pack(self, i: int, message_ids: list[int], seq: int, sysid: int, compid: int) -> bytes:
-        """Return the frames of these messages of vehicle i.
+        """Return the encoded frames of several messages of vehicle i.
 
         seq: sequence number of the first frame; the other frames have the next ones
         sysid, compid: sender
@@ -268,7 +282,7 @@ class TelemetryPacking:
         return int((self.escs[i] + (_ESCS - 1)) // _ESCS) if writer.by_escs else 1
 
     def _compute(self, i: int) -> None:
-        """Compute all quantities of vehicle i."""
+        """Compute all values of vehicle i that its messages contain."""
         for k in range(VALUES - _INPUTS):
             self.values[_INPUTS + k] = self.inputs[i, k]
         if not self.xy_valid[i]:
@@ -316,7 +330,10 @@ class TelemetryPacking:
                 out[_SERVOS + k] = 1000.0 + 1000.0 * self.motors[i, k]
 
     def _compute_escs(self, i: int, first: int) -> None:
-        """Compute the quantities of four ESCs from number `first` on. The battery's current is divided by the motor commands."""
+        """Compute the values of four ESCs. The battery's current is divided by the motor commands.
+
+        first: number of the first ESC
+        """
         out, count, total = self.values, self.escs[i], 0.0
         for k in range(int(count)):
             total += self.motors[i, k]
@@ -340,7 +357,7 @@ class TelemetryPacking:
         out[_THROTTLE] = 100.0 * self.thrust[i]
 
     def _compute_global(self, i: int) -> None:
-        """Compute the global position and velocity. NaN without an origin."""
+        """Compute the global position and velocity; NaN without an origin."""
         out, heading = self.values, self.values[_HEADING]
         out[_LAT], out[_LON] = global_position(
             out[_P], out[_P + 1], heading, out[_LAT0], out[_LON0], self.earth_m
@@ -355,7 +372,7 @@ class TelemetryPacking:
         out[_HEADING_CDEG] = out[_HEADING_DEG] * 100.0
 
     def _compute_setpoints(self, i: int) -> None:
-        """Compute the setpoints that the controllers follow. NaN if not controlled."""
+        """Compute the setpoints that the controllers follow; NaN for values that are not controlled."""
         out, by_position = self.values, self.level[i] == _POSITION
         for k in range(4):
             out[_Q_SP + k] = self.q_sp[i, k]

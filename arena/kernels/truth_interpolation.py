@@ -1,4 +1,7 @@
-"""True state of all vehicles between two samples of the truth page (`arena.wire.truth_page`)."""
+"""True state of all vehicles between two samples of the truth page.
+
+`arena.wire.truth_page` describes the page.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,9 @@ def sample_before(
 
 
 def interpolate(before: Floats, after: Floats, time_s: float, width: int, out: Floats) -> None:
-    """Interpolate between two rows of the truth page: attitudes on the sphere, all other numbers linearly.
+    """Interpolate between two rows of the truth page.
+
+    Attitudes are interpolated on the sphere, all other numbers linearly.
 
     before, after: rows: time [s], then `width` numbers per vehicle, with the attitude [-] wxyz from column 3 on (1 + V * width,)
     time_s: time of the result [s]

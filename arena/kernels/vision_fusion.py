@@ -1,4 +1,4 @@
-"""Fusion of external vision: tests a pose against the estimate, and corrects the estimate with the accepted values."""
+"""Fusion of external vision: tests a pose against the estimate, and corrects the estimate."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class VisionFusion:
         self._jacobian, self._noise = floats(4, 15), floats(4)
 
     def fuse(self, i: int, pose: Floats, row: int, now: float) -> None:
-        """Fuse one pose of vehicle i, received in this IMU period.
+        """Fuse one pose of vehicle i that was received in this IMU period.
 
         pose: position [m] [NED], attitude wxyz (NaN if not given), variances of position [m2] and yaw [rad2] (M, 11)
         row: row of the pose
@@ -81,7 +81,9 @@ class VisionFusion:
         self._gate(i, has_yaw, now)
 
     def _set_measurement(self, i: int, pose: Floats, row: int, age_s: float) -> None:
-        """Set the Jacobian and the noise variance of the four measurements of vehicle i: position and yaw.
+        """Set the Jacobian and the noise variance of the pose measurements of vehicle i.
+
+        The four measurements are the position and the yaw.
 
         The pose arrived at an unknown time of the IMU period dt: on average half a period ago, with a variance of dt^2 / 12.
         """
@@ -95,7 +97,7 @@ class VisionFusion:
         self._noise[_YAW] = max(pose[row, 10], self.least_variance[i, _YAW]) + rate * rate * jitter
 
     def _gate(self, i: int, has_yaw: bool, now: float) -> None:
-        """Test the innovations of vehicle i, and correct the estimate with the accepted innovations.
+        """Test the innovations of vehicle i (gate test), and correct the estimate with the accepted ones.
 
         A gate does not widen after a rejection, although the estimate becomes less certain. So after a jump
         the poses are rejected until they return to the expected place.
@@ -133,7 +135,9 @@ class VisionFusion:
         self.state.correct(i, self.covariance.error, past_states)
 
     def _ratio(self, i: int, k: int) -> float:
-        """Return the squared innovation k of vehicle i divided by its variance [-]; infinite if this ratio is not finite.
+        """Return one squared innovation of vehicle i divided by its variance [-]; infinite if not finite.
+
+        k: index of the innovation
 
         The variance is limited to `gate_var`.
         """
@@ -142,7 +146,9 @@ class VisionFusion:
         return ratio if math.isfinite(ratio) else _INFINITE
 
     def _move_gate(self, i: int, k: int, passed: bool) -> None:
-        """Set `gate_var` of innovation k of vehicle i after its gate test.
+        """Update the limit of the gate test of one innovation of vehicle i.
+
+        passed: the innovation was accepted
 
         While poses are rejected, the variance of the innovations grows. The stored variance limits it, so the gate does not widen.
         """

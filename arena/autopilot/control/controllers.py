@@ -1,4 +1,4 @@
-"""Cascaded controllers from position to torques, batched over vehicles.
+"""Cascaded controllers from position to body torques, for all vehicles together.
 
 Structure and parameter names are PX4's:
 

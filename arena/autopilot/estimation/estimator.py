@@ -1,4 +1,6 @@
-"""Error-state Kalman filter, batched over vehicles: IMU prediction, corrected by delayed external vision.
+"""Kalman filter of the error state: prediction by the IMU, correction by delayed external vision.
+
+All vehicles are computed together.
 
 Nominal state at the present time: p_n, v_n, q_nb, gyro bias, accelerometer bias.
 Error state of 15 numbers, in this order, with q_true = q_nb * exp(dtheta_b):

@@ -1,4 +1,4 @@
-"""Land detector and take-off ramp, batched over vehicles, with PX4's conditions and parameters (LNDMC_*).
+"""Land detector and take-off ramp of all vehicles, with PX4's conditions and parameters (LNDMC_*).
 
 A vehicle is landed if its thrust is low and it neither moves nor turns for LNDMC_TRIG_TIME. As in PX4, an
 invalid horizontal velocity is not compared with its limit: after a collision without external vision, the

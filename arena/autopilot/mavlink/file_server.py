@@ -64,7 +64,10 @@ class Problem(IntEnum):
 
 
 class Files(Protocol):
-    """Files of one vehicle. No method waits for a disk. Paths begin with `/`."""
+    """Interface of the files of one vehicle.
+
+    No method waits for a disk. Paths begin with `/`.
+    """
 
     def entries(self, folder: str) -> list[tuple[str, int | None]] | None:
         """Return names and sizes [bytes] in a folder; the size of a subfolder is None.

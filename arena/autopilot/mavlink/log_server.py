@@ -25,7 +25,10 @@ _TO_THE_LAST = 0xFFFF
 
 
 class Logs(Protocol):
-    """Logs of one vehicle. No method waits for a disk."""
+    """Interface of the logs of one vehicle.
+
+    No method waits for a disk.
+    """
 
     def logs(self) -> list[LogEntry]:
         """Return the logs, the oldest first."""

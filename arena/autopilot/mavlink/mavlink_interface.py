@@ -357,7 +357,7 @@ class MavlinkInterface:
                     link.send_text(severity, text)
 
     def received_counts(self) -> Counter[str]:
-        """Return the number of received and refused messages, by kind, over all links."""
+        """Return the numbers of received and refused messages by kind, over all links."""
         return sum((link.codec.counts for link in self.links.values()), self.vehicle.counts + self.counts)
 
 

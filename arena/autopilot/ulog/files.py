@@ -194,4 +194,6 @@ class UlogFiles:
                 return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644), path
             except FileExistsError:
                 continue
-        raise OSError(f"{self._folder} contains too many logs of {name}")
+        raise OSError(
+            f"{self._folder} contains too many log files of the vehicle {name}: move or delete some"
+        )
