@@ -49,6 +49,7 @@ _EVENTS = {
     "FILE_TRANSFER_PROTOCOL": "reply to FTP",
     "LOG_ENTRY": "reply to LOG_REQUEST_LIST",
     "LOG_DATA": "reply to LOG_REQUEST_DATA",
+    "EVENT": "what the autopilot decides: arming, modes, failsafes, missions, take-off, landing",
     "RESPONSE_EVENT_ERROR": "reply to REQUEST_EVENT: the event is not available",
     "MESSAGE_INTERVAL": "reply to MAV_CMD_GET_MESSAGE_INTERVAL",
 }
@@ -65,9 +66,9 @@ _WHEN = {
     "ORBIT_EXECUTION_STATUS": "in an orbit",
     "VIBRATION": "zeros: the simulated rotors do not vibrate",
     "ESC_STATUS": "speeds are 6000/min times the motor command, as in PX4 SITL",
-    "CURRENT_EVENT_SEQUENCE": "no event is sent: texts are STATUSTEXT",
+    "CURRENT_EVENT_SEQUENCE": "the number of the newest event",
     "SYSTEM_TIME": "the date is that of the computer at speed 1, else 1 January 2026 at the start, so that flights are repeatable",
-    "COMPONENT_METADATA": "names a file that MAVLink FTP reads: types, defaults and ranges of the parameters",
+    "COMPONENT_METADATA": "names files that MAVLink FTP reads: types, defaults and ranges of the parameters, texts of the events",
 }
 _RECEIVED = {
     "ODOMETRY": "external vision",
@@ -78,7 +79,7 @@ _RECEIVED = {
     "HEARTBEAT": "of a ground station: the data link",
     "SET_GPS_GLOBAL_ORIGIN": "origin of the local frame, disarmed only",
     "LOG_ERASE": "ignored: the logs belong to the run folder",
-    "REQUEST_EVENT": "answered with RESPONSE_EVENT_ERROR",
+    "REQUEST_EVENT": "the 20 newest events are sent again; RESPONSE_EVENT_ERROR for others",
     "SET_MODE": "as MAV_CMD_DO_SET_MODE",
     "TIMESYNC": "answered",
     "PING": "answered",
@@ -104,8 +105,8 @@ _PROTOCOLS = """## Protocols
 | FTP | list, read, burst, checksum: `/etc/extras` (metadata), `/log` (ULogs); no writing; a session per client | one session, also writes |
 | parameters over FTP (`@PARAM/param.pck`) | file not found, as in PX4; clients then request the list | file not found |
 | logs (`LOG_REQUEST_LIST`, `LOG_REQUEST_DATA`) | list, download; one empty entry without logs | silence without logs |
-| component metadata | parameters | parameters, events, actuators |
-| events | the sequence is 0, requests are answered as unavailable | events, with their texts in the metadata |
+| component metadata | parameters, events | parameters, events, actuators |
+| events | PX4's events for arming, modes, failsafes, missions, take-off and landing; no arming-check reports | the same, and more |
 | time (`TIMESYNC`), `PING` | answered | the same |
 """
 
@@ -144,7 +145,10 @@ def sent() -> list[list[str]]:
         for msgid in streams.SUPPORTED
         if message_name(msgid) not in _EVENTS
     }
-    numbers = {m.msgname: n for n, m in mavlink.mavlink_map.items()} | {"RESPONSE_EVENT_ERROR": 413}
+    numbers = {m.msgname: n for n, m in mavlink.mavlink_map.items()} | {
+        "EVENT": 410,
+        "RESPONSE_EVENT_ERROR": 413,
+    }
     for name, why in _EVENTS.items():
         px4 = RECORDED["rates, disarmed"].get(f"{name} on router")
         rows[name] = [

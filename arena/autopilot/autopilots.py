@@ -217,6 +217,8 @@ class Autopilots:
                 write(self._ulog)
         except Exception as error:
             self._ulog = None
+            for v in self.vehicles:
+                v.is_logged = False
             self._events.append(f"ulog: the logs of all vehicles end here, because of an error: {error!r}")
 
     def _record_text(self, row: int, severity: int, text: str) -> None:

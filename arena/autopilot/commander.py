@@ -9,7 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from arena.autopilot import events
 from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams, battery_too_low, gcs_lost
+from arena.autopilot.events import Event
+from arena.autopilot.failsafe_rules import (
+    BY_SEVERITY,
+    EXCEPTION_BIT,
+    MANUAL_ACTIONS,
+    NOT_ARMABLE,
+    home_or_land,
+)
 from arena.autopilot.flight_modes import MANUAL_MODES, POSITION_MODES, THRUST_MODES, Mode
 from arena.autopilot.manual_control import NO_MANUAL_CONTROL
 from arena.autopilot.manual_mode_rules import (
@@ -23,21 +32,6 @@ EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
 
 
 _REQUESTABLE = {*MANUAL_MODES, *POSITION_MODES, Mode.OFFBOARD}
-_EXCEPTION_BIT = {
-    Mode.MISSION: 1,
-    Mode.HOLD: 2,
-    Mode.TAKEOFF: 2,
-    Mode.OFFBOARD: 4,
-}  # bits of COM_DLL_EXCEPT and COM_RCL_EXCEPT
-_BY_SEVERITY = (
-    Mode.HOLD,
-    Mode.RTL,
-    Mode.LAND,
-    Mode.DESCEND,
-    Mode.TERMINATE,
-)  # the failsafe that is later in this list has priority
-_MANUAL_ACTIONS = {0: Mode.POSCTL, 1: Mode.ALTCTL, 2: Mode.STABILIZED}  # value of COM_OBL_RC_ACT -> mode
-_NOT_ARMABLE = {Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
 
 
 @dataclass(slots=True)
@@ -51,6 +45,7 @@ class Commander:
     failsafe: reason of the active failsafe, "" if none is active
     disarmed_why: reason of the last disarming, "" before the first
     texts: messages for the user, (MAV_SEVERITY, text); the MAVLink interface removes each when it sends it
+    events: the same as events of the MAVLink event protocol, for what PX4 has an event, too; removed likewise
     """
 
     name: str
@@ -62,6 +57,7 @@ class Commander:
     failsafe: str = ""
     disarmed_why: str = ""
     texts: list[tuple[int, str]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
     _landed_since: float | None = None
     _pending: tuple[float, Mode] | None = None
     _battery_level: int = 0
@@ -86,7 +82,7 @@ class Commander:
         else:
             why = self._missing_for(mode, s, params) if self.armed and mode is not Mode.LAND else ""
         if why:
-            self.report(CRITICAL, f"Mode change denied: {why}")
+            self.report(CRITICAL, f"Mode change denied: {why}", events.mode_denied(mode))
         else:
             self.intended, self._mode_was_requested = mode or Mode.HOLD, True
             self._enter(self.intended, "")
@@ -120,7 +116,7 @@ class Commander:
             (position and not s.z_valid, "Height not valid: no external vision"),
             (s.aligned and not s.yaw_valid, "Heading not valid: vision yaw rejected"),
             (offboard and s.offboard_age > params.com_of_loss_t, "No offboard signal"),
-            (self.mode in _NOT_ARMABLE, f"Mode {self.mode.label} does not allow arming"),
+            (self.mode in NOT_ARMABLE, f"Mode {self.mode.label} does not allow arming"),
             (battery_too_low(s, params), f"Battery too low: {100 * s.battery:.0f} %"),
             (s.tilt_rad > params.fd_fail_rad, f"Attitude: tilted by {57.3 * s.tilt_rad:.0f} degrees"),
             (params.nav_dll_act > 0 and gcs_lost(s, params), "No connection to the ground control station"),
@@ -137,13 +133,13 @@ class Commander:
         if self.armed:
             return ""
         if reasons:
-            self.report(CRITICAL, f"Arming denied: {reasons[0]}")
+            self.report(CRITICAL, f"Arming denied: {reasons[0]}", events.ARMING_DENIED())
             return "; ".join(reasons)
         self.armed, self.armed_since, self.took_off, self._landed_since = True, s.now, False, None
         self._pending, self._battery_level, self._fence = None, 0, ""
         self._tilted_since, self._had_manual_control, self._manual_control_lost = None, False, False
         self.failsafe = ""
-        self.report(INFO, f"Armed {why}")
+        self.report(INFO, f"Armed {why}", events.armed(why))
         return ""
 
     def disarm(self, s: CommanderInputs, *, force: bool = False, why: str = "by external command") -> str:
@@ -151,12 +147,12 @@ class Commander:
         if not self.armed:
             return ""
         if not force and not s.landed:
-            self.report(CRITICAL, "Disarming denied: not landed")
+            self.report(CRITICAL, "Disarming denied: not landed", events.NOT_LANDED())
             return "not landed"
         self.armed, self.armed_since, self.took_off, self._pending = False, float("inf"), False, None
         self.disarmed_why = why
-        self.report(INFO, f"Disarmed {why}")
-        if self.mode in _NOT_ARMABLE:
+        self.report(INFO, f"Disarmed {why}", events.disarmed(why))
+        if self.mode in NOT_ARMABLE:
             self._enter(Mode.HOLD, "")
         return ""
 
@@ -164,10 +160,14 @@ class Commander:
         """Stop the motors, even in flight."""
         if self.mode is not Mode.TERMINATE:
             self._enter(Mode.TERMINATE, why)
-            self.report(EMERGENCY, f"Flight termination: {why}")
+            event = events.failsafe(self.intended, Mode.TERMINATE, why)
+            self.report(EMERGENCY, f"Flight termination: {why}", event)
 
-    def report(self, severity: int, text: str) -> None:
+    def report(self, severity: int, text: str, event: Event | None = None) -> None:
+        """Add a text for the user, and the event that tells the same if there is one."""
         self.texts.append((severity, text))
+        if event is not None:
+            self.events.append(event.with_text(text))
 
     # -- 50 times a second -----------------------------------------------------------------------------------
 
@@ -180,7 +180,7 @@ class Commander:
             return
         if s.flying and not (s.landed or self.took_off):
             self.took_off = True
-            self.report(INFO, "Takeoff detected")
+            self.report(INFO, "Takeoff detected", events.TAKEOFF())
         for check in _CHECKS:
             check(self, s, params)
             if not self.armed:
@@ -199,7 +199,7 @@ class Commander:
             if self.mode in MANUAL_MODES:
                 self.arm(s, params, why="by stick gesture")
             else:
-                self.report(CRITICAL, "Arming denied: switch to manual mode first")
+                self.report(CRITICAL, "Arming denied: switch to manual mode first", events.NOT_MANUAL())
         elif gesture == "disarm" and (s.landed or (self.mode in THRUST_MODES and params.com_disarm_man == 1)):
             self.disarm(s, force=True, why="by stick gesture")
 
@@ -217,7 +217,7 @@ class Commander:
         if takes and possible_mode(Mode.POSCTL, s, params) in (Mode.POSCTL, Mode.ALTCTL):
             self.intended, self._pending = Mode.POSCTL, None
             self._enter(possible_mode(Mode.POSCTL, s, params), "")
-            self.report(INFO, "Pilot took over using sticks")
+            self.report(INFO, "Pilot took over using sticks", events.PILOT())
 
     def _check_attitude(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Terminate the flight if the vehicle stays tilted too far (FD_FAIL_R, FD_FAIL_P) for FD_FAIL_R_TTRI.
@@ -262,11 +262,11 @@ class Commander:
             return
         self._battery_level = level
         severity, word = ((WARNING, "Low"), (CRITICAL, "Critical"), (EMERGENCY, "Emergency"))[level - 1]
-        self.report(severity, f"{word} battery: {100 * s.battery:.0f} %")
+        self.report(severity, f"{word} battery: {100 * s.battery:.0f} %", events.LOW_BATTERY[level - 1]())
         returns = level == 2 and params.com_low_bat_act == 3
-        done = _NOT_ARMABLE if returns else _NOT_ARMABLE - {Mode.RTL}
+        done = NOT_ARMABLE if returns else NOT_ARMABLE - {Mode.RTL}
         if (level >= 2 and params.com_low_bat_act in (2, 3)) and self.mode not in done:
-            self._act_after_hold(_home_or_land(s) if returns else Mode.LAND, s, params, "battery")
+            self._act_after_hold(home_or_land(s) if returns else Mode.LAND, s, params, "battery")
 
     def _check_fence(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Run the failsafe action of GF_ACTION once when the vehicle leaves the geofence.
@@ -278,7 +278,7 @@ class Commander:
         if not crossed or action == 0:
             return
         self.report(CRITICAL, s.fence)
-        reaction = {2: Mode.HOLD, 3: _home_or_land(s), 4: Mode.TERMINATE, 5: Mode.LAND}.get(action)
+        reaction = {2: Mode.HOLD, 3: home_or_land(s), 4: Mode.TERMINATE, 5: Mode.LAND}.get(action)
         down = self.mode in (Mode.LAND, Mode.DESCEND, Mode.TERMINATE) or (
             self.mode is Mode.RTL and action == 2
         )
@@ -288,9 +288,9 @@ class Commander:
     def _check_offboard(self, s: CommanderInputs, params: CommanderParams) -> None:
         if self.mode is not Mode.OFFBOARD or s.offboard_age <= params.com_of_loss_t:
             return
-        action = {3: _home_or_land(s), 5: Mode.HOLD, 6: Mode.TERMINATE}.get(params.com_obl_rc_act, Mode.LAND)
-        if params.com_obl_rc_act in _MANUAL_ACTIONS and s.manual_control:
-            self.intended = _MANUAL_ACTIONS[params.com_obl_rc_act]
+        action = {3: home_or_land(s), 5: Mode.HOLD, 6: Mode.TERMINATE}.get(params.com_obl_rc_act, Mode.LAND)
+        if params.com_obl_rc_act in MANUAL_ACTIONS and s.manual_control:
+            self.intended = MANUAL_ACTIONS[params.com_obl_rc_act]
             action = possible_mode(self.intended, s, params)
         if params.com_obl_rc_act == 7:
             self._disarm_by_failsafe(s, "offboard control lost")
@@ -300,8 +300,8 @@ class Commander:
     def _check_data_link(self, s: CommanderInputs, params: CommanderParams) -> None:
         if not params.nav_dll_act:
             return
-        coming_down = self.mode in (*_NOT_ARMABLE, Mode.LAND)
-        excepted = _EXCEPTION_BIT.get(self.mode, 0) & params.com_dll_except
+        coming_down = self.mode in (*NOT_ARMABLE, Mode.LAND)
+        excepted = EXCEPTION_BIT.get(self.mode, 0) & params.com_dll_except
         if not (excepted or coming_down or self.failsafe) and gcs_lost(s, params):
             self._act_on_link_loss(params.nav_dll_act, s, params, "data link lost")
 
@@ -310,7 +310,7 @@ class Commander:
         self._had_manual_control = self._had_manual_control or s.manual_control
         if not self._had_manual_control:
             return
-        excepted = _EXCEPTION_BIT.get(self.intended, 0) & params.com_rcl_except
+        excepted = EXCEPTION_BIT.get(self.intended, 0) & params.com_rcl_except
         lost = not s.manual_control and params.com_rc_in_mode != NO_MANUAL_CONTROL and not excepted
         crossed, self._manual_control_lost = lost and not self._manual_control_lost, lost
         if crossed:
@@ -318,16 +318,17 @@ class Commander:
 
     def _act_on_link_loss(self, action: int, s: CommanderInputs, params: CommanderParams, why: str) -> None:
         """Run a failsafe action (a value of NAV_DLL_ACT or NAV_RCL_ACT) unless the mode is as severe."""
-        reaction = {1: Mode.HOLD, 2: _home_or_land(s), 3: Mode.LAND, 5: Mode.TERMINATE}.get(action)
+        reaction = {1: Mode.HOLD, 2: home_or_land(s), 3: Mode.LAND, 5: Mode.TERMINATE}.get(action)
         if action == 6:
             self._disarm_by_failsafe(s, why)
         elif reaction and not (
-            self.mode in _BY_SEVERITY[1:] and _BY_SEVERITY.index(self.mode) >= _BY_SEVERITY.index(reaction)
+            self.mode in BY_SEVERITY[1:] and BY_SEVERITY.index(self.mode) >= BY_SEVERITY.index(reaction)
         ):
             self._act_after_hold(reaction, s, params, why)
 
     def _disarm_by_failsafe(self, s: CommanderInputs, why: str) -> None:
-        self.report(EMERGENCY, f"Failsafe activated: {why}: disarming")
+        event = events.failsafe(self.intended, None, why)
+        self.report(EMERGENCY, f"Failsafe activated: {why}: disarming", event)
         self.disarm(s, force=True, why="by failsafe")
 
     def _act_after_hold(self, mode: Mode, s: CommanderInputs, params: CommanderParams, why: str) -> None:
@@ -341,7 +342,7 @@ class Commander:
             self._act(mode, why)
             return
         until = self._pending[0] if self._pending else s.now + params.com_fail_act_t
-        self._act(Mode.HOLD, why)
+        self._act(Mode.HOLD, why, events.failsafe(self.intended, mode, why, until - s.now))
         self._pending = (until, mode)
 
     def _run_pending(self, s: CommanderInputs) -> None:
@@ -359,12 +360,12 @@ class Commander:
         if self._landed_since is None:
             self._landed_since = s.now
             if self.took_off:
-                self.report(INFO, "Landing detected")
+                self.report(INFO, "Landing detected", events.LANDING())
         wait = params.com_disarm_land if self.took_off else params.com_disarm_prflt
         if wait > 0 and s.now - self._landed_since >= wait and s.now - self.armed_since >= wait:
             self.disarm(s, why="by landing" if self.took_off else "by auto preflight disarming")
 
-    def _act(self, mode: Mode, why: str) -> None:
+    def _act(self, mode: Mode, why: str, event: Event | None = None) -> None:
         if mode in (Mode.LAND, Mode.RTL, Mode.HOLD) and self.mode is Mode.DESCEND:
             return
         self.failsafe = why
@@ -372,7 +373,8 @@ class Commander:
             self.terminate(why)
         else:
             self._enter(mode, why)
-            self.report(EMERGENCY, f"Failsafe activated: {why}: {mode.label}")
+            event = event or events.failsafe(self.intended, mode, why)
+            self.report(EMERGENCY, f"Failsafe activated: {why}: {mode.label}", event)
 
     def _enter(self, mode: Mode, failsafe: str) -> None:
         self.mode, self.failsafe = mode, failsafe
@@ -388,8 +390,3 @@ _CHECKS = (
     Commander._check_manual_control,
 )
 """Failsafe checks, in the order in which they run."""
-
-
-def _home_or_land(s: CommanderInputs) -> Mode:
-    """Return mode RTL if position, home position and origin are valid, else LAND."""
-    return Mode.RTL if s.global_ok and s.home_ok and s.position_ok else Mode.LAND

@@ -60,6 +60,7 @@ class Vehicle:
     booted: True after the commander has run once; before, commands are rejected
     inputs, commander_params: inputs of the commander's last run
     aligned, ready_to_arm, landed_state: results of the commander's last run; landed_state is a MAV_LANDED_STATE
+    is_logged: True while a log of the vehicle is written
     took_off_at: time of the last take-off [s], NaN before the first
     flights: number of times the vehicle was armed by a client
     leg_target_n: point to which a mission, a return or a reposition flies now [m] [NED], None if there is none
@@ -100,6 +101,7 @@ class Vehicle:
         self.aligned = False
         self.ready_to_arm = False
         self.landed_state = LANDED_STATE_ON_GROUND
+        self.is_logged = False
         self.took_off_at = math.nan
         self.flights = 0
         self.leg_target_n: Point | None = None

@@ -46,7 +46,7 @@ class TextAssembler:
             yield self._take()
 
     def _take(self) -> tuple[int, str]:
-        found = self._severity, self._text.split(b"\0", 1)[0].decode("ascii", errors="replace")
+        found = self._severity, self._text.split(b"\0", 1)[0].decode("ascii", errors="replace").rstrip("\t")
         self._id, self._text = 0, b""
         return found
 

@@ -138,9 +138,12 @@ def parse_channel_count(data: Buffer, at: Frame) -> int:
 
 
 def parse_statustext(data: Buffer, at: Frame) -> tuple[int, str]:
-    """Decode a STATUSTEXT and return its severity, a MAV_SEVERITY, and its text."""
+    """Decode a STATUSTEXT and return its severity, a MAV_SEVERITY, and its text.
+
+    The tab at its end, with which PX4 marks a text that it also sends as an event, is left out.
+    """
     severity, text = _TEXT.unpack(_payload(data, at, _TEXT.size))
-    return int(severity), bytes(text).rstrip(b"\0").decode(errors="replace")
+    return int(severity), bytes(text).rstrip(b"\0\t").decode(errors="replace")
 
 
 def parse_hardware_uid(data: Buffer, at: Frame) -> HardwareUid:

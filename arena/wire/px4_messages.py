@@ -5,6 +5,7 @@
     PROTOCOL_VERSION (300)        <3H 8s 8s           version, min_version, max_version, hashes of specification and library
     COMPONENT_INFORMATION (395)   <3I 100s 100s       time_boot_ms, two checksums, two URIs
     COMPONENT_METADATA (397)      <2I 100s            time_boot_ms, file_crc, uri
+    EVENT (410)                   <2I H 3B 40s        id, time_boot_ms, sequence, destination component and system, log levels, arguments
     CURRENT_EVENT_SEQUENCE (411)  <H B                sequence, flags
     REQUEST_EVENT (412)           <2H 2B              first_sequence, last_sequence, target system and component
     RESPONSE_EVENT_ERROR (413)    <2H 3B              sequence, oldest available sequence, target system and component, reason
@@ -23,7 +24,7 @@ from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, MavlinkSender, pack_f
 
 ESC_INFO, ESC_STATUS, PROTOCOL_VERSION = 290, 291, 300
 COMPONENT_INFORMATION, COMPONENT_METADATA = 395, 397
-CURRENT_EVENT_SEQUENCE, REQUEST_EVENT, RESPONSE_EVENT_ERROR = 411, 412, 413
+EVENT, CURRENT_EVENT_SEQUENCE, REQUEST_EVENT, RESPONSE_EVENT_ERROR = 410, 411, 412, 413
 AVAILABLE_MODES_MONITOR = 437
 SEQUENCE_RESET = 1
 """MAV_EVENT_CURRENT_SEQUENCE_FLAGS_RESET: the numbering of the events begins again."""
@@ -40,6 +41,7 @@ _LAYOUTS = {
     PROTOCOL_VERSION: struct.Struct("<3H8s8s"),
     COMPONENT_INFORMATION: struct.Struct("<3I100s100s"),
     COMPONENT_METADATA: struct.Struct("<2I100s"),
+    EVENT: struct.Struct("<2IH3B40s"),
     CURRENT_EVENT_SEQUENCE: struct.Struct("<HB"),
     REQUEST_EVENT: struct.Struct("<2H2B"),
     RESPONSE_EVENT_ERROR: struct.Struct("<2H3B"),
@@ -108,6 +110,16 @@ def component_metadata(time_ms: int, uri: str, crc: int) -> Px4Message:
 def component_information(time_ms: int, uri: str, crc: int) -> Px4Message:
     """Return COMPONENT_INFORMATION, the older form of COMPONENT_METADATA."""
     return _message(COMPONENT_INFORMATION, time_ms, crc, 0, uri.encode(), b"")
+
+
+def event(number: int, time_ms: int, sequence: int, levels: int, arguments: bytes) -> Px4Message:
+    """Return EVENT, for every system and component.
+
+    number: id of the event
+    time_ms: time of the event since boot [ms]
+    levels: log levels in logs (upper 4 bits) and for ground stations (lower 4 bits)
+    """
+    return _message(EVENT, number, time_ms & 0xFFFFFFFF, sequence, 0, 0, levels, arguments)
 
 
 def current_event_sequence(sequence: int, flags: int) -> Px4Message:

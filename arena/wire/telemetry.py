@@ -276,7 +276,7 @@ class Telemetry:
         )
 
     def _text(self, m: Any, now: float) -> None:
-        text = m.text.split(b"\0", 1)[0].decode("ascii", errors="replace")
+        text = m.text.split(b"\0", 1)[0].decode("ascii", errors="replace").rstrip("\t")
         if m.id and m.id == self._text_id and m.chunk_seq and self.texts:
             text = self.texts.pop().text + text
         self._text_id = m.id

@@ -6,6 +6,7 @@ from __future__ import annotations
 from px4_contract import (  # noqa: F401
     arming,
     commands,
+    events,
     failing,
     flying,
     ground_link,

@@ -248,7 +248,10 @@ def _battery(action: int) -> None:
         for word, percent in left.items():
             if word != modes[0]:
                 t.number(f"{word} at", percent, near=4, unit="%")
-        t.note("warnings at about", " ".join(str(round(x / 5) * 5) for x in levels))
+        # PX4 repeats its warnings, each time at another charge.
+        about = [str(round(x / 5) * 5) for x in levels]
+        t.note("first warning at about", about[0] if about else "none")
+        t.words("warnings at about", " ".join(about))
         t.words("texts", "; ".join(f"{s} {x}" for s, x in r.texts()))
         t.note("in the end", "disarmed" if not r.armed else "armed")
 

@@ -1,4 +1,4 @@
-"""Cases of the requests that ground stations and SDKs make: files, logs, events, parameter hash, motor tests, calibration."""
+"""Cases of the requests that ground stations and SDKs make: files, logs, parameter hash, motor tests, calibration."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavlink_frame import pack_frame
 from arena.wire.px4_messages import px4_crc32
 from px4_contract.flying import hover, state
 from px4_contract.registry import case
@@ -206,32 +205,6 @@ def logs(r: Rig, t: Transcript) -> None:
     r.send(mavlink.MAVLink_log_request_list_message(7, 1, 0, 0xFFFF))
     r.run(1.0)
     t.note("for another vehicle", bool(r.all("LOG_ENTRY")))
-
-
-# -- events ----------------------------------------------------------------------------------------------------------------------
-
-
-def ask_event(r: Rig, first: int, to: tuple[int, int]) -> str:
-    r.clear()
-    voice = r.links["router"].voice
-    data = pack_frame(412, struct.pack("<2H2B", first, first, *to), voice, bytes([33]))
-    voice.seq = (voice.seq + 1) % 256
-    r.links["router"].socket.sendto(data, r.links["router"].remote)
-    r.run(0.6)
-    errors = [bytes(h.m).ljust(7, b"\0") for h in r.received if h.msgid == 413]
-    if not errors:
-        return "event" if any(h.msgid == 410 for h in r.received) else "silence"
-    sequence, _, system, component, reason = struct.unpack("<2H3B", errors[0][:7])
-    return f"error {reason} for the sequence {sequence == first} to {system == r.id} {component}"
-
-
-@case("events", "CURRENT_EVENT_SEQUENCE, and REQUEST_EVENT for an event that does not exist")
-def events(r: Rig, t: Transcript) -> None:
-    r.clear()
-    r.run(7.0)
-    t.note("CURRENT_EVENT_SEQUENCE comes", any(h.msgid == 411 for h in r.received))
-    t.note("unavailable", ask_event(r, 30000, (r.id, 1)))
-    t.note("for another vehicle", ask_event(r, 30000, (7, 1)))
 
 
 # -- commands --------------------------------------------------------------------------------------------------------------------

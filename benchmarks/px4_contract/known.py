@@ -21,9 +21,7 @@ _BY_COMMAND = (
     "a mission item can also be selected by a command; PX4 supports only the message MISSION_SET_CURRENT"
 )
 _NO_OUTPUT = "acknowledged as unsupported; PX4 sends no acknowledgement"
-_SENSORS = (
-    "other flags: vision, and the sensors for which SDKs wait (compass, GPS); no logger, no controllers"
-)
+_SENSORS = "other flags: vision, and the sensors for which SDKs wait (compass, GPS); only what it has is reported healthy"
 _NO_PILOT = "safer: without stick positions it lands; PX4 enters a manual mode that nobody flies"
 _NO_NUMBERS = "safer: attitude, rates or thrust with NaN are refused; PX4 v1.16 enters OFFBOARD with them"
 _LANDS_SOONER = "AUTO.LAND descends at once; PX4's jerk-limited trajectory needs half a second to start"
@@ -56,7 +54,6 @@ KNOWN: dict[str, str] = {
     "by hand, change of modes: * without sticks: ack": _STAYS,
     "battery empties, COM_LOW_BAT_ACT [23]: modes": _AFTER,
     "battery empties, COM_LOW_BAT_ACT [23]: AUTO.LOITER at": _AFTER,
-    "battery empties*: warnings at about": "a warning is sent once; PX4 repeats it with its action",
     "offboard entered: infinite: *": _NO_NUMBERS,
     "offboard entered: attitude nan: *": _NO_NUMBERS,
     "offboard entered: attitude of zero length: *": _NO_NUMBERS,
@@ -85,7 +82,6 @@ KNOWN: dict[str, str] = {
     "offboard lost, action 1 *": _NO_PILOT,
     "offboard lost, action 2 *": _NO_PILOT,
     "arm in each mode: 4.6: ready to arm, reported": "the prearm bit considers whether the mode allows arming; PX4's does not",
-    "arm and disarm: arm: severities*": "no text when a log file is opened; PX4 sends one",
     "commands *: arm 2: *": _ARGUMENTS,
     "commands *: arm nan: *": _ARGUMENTS,
     "commands *: arm 0.5: *": _ARGUMENTS,
@@ -101,7 +97,6 @@ KNOWN: dict[str, str] = {
     "data link lost, NAV_DLL_ACT 5: armed in the end": _TERMINATED,
     "data link lost, NAV_DLL_ACT 5: disarmed after": _TERMINATED,
     "poses jump: *": _JUMP,
-    "parameter write: hash: read after": "another set of parameters, another hash",
     "parameter list: count": "it has only the parameters that it uses",
     "modes *: [1-357].0: *": _STAYS,
     "modes *: [89].0: *": _NO_SUCH_MODE,
@@ -124,6 +119,7 @@ KNOWN: dict[str, str] = {
     "logs: last_log_num": "the number of the last log, as the message defines; PX4 v1.16 sends the number of logs",
     "logs: for another vehicle": _OTHERS,
     "events: for another vehicle": _OTHERS,
+    "events in the air: mission without items: *": _STAYS,
     "motor test: output *": _NO_OUTPUT,
     "*: GPS_RAW_INT *": _FIX,
     "request message: GPS_RAW_INT: *": _FIX,

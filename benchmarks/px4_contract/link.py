@@ -20,6 +20,7 @@ SENSORS = {
     and v > 0
     and "RECOVERY" not in k
     and "LEAK" not in k
+    and not k.endswith("ENUM_END")
 }
 CAPABILITIES = {
     v: k.removeprefix("MAV_PROTOCOL_CAPABILITY_").lower()
@@ -96,9 +97,11 @@ def finite(*values: float) -> str:
 def contents(r: Rig, t: Transcript) -> None:  # noqa: C901 - a list, not a decision
     """Record the fields of each message. Numbers are recorded only if both vehicles must agree on them."""
     if m := newest(r, "SYS_STATUS"):
-        t.note("SYS_STATUS present", bits(m.onboard_control_sensors_present, SENSORS))
-        t.note("SYS_STATUS enabled", bits(m.onboard_control_sensors_enabled, SENSORS))
-        t.note("SYS_STATUS health", bits(m.onboard_control_sensors_health, SENSORS))
+        # Whether a disarmed vehicle is logged depends on what it did before: the case "SYS_STATUS, logging" observes it.
+        changing = 0 if r.armed else mavlink.MAV_SYS_STATUS_LOGGING
+        t.note("SYS_STATUS present", bits(m.onboard_control_sensors_present & ~changing, SENSORS))
+        t.note("SYS_STATUS enabled", bits(m.onboard_control_sensors_enabled & ~changing, SENSORS))
+        t.note("SYS_STATUS health", bits(m.onboard_control_sensors_health & ~changing, SENSORS))
         t.number("SYS_STATUS battery_remaining", m.battery_remaining, near=10, unit="%")
         t.number("SYS_STATUS voltage", m.voltage_battery / 1e3, near=0.8, unit="V")
         t.note("SYS_STATUS current known", m.current_battery != -1)
@@ -117,7 +120,7 @@ def contents(r: Rig, t: Transcript) -> None:  # noqa: C901 - a list, not a decis
     if m := newest(r, "HIGHRES_IMU"):
         t.note("HIGHRES_IMU fields", f"id {m.id}")
         t.number("HIGHRES_IMU zacc", m.zacc, near=0.6, unit="m/s2")
-        t.number("HIGHRES_IMU abs_pressure", m.abs_pressure, near=5, unit="hPa")
+        t.number("HIGHRES_IMU abs_pressure", m.abs_pressure, near=5, part=0.001, unit="hPa")
         t.number("HIGHRES_IMU temperature", m.temperature, near=40, unit="C")
     if m := newest(r, "ESTIMATOR_STATUS"):
         names = {

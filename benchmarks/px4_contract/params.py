@@ -143,7 +143,8 @@ def writing(r: Rig, t: Transcript) -> None:
         t.words(f"{key}: texts", "; ".join(f"{s} {x}" for s, x in r.texts()))
         t.note(f"{key}: a text", bool(r.texts()))
         m = read(r, name)
-        t.note(f"{key}: read after", f"{value_of(m):.6g}" if m else "silence")
+        after = "a hash" if name == "_HASH_CHECK" else f"{value_of(m):.6g}" if m else ""
+        t.note(f"{key}: read after", after if m else "silence")
     for key, to in (
         ("another system", (7, 1)),
         ("another component", (r.id, 51)),

@@ -107,8 +107,10 @@ def test_announced_file_is_read_whole_and_has_the_announced_checksum(client):
         (reply,) = client.send(Operation.READ_FILE, offset=len(content), size=50)
         content += reply.data
     assert px4_crc32(content) == crc
-    (parameters,) = json.loads(content)["metadataTypes"]
-    assert px4_crc32(FILES["/" + parameters["uri"].removeprefix("mftp://")]) == parameters["fileCrc"]
+    named = json.loads(content)["metadataTypes"]
+    assert [file["type"] for file in named] == [1, 4]  # parameters, events
+    for file in named:
+        assert px4_crc32(FILES["/" + file["uri"].removeprefix("mftp://")]) == file["fileCrc"]
     assert client.refused(Operation.READ_FILE, offset=size, size=10) == Problem.END_OF_FILE
 
 

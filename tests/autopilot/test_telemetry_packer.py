@@ -93,6 +93,7 @@ class Rig:
             commander=commander,
             inputs=SimpleNamespace(manual_control=row == 1),
             landed_state=2,
+            is_logged=row == 1,
             ready_to_arm=True,
             origin=origin,
             home_n=home_n,

@@ -337,3 +337,18 @@ def test_hung_disk_does_not_block_and_leaves_a_gap(
     assert sum(gap.duration for gap in log.dropouts) > 10_000
     (event,) = sink.events()
     assert "the disk did not respond" in event
+
+
+def test_logging_is_reported_while_a_log_is_written():
+    flight = Flight(1, ulog=Memory())
+    bit = mavlink.MAV_SYS_STATUS_LOGGING
+
+    def reported() -> tuple[bool, bool]:
+        flight.run(0.5)
+        m = [m for m in flight.received[0] if m.get_type() == "SYS_STATUS"][-1]
+        return bool(m.onboard_control_sensors_present & bit), bool(m.onboard_control_sensors_health & bit)
+
+    flight.until(lambda f: f.pilots.vehicles[0].ready_to_arm, 20)
+    assert reported() == (False, True)
+    assert flight.arm(0) == 0
+    assert reported() == (True, True)

@@ -15,6 +15,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.autopilot import events
 from arena.autopilot.commander import CRITICAL, INFO
 from arena.autopilot.flight_modes import Mode, mode_of
 from arena.autopilot.mavlink import streams
@@ -82,7 +83,8 @@ def _arm_disarm(r: Request) -> int:
     elif p[0] == 0.0:
         done = r.vehicle.disarm(force=p[1] == FORCE_ARM_DISARM)
     else:
-        r.vehicle.commander.report(CRITICAL, f"Unsupported ARM_DISARM param: {p[0]:.3f}")
+        text = f"Unsupported ARM_DISARM param: {p[0]:.3f}"
+        r.vehicle.commander.report(CRITICAL, text, events.ARM_PARAMETER(p[0]))
         return DENIED
     return _accepted_or_rejected(done)
 
@@ -109,14 +111,14 @@ def _takeoff(r: Request) -> int:
 def _return(r: Request) -> int:
     result = _accepted_or_rejected(r.vehicle.request_mode(Mode.RTL))
     if result == ACCEPTED:
-        r.vehicle.commander.report(INFO, "Returning to launch")
+        r.vehicle.commander.report(INFO, "Returning to launch", events.RETURN())
     return result
 
 
 def _mission_start(r: Request) -> int:
     v, first = r.vehicle, r.params[0]
     if not v.inputs.mission_ok:
-        v.commander.report(CRITICAL, "Mission start denied! No valid mission")
+        v.commander.report(CRITICAL, "Mission start denied! No valid mission", events.NO_MISSION())
         return DENIED
     if not (math.isfinite(first) and -1 <= first < len(v.missions.items[0])):
         return DENIED

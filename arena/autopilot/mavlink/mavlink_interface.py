@@ -27,6 +27,7 @@ from arena.autopilot.mavlink import (
     param_protocol,
     streams,
 )
+from arena.autopilot.mavlink.event_server import EventServer, marked
 from arena.autopilot.mavlink.external_vision import from_odometry, from_vision_estimate
 from arena.autopilot.mavlink.file_server import FileServer
 from arena.autopilot.mavlink.link import MavlinkLink
@@ -75,6 +76,7 @@ class MavlinkInterface:
         files = VehicleFiles(vehicle.commander.name, library)
         self.file_server, self.log_server = FileServer(files), LogServer(files, boot_unix_s)
         self._servers = (self.param_server, self.file_server, self.log_server)
+        self.event_server = EventServer()
         self.links = telemetry.links(vehicle)
 
     # -- receiving -------------------------------------------------------------------------------------------
@@ -218,12 +220,13 @@ class MavlinkInterface:
         self.log_server.receive(link.name, m)
 
     def _on_event_request(self, link: MavlinkLink, data: bytes, frame: Frame) -> None:
-        """Reply that a requested event is not available, because the vehicle sends no events."""
-        asked = px4_messages.read_event_request(data, frame)
-        if (asked.target_system, asked.target_component) in ((self.vehicle.system_id, c) for c in (0, 1)):
-            link.send(px4_messages.response_event_error(asked.first, 0, frame.sysid, frame.compid))
-        else:
-            self.counts["other target"] += 1
+        """Send the requested events again, or report that they are not available."""
+        asked, own = px4_messages.read_event_request(data, frame), self.vehicle.system_id
+        addressed = (asked.target_system, asked.target_component) in ((own, 0), (own, 1))
+        self.counts["other target"] += not addressed
+        self._wake()
+        for reply in self.event_server.requested(asked, frame.sysid, frame.compid) if addressed else ():
+            link.send(reply)
 
     def _on_mission(self, link: MavlinkLink, m: Any) -> None:
         """Pass a message of the mission protocol to `MissionProtocol` if it addresses this vehicle.
@@ -275,10 +278,7 @@ class MavlinkInterface:
         link.send(ack)
 
     def _send_now(self, link: MavlinkLink, msgid: int) -> bool:
-        """Send one requested message.
-
-        Return False if the message is not supported or has no valid content.
-        """
+        """Send one requested message. Return False if it is not supported or has no valid content."""
         state = self._telemetry.begin()
         return state is not None and self._send_telemetry(link, [msgid], state)
 
@@ -340,21 +340,27 @@ class MavlinkInterface:
         """
         if msgid == mavlink.MAVLINK_MSG_ID_PING:
             link.pings += 1
-            link.send(mavlink.MAVLink_ping_message(state.us, link.pings, 0, 0))
-            return True
-        builder = streams.BUILDERS.get(msgid)
-        message = builder(self.vehicle, state) if builder else None
+            message = mavlink.MAVLink_ping_message(state.us, link.pings, 0, 0)
+        elif msgid == px4_messages.CURRENT_EVENT_SEQUENCE:
+            message = self.event_server.current_sequence()
+        else:
+            builder = streams.BUILDERS.get(msgid)
+            message = builder(self.vehicle, state) if builder else None
         link.send(message)
         return message is not None
 
     def _send_texts(self, now: float) -> None:
-        texts, self.vehicle.commander.texts = self.vehicle.commander.texts, []
+        """Send new texts to links with a ground station, and new events to all links."""
+        c = self.vehicle.commander
+        texts, events, c.texts, c.events = c.texts, c.events, [], []
         for severity, text in texts:
             self._on_text(severity, text)
+        sent, messages = marked(texts, events), self.event_server.send(events, int(now * 1e3))
         for link in self.links.values():
-            if now - link.gcs_heartbeat_at < _GCS_TEXT_TIMEOUT_S:
-                for severity, text in texts:
-                    link.send_text(severity, text)
+            for severity, text in sent if now - link.gcs_heartbeat_at < _GCS_TEXT_TIMEOUT_S else ():
+                link.send_text(severity, text)
+            for message in messages:
+                link.send(message)
 
     def received_counts(self) -> Counter[str]:
         """Return the numbers of received and refused messages by kind, over all links."""

@@ -192,14 +192,6 @@ def available_modes_monitor(v: Vehicle, s: TelemetryState) -> Any:
     return px4_messages.available_modes_monitor()
 
 
-def current_event_sequence(v: Vehicle, s: TelemetryState) -> Any:
-    """Return CURRENT_EVENT_SEQUENCE, which reports that the vehicle has sent no event.
-
-    The built-in autopilot sends its messages for people as STATUSTEXT.
-    """
-    return px4_messages.current_event_sequence(0, px4_messages.SEQUENCE_RESET)
-
-
 BUILDERS = {
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
@@ -214,7 +206,6 @@ BUILDERS = {
     px4_messages.COMPONENT_METADATA: component_metadata,
     px4_messages.COMPONENT_INFORMATION: component_information,
     px4_messages.AVAILABLE_MODES_MONITOR: available_modes_monitor,
-    px4_messages.CURRENT_EVENT_SEQUENCE: current_event_sequence,
 }
 HAS_CONTENT: dict[int, Callable[[Vehicle], bool]] = {
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS: has_radio,

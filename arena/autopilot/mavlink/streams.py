@@ -201,7 +201,7 @@ BUILDERS: dict[int, Builder] = {
     AVAILABLE_MODES: available_modes,
     **status_messages.BUILDERS,
 }
-SUPPORTED = BUILDERS.keys() | FREQUENT.keys() | {mavlink.MAVLINK_MSG_ID_PING}
+SUPPORTED = BUILDERS.keys() | FREQUENT.keys() | {mavlink.MAVLINK_MSG_ID_PING, CURRENT_EVENT_SEQUENCE}
 """Ids of all messages that can be streamed or requested."""
 
 _SLOW = {

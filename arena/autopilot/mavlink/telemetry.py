@@ -108,6 +108,7 @@ class Telemetry:
         values = (
             (c.mode, c.armed, c.failsafe, v.landed_state, v.ready_to_arm, v.inputs.manual_control),
             (v.aligned, v.origin, v.home_n, v.orbit, v.leg_target_n, v.manual_control.radio > -math.inf),
+            v.is_logged,
         )
         if values != self._copied[v.row]:
             self._copied[v.row] = values

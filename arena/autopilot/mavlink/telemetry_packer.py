@@ -330,6 +330,7 @@ _SENSORS = (
     | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
     | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
     | mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
+    | mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
     | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
     | mavlink.MAV_SYS_STATUS_AHRS
 )
@@ -340,14 +341,23 @@ def _present(v: Vehicle, *, xy_valid: bool) -> int:
 
     xy_valid: the horizontal position is valid
     """
-    # SDKs interpret the GPS bit as "the global position is valid", whatever its source.
-    present = _SENSORS | (mavlink.MAV_SYS_STATUS_SENSOR_GPS if _has_origin(v) and xy_valid else 0)
-    return int(present | (mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER if v.inputs.manual_control else 0))
+    bits = (
+        # SDKs interpret the GPS bit as "the global position is valid", whatever its source.
+        (mavlink.MAV_SYS_STATUS_SENSOR_GPS, _has_origin(v) and xy_valid),
+        (mavlink.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL, xy_valid),
+        (mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER, v.inputs.manual_control),
+        (mavlink.MAV_SYS_STATUS_LOGGING, v.is_logged),
+    )
+    return int(_SENSORS | sum(bit for bit, has in bits if has))
 
 
 def _health(v: Vehicle, working: int) -> int:
-    """Return the working sensors and the arming checks as MAV_SYS_STATUS_SENSOR bits."""
-    return int(working | mavlink.MAV_SYS_STATUS_PREARM_CHECK) if v.ready_to_arm else working
+    """Return the working sensors and the arming checks as MAV_SYS_STATUS_SENSOR bits.
+
+    As in PX4, logging is healthy whether a log is written or not.
+    """
+    ready = mavlink.MAV_SYS_STATUS_PREARM_CHECK if v.ready_to_arm else 0
+    return int(working | mavlink.MAV_SYS_STATUS_LOGGING | ready)
 
 
 def _is_aligned(v: Vehicle) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from arena.autopilot import events
 from arena.autopilot.commander import CRITICAL
 from arena.autopilot.commander_inputs import CommanderInputs
 from arena.autopilot.control.setpoints import Setpoints
@@ -120,7 +121,7 @@ class AutoModes:
         to = local(s.origin, target.lat, target.lon) if given else s.p_n[:2]
         d = s.origin.alt - target.alt if math.isfinite(target.alt) else s.p_n[2]
         if self._checked[v.row].fence.breach((to[0], to[1], d)):
-            s.report(CRITICAL, "Reposition is outside geofence")
+            s.report(CRITICAL, "Reposition is outside geofence", events.OUTSIDE_FENCE())
             to, d = s.p_n[:2], s.p_n[2]
         n.reposition((to[0], to[1], d), target.yaw - s.origin.heading, s)
 

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from arena.autopilot.control.flight_tasks import landing_speed
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.control.trajectory import Trajectory, TrajectoryLimits, wrap_angle
+from arena.autopilot.events import Event
 from arena.autopilot.navigation.mission_items import Origin
 from arena.autopilot.navigation.orbit import Orbit
 from arena.autopilot.param_table import Params
 
 Point = tuple[float, float, float]
+
+
+class Report(Protocol):
+    """Function that sends a text to the user, and the event that tells the same if there is one."""
+
+    def __call__(self, severity: int, text: str, event: Event | None = None) -> None: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +33,7 @@ class Situation:
     flying: True if the take-off is complete
     origin: place and direction of the local frame on Earth
     home_n, home_yaw: home position [m] [NED] and heading [rad]
-    report: function that sends a text to the user, called with MAV_SEVERITY and text
+    report: function that sends a text to the user, called with MAV_SEVERITY, text and the event that tells the same
     """
 
     now: float
@@ -38,7 +45,7 @@ class Situation:
     origin: Origin
     home_n: Point
     home_yaw: float
-    report: Callable[[int, str], None]
+    report: Report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

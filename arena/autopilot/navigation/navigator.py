@@ -13,6 +13,7 @@ import math
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.autopilot import events
 from arena.autopilot.commander import CRITICAL, INFO
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.flight_modes import Mode
@@ -136,12 +137,13 @@ class Navigator:
         begun, self._seen_changes = self._seen_changes < 0, self.missions.current_changes
         if not (self.missions.items[MISSION] and self.missions.valid):
             rest = "refusing takeoff" if s.landed else "loitering"
-            s.report(CRITICAL, f"No valid mission available, {rest}")
+            event = events.MISSION_REFUSED() if s.landed else events.MISSION_INVALID()
+            s.report(CRITICAL, f"No valid mission available, {rest}", event)
             self.running = False
             self._follower.set_leg(Leg(kind="stay", to=s.p_n))
             return
         if not self.running:
-            s.report(INFO, "Executing Mission")
+            s.report(INFO, "Executing Mission", events.MISSION())
         self.running = True
         self.missions.set_progress(reached=-1)
         if not begun:
@@ -272,7 +274,8 @@ class Navigator:
             self._follower.set_leg(Leg(kind="stay", to=self._follower.leg.to, yaw=self._follower.leg.yaw))
 
     def _finish(self, s: Situation) -> None:
-        s.report(INFO, f"Mission finished, {'landed' if s.landed else 'loitering'}")
+        event = events.MISSION_LANDED() if s.landed else events.MISSION_LOITERS()
+        s.report(INFO, f"Mission finished, {'landed' if s.landed else 'loitering'}", event)
         self.running = False
         self._jumps.clear()
         self._follower.set_leg(Leg(kind="stay", to=s.p_n, yaw=self._follower.trajectory.yaw))
@@ -345,12 +348,12 @@ class Navigator:
                 Leg(kind="go", to=above, yaw=s.home_yaw, then="low", hold_s=max(delay, 0.0))
             )
         elif done == "low" and delay < 0:
-            s.report(INFO, "RTL: completed, loitering")
+            s.report(INFO, "RTL: completed, loitering", events.RETURNED())
             self._follower.set_leg(Leg(kind="stay", to=above, yaw=s.home_yaw))
         elif self._follower.leg.kind == "land":
             self._follower.set_leg(Leg(kind="stay", to=s.p_n))
         else:
-            s.report(INFO, "RTL: land at destination")
+            s.report(INFO, "RTL: land at destination", events.RETURN_LANDS())
             self._follower.set_leg(Leg(kind="land", to=self._destination, yaw=s.home_yaw))
 
     def _param(self, name: str) -> float:

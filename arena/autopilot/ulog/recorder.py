@@ -168,6 +168,7 @@ class UlogRecorder:
         for i, v in enumerate(self._s.vehicles):
             if self._open[i] != self._is_wanted(i, v.commander, now):
                 self._switch(i)
+            v.is_logged = self._open[i]
             if self._open[i]:
                 self._record_changes(i, v, now)
 
