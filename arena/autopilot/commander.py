@@ -164,7 +164,7 @@ class Commander:
             self.report(EMERGENCY, f"Flight termination: {why}", event)
 
     def report(self, severity: int, text: str, event: Event | None = None) -> None:
-        """Add a text for the user, and the event that tells the same if there is one."""
+        """Add a text for the user, and the event with the same content if there is one."""
         self.texts.append((severity, text))
         if event is not None:
             self.events.append(event.with_text(text))

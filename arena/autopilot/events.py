@@ -1,4 +1,4 @@
-"""Events of the built-in autopilot: what it tells ground stations in the MAVLink event protocol.
+"""Events of the built-in autopilot: what it reports to ground stations in the MAVLink event protocol.
 
 Names, arguments and log levels are those of PX4 v1.16, so that a client knows the events with the metadata of
 either autopilot. The id of an event is computed from its name. Pure: no vehicle, no messages.
@@ -69,7 +69,7 @@ ENUMS: dict[str, dict[int, tuple[str, str]]] = {
 
 
 class Event(NamedTuple):
-    """One event, before it has a number.
+    """Event that has no number yet.
 
     levels: log level in logs (upper 4 bits) and for ground stations (lower 4 bits)
     arguments: the encoded arguments, at most 40 bytes

@@ -92,5 +92,5 @@ def marked(texts: Iterable[tuple[int, str]], events: Iterable[Event]) -> list[tu
     A ground station that knows events shows the event and drops the text. A text that says more than its event is
     not marked, so that it is always shown.
     """
-    told = {event.text for event in events}
-    return [(severity, text + _ALSO_AN_EVENT if text in told else text) for severity, text in texts]
+    announced = {event.text for event in events}
+    return [(severity, text + _ALSO_AN_EVENT if text in announced else text) for severity, text in texts]

@@ -18,7 +18,7 @@ Point = tuple[float, float, float]
 
 
 class Report(Protocol):
-    """Function that sends a text to the user, and the event that tells the same if there is one."""
+    """Function that sends a text to the user, and the event with the same content if there is one."""
 
     def __call__(self, severity: int, text: str, event: Event | None = None) -> None: ...
 
@@ -33,7 +33,7 @@ class Situation:
     flying: True if the take-off is complete
     origin: place and direction of the local frame on Earth
     home_n, home_yaw: home position [m] [NED] and heading [rad]
-    report: function that sends a text to the user, called with MAV_SEVERITY, text and the event that tells the same
+    report: function that sends a text to the user, called with MAV_SEVERITY, text and the event with the same content
     """
 
     now: float
