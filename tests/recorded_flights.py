@@ -56,8 +56,9 @@ def stream(t: float, pos: np.ndarray, ref: tuple[float, ...], mode: int, armed: 
 
 @functools.cache
 def flight_csv(*, real: bool = False, captured: bool = True) -> str:
-    """Return a log of two steps of 3 s, each reached with an error of 0.05 m to the east, and a landing 0.12
-    m north of the last.
+    """Return a log of two steps of 3 s and a landing.
+
+    Each step is reached with an error of 0.05 m to the east. The landing is 0.12 m north of the last step.
 
     real: without truth. captured: with motion capture; of a real vehicle its last second on the ground is
     missing.

@@ -1,5 +1,6 @@
-"""Hooks of mkdocs for the documentation site: navigation from docs/index.md, pages made from notebooks, and files outside docs/ to
-which pages link.
+"""Hooks of mkdocs for the documentation site.
+
+They make the navigation from docs/index.md and pages from notebooks, and copy files outside docs/ to which pages link.
 
 One place per fact: the order of the pages is that of docs/index.md. A page that is not listed there is a warning, and so an error.
 """

@@ -26,6 +26,7 @@ from arena.uav.connection import Connection
 from arena.uav.data_source import Source
 from arena.uav.heartbeat import Heartbeat
 from arena.uav.loss_cause import UNKNOWN, cause_of_loss
+from arena.uav.reported_state import TEXTS_S, ReportedState
 from arena.uav.setpoints import Encoder
 from arena.uav.steps import Steps
 from arena.wire.mavlink_minimal import result_words
@@ -42,7 +43,6 @@ _TRIES = 5
 _REARM_S = 1.0  # from a rejected arming until the next request
 _REOFFBOARD_S = 0.3  # from a rejected OFFBOARD until the next request
 _STREAM_FIRST_S = 0.5  # PX4 enters OFFBOARD only where setpoints already flow
-_TEXTS_S = 10.0
 _RECORD_S, _RECORD_POLL_S = 0.5, 0.05  # wall time: the router records a takeover when the program sees it
 _HEARTBEAT_S = (
     1.0  # period of heartbeats: the mode in a heartbeat may be as old as this, even if it is read late
@@ -70,6 +70,7 @@ class VehicleControl:
         self.encoder = Encoder(system_id)
         self._source, self._connection, self._clock = source, connection, clock
         self._heartbeat, self._run = heartbeat, run
+        self._reported = ReportedState(source)
         self.record_wait_s = _RECORD_S
         self._offboard = False
         self._armed = False
@@ -106,7 +107,7 @@ class VehicleControl:
     def has_control(self) -> bool:
         """Return whether the vehicle is in OFFBOARD for this program. Raises the errors of `guard`."""
         self.guard()
-        return self._offboard and self._has_state(mode="OFFBOARD", armed=True)
+        return self._offboard and self._reported.has(mode="OFFBOARD", armed=True)
 
     def flies(self, offboard_loss_s: float = 1.0) -> bool:
         """Return whether the vehicle follows this program's setpoints. The setpoints of other programs do not count.
@@ -117,7 +118,7 @@ class VehicleControl:
 
         offboard_loss_s: time without setpoints after which the autopilot's failsafe acts, COM_OF_LOSS_T [s]
         """
-        if not self._has_state(mode="OFFBOARD", armed=True):
+        if not self._reported.has(mode="OFFBOARD", armed=True):
             return False
         sent_at, telemetry = self._connection.setpoint_at, self._source.telemetry
         heart = telemetry.heartbeat
@@ -141,16 +142,16 @@ class VehicleControl:
             if not rejected or self._clock.now() + _REARM_S > until:
                 break
             yield from self._wait(lambda: False, _REARM_S)
-            yield from self._wait(self._is_ready, until - self._clock.now())
+            yield from self._wait(self._reported.is_ready, until - self._clock.now())
         yield from self._check_result(result, "arming")
-        yield from self._confirm(lambda: self._has_state(armed=True), "armed")
+        yield from self._confirm(lambda: self._reported.has(armed=True), "armed")
         self._armed = True
 
     def disarm(self) -> Steps[None]:
         """Disarm, and wait until the heartbeat confirms it."""
         offboard, self._offboard = self._offboard, False  # a disarming that was requested is no loss
         yield from self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0.0,), "disarming")
-        yield from self._confirm(lambda: self._has_state(armed=False), "disarmed")
+        yield from self._confirm(lambda: self._reported.has(armed=False), "disarmed")
         self._offboard, self._armed = offboard, False
 
     def enter_offboard(self) -> Steps[None]:
@@ -169,12 +170,11 @@ class VehicleControl:
         if (yield from self._wait(lambda: self._source.telemetry.received_at is not None, READY_TIMEOUT_S)):
             # heartbeats come once a second: without this, two programs could take off a second apart
             self._request_heartbeat()
-        if not (yield from self._wait(self._is_ready, READY_TIMEOUT_S)):
-            raise NotConfirmedError(
-                f"{self._source.ns}: not ready after {READY_TIMEOUT_S:g} s: {self._why_not_ready()}"
-            )
+        if not (yield from self._wait(self._reported.is_ready, READY_TIMEOUT_S)):
+            reason = self._reported.why_not_ready(READY_TIMEOUT_S, self._connection.fault)
+            raise NotConfirmedError(f"{self._source.ns}: not ready after {READY_TIMEOUT_S:g} s: {reason}")
         yield from self._enter()
-        if not self._has_state(armed=True):
+        if not self._reported.has(armed=True):
             yield from self.arm(until=end)
 
     def wait_until(self, done: Callable[[], T], timeout_s: float) -> Steps[T | None]:
@@ -193,7 +193,7 @@ class VehicleControl:
         air.
         wait: False returns when the autopilot has confirmed AUTO.LAND.
         """
-        if self._is_down():
+        if self._reported.is_down():
             return
         self._hold, self._lost = None, ""
         self._offboard = self._armed = False
@@ -201,21 +201,27 @@ class VehicleControl:
         try:
             yield from self._command(mavlink.MAV_CMD_DO_SET_MODE, _mode("AUTO.LAND"), "landing")
         except NotConfirmedError:
-            if not self._has_entered("AUTO.LAND", sent_at):  # else only the acknowledgements were lost
+            if not self._reported.has_entered(
+                "AUTO.LAND", sent_at
+            ):  # else only the acknowledgements were lost
                 raise
-        yield from self._confirm(lambda: self._has_state(mode="AUTO.LAND") or self._is_down(), "in AUTO.LAND")
+        yield from self._confirm(
+            lambda: self._reported.has(mode="AUTO.LAND") or self._reported.is_down(), "in AUTO.LAND"
+        )
         if not wait:
             return
         landing = yield from self._wait(
-            lambda: self._is_down() or self._has_left_landing(), LAND_TIMEOUT_S, stream=False
+            lambda: self._reported.is_down() or self._reported.has_left_landing(),
+            LAND_TIMEOUT_S,
+            stream=False,
         )
         if not landing:
             raise NotConfirmedError(
-                f"{self._source.ns}: landing not confirmed in {LAND_TIMEOUT_S:g} s: {self._state()}"
+                f"{self._source.ns}: landing not confirmed in {LAND_TIMEOUT_S:g} s: {self._reported.words()}"
             )
-        if not self._is_down():
+        if not self._reported.is_down():
             raise OffboardLostError(
-                f"{self._source.ns}: the vehicle left AUTO.LAND before it was on the ground ({self._cause()}): {self._state()}"
+                f"{self._source.ns}: the vehicle left AUTO.LAND before it was on the ground ({self._cause()}): {self._reported.words()}"
             )
 
     def request_version(self) -> Steps[tuple[int, int, int] | None]:
@@ -241,7 +247,7 @@ class VehicleControl:
             lambda: self._clock.now() - self._holding_since >= _STREAM_FIRST_S, READY_TIMEOUT_S
         )
         yield from self._request_offboard()
-        yield from self._confirm(lambda: self._has_state(mode="OFFBOARD"), "in OFFBOARD")
+        yield from self._confirm(lambda: self._reported.has(mode="OFFBOARD"), "in OFFBOARD")
         self._offboard = True
 
     def _begin(self) -> None:
@@ -287,7 +293,7 @@ class VehicleControl:
             if result is not None:
                 return result - 1
         raise NotConfirmedError(
-            f"{self._source.ns}: no acknowledgement of {what} from the autopilot after {_TRIES} tries{self._texts()}"
+            f"{self._source.ns}: no acknowledgement of {what} from the autopilot after {_TRIES} tries{self._reported.texts()}"
         )
 
     def _check_result(self, result: int, what: str) -> Steps[None]:
@@ -295,13 +301,15 @@ class VehicleControl:
             return
         yield from self._wait(lambda: False, 0.3)  # the reason may arrive after the answer
         words = result_words(result)
-        raise CommandRefusedError(f"{self._source.ns}: the autopilot refused {what} ({words}){self._texts()}")
+        raise CommandRefusedError(
+            f"{self._source.ns}: the autopilot refused {what} ({words}){self._reported.texts()}"
+        )
 
     def _confirm(self, done: Callable[[], bool], what: str) -> Steps[None]:
         self._request_heartbeat()
         if not (yield from self._wait(done, _CONFIRM_TIMEOUT_S)):
             late = f"command accepted, but the vehicle is not {what} after {_CONFIRM_TIMEOUT_S:g} s"
-            raise NotConfirmedError(f"{self._source.ns}: {late}: {self._state()}")
+            raise NotConfirmedError(f"{self._source.ns}: {late}: {self._reported.words()}")
 
     def _request_heartbeat(self) -> None:
         """Request a heartbeat now, instead of waiting up to 1 s for the next one.
@@ -347,67 +355,19 @@ class VehicleControl:
         if self._hold is not None:
             self._connection.send_setpoint(self.encoder.pos_yaw(*self._hold, self._clock.now()))
 
-    def _is_ready(self) -> bool:
-        t, limit = self._source.telemetry, self._source.limit_s
-        if self._source.age(t.local) > limit("") or self._source.age(t.attitude) > limit(""):
-            return False
-        if t.heartbeat is None or self._source.age(t.heartbeat) > limit("heartbeat"):
-            return False
-        return t.heartbeat.armed or (t.status is not None and t.status.prearm)
-
-    def _why_not_ready(self) -> str:
-        t = self._source.telemetry
-        if t.heartbeat is None:
-            return "no heartbeat from the autopilot has arrived" + (
-                f" ({self._connection.fault})" if self._connection.fault else ""
-            )
-        if self._source.age(t.local) > self._source.stale_s:
-            return f"the autopilot has no position estimate{self._texts()}"
-        return f"the autopilot's pre-arm checks fail{self._texts(READY_TIMEOUT_S + _TEXTS_S)}"
-
-    def _has_state(self, *, mode: str | None = None, armed: bool | None = None) -> bool:
-        heart = self._source.telemetry.heartbeat
-        return heart is not None and mode in (None, heart.mode) and armed in (None, heart.armed)
-
-    def _has_entered(self, mode: str, since: float) -> bool:
-        """Return whether a heartbeat that arrived after `since` [s] reports this flight mode."""
-        heart = self._source.telemetry.heartbeat
-        return heart is not None and heart.received_at > since and heart.mode == mode
-
-    def _is_down(self) -> bool:
-        ground = self._source.telemetry.ground
-        fresh = self._source.age(ground) <= self._source.limit_s("landed state")
-        return fresh and ground is not None and ground.landed and self._has_state(armed=False)
-
-    def _has_left_landing(self) -> bool:
-        return self._has_state(armed=True) and not self._has_state(mode="AUTO.LAND")
-
-    def _state(self) -> str:
-        t = self._source.telemetry
-        if t.heartbeat is None:
-            return "no heartbeat has arrived"
-        ground = "unknown" if t.ground is None else "on the ground" if t.ground.landed else "in the air"
-        age = self._source.age(t.heartbeat)
-        return f"mode {t.heartbeat.mode}, {'armed' if t.heartbeat.armed else 'disarmed'}, {ground}, {age:.1f} s ago{self._texts()}"
-
-    def _texts(self, seconds: float = _TEXTS_S) -> str:
-        worst = mavlink.MAV_SEVERITY_WARNING
-        texts = self._source.telemetry.recent_texts(self._source.now() - seconds, worst)
-        return f"; autopilot: {'; '.join(texts[-3:])}" if texts else ""
-
     def _cause(self) -> str:
         """Return the cause of the loss of control, as text."""
         worst = mavlink.MAV_SEVERITY_WARNING
         end = time.monotonic() + (self.record_wait_s if self._run is not None else 0.0)
         while True:
-            texts = self._source.telemetry.recent_texts(self._source.now() - _TEXTS_S, worst)
+            texts = self._source.telemetry.recent_texts(self._source.now() - TEXTS_S, worst)
             cause = cause_of_loss(self._source.ns, texts, self._run, time.monotonic())
             if cause != UNKNOWN or time.monotonic() >= end:
                 return cause
             time.sleep(_RECORD_POLL_S)
 
     def _lose(self, what: str) -> None:
-        self._lost = f"{self._source.ns}: {what}: {self._cause()}. The program does not take the vehicle back{self._texts()}"
+        self._lost = f"{self._source.ns}: {what}: {self._cause()}. The program does not take the vehicle back{self._reported.texts()}"
         raise OffboardLostError(self._lost)
 
 

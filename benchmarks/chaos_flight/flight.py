@@ -273,8 +273,9 @@ class ChaosFlight:
         return False
 
     def _forget_unplugged(self, flight: Flight) -> None:
-        """Do what an operator does with a vehicle that sends nothing any more: declare it dead, or connect it again if there is
-        no supervisor to declare it to.
+        """Do what an operator does with a vehicle that sends nothing any more.
+
+        Declare it dead, or connect it again if there is no supervisor to declare it to.
         """
         for name, radio in self._radios.items():
             if radio.cut and flight.process.poll() is not None:

@@ -1,5 +1,7 @@
-"""A choreographer: one program that flies 48 vehicles. They take off, write F, L and Y letter by letter, and land. With the argument
-`F`, for example, it flies only the vehicles of that letter.
+"""A choreographer: one program that flies 48 vehicles.
+
+They take off, write F, L and Y letter by letter, and land. With the argument `F`, for example, it flies only the vehicles of
+that letter.
 
 The letters are seen from the south, from the front. A vehicle right below another one would be in its downwash, so the letters
 lean back: a point that is 1 m higher is 0.8 m farther north. Seen from the front this is not visible.

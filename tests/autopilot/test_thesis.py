@@ -1,5 +1,6 @@
-"""The measure that holds our flights against the thesis's, and one such flight in one process. What needs the data is skipped
-where they are not: they are no part of this project.
+"""The measure that holds our flights against the thesis's, and one such flight in one process.
+
+What needs the data is skipped where they are not: they are no part of this project.
 """
 
 from __future__ import annotations

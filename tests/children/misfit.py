@@ -122,8 +122,9 @@ def flickers() -> None:
 
 
 def prints_requests() -> None:
-    """Report facts (the argument, as JSON), and print and confirm every request of the supervisor. SIGTERM ends it
-    after the last one.
+    """Report facts (the argument, as JSON), and print and confirm every request of the supervisor.
+
+    SIGTERM ends it after the last one.
     """
     signal.signal(signal.SIGTERM, lambda *_: tell.line.setblocking(False))
     tell(ready=True, facts=json.loads(sys.argv[2]))

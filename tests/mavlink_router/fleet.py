@@ -56,8 +56,10 @@ def slice_of(
 
 
 class Fleet:
-    """A router with vehicles 1 and 2. Senders and receivers have names: "autopilot1", "program2", "gcs", "tool".
-    "ground1" is the autopilot's end of the link for ground stations, which the vehicles in `ground` have.
+    """A router with vehicles 1 and 2.
+
+    Senders and receivers have names: "autopilot1", "program2", "gcs", "tool". "ground1" is the autopilot's end of the link
+    for ground stations, which the vehicles in `ground` have.
 
     The results do not contain the recorder's copies of messages to vehicles.
     """

@@ -1,6 +1,4 @@
-"""pybullet bodies in our conventions, at generic attitudes: a level, nose-north test misses most of the classic
-mistakes.
-"""
+"""pybullet bodies in our conventions, at generic attitudes: a level, nose-north test misses most of the classic mistakes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""Six position steps of 6 s each, then a landing. Each step adds to the position and yaw that are estimated at that instant, as in
-the thesis. So the error at the end of a step becomes a part of the next setpoint.
+"""Six position steps of 6 s each, then a landing.
+
+Each step adds to the position and yaw that are estimated at that instant, as in the thesis. So the error at the end of a
+step becomes a part of the next setpoint.
 
 Argument, optional: time that the vehicle stands armed before the first step [s].
 """
