@@ -18,7 +18,7 @@ SETTLED_S, SETTLED_M_S = 3.0, 0.25
 # POSITION_TARGET_LOCAL_NED comes 10 times per second: rows show the old reference until the next message.
 _BEFORE_CHANGE_S = 0.15
 # The autopilot can send the reference of the landing mode before the HEARTBEAT with this mode.
-_MODE_LATER_S = 1.1
+_MODE_LATER_S, _NEAR_M = 1.2, 0.5
 _SPEED_S = 0.25  # time over which the speed at the end of a held setpoint is measured
 
 
@@ -54,14 +54,13 @@ def last_row_of_held_setpoint(flight: Flight) -> int | None:
     if not flown.size or not spans:
         return None
     held, end = spans[-1][1], int(flown[-1])
-    after = int(np.searchsorted(flight.t, flight.t[end] + _BEFORE_CHANGE_S))
-    if held == end:
-        return held
-    if after >= flight.t.size or flight.t[end] - flight.t[held] > _MODE_LATER_S:
+    if flight.t[end] - flight.t[held] > _MODE_LATER_S:
         return None
     ref = flight.group("pos_ref")
-    of_next_mode = np.isclose(ref[held + 1 : end + 1], ref[after], atol=_SAME_M, equal_nan=True)
-    return held if of_next_mode.all() else None
+    after = ref[held + 1 : end + 1]
+    # A landing mode has no reference of the height. Its place is that of the vehicle, near the setpoint.
+    of_landing = np.isnan(after[:, 2]) & ~(np.abs(after[:, :2] - ref[held, :2]).max(axis=1) > _NEAR_M)
+    return held if of_landing.all() else None
 
 
 def setpoints(flight: Flight) -> dict[str, Any]:
