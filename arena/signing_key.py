@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 import stat
 import threading
 from pathlib import Path
@@ -71,7 +70,7 @@ def write_new_key(file: Path) -> None:
 
     Raises InputError if the file exists.
     """
-    text = secrets.token_bytes(KEY_BYTES).hex() + "\n"
+    text = os.urandom(KEY_BYTES).hex() + "\n"
     try:
         opened = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     except FileExistsError as error:

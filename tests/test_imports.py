@@ -17,6 +17,7 @@ GROUND = {
     "socket_watch",
     "constants",
     "errors",
+    "preloaded",
     "fault_injection",
     "geomagnetism",
     "geometry",
@@ -40,6 +41,7 @@ MAY: dict[str, set[str]] = {
     "builtin_parameters": {"constants"},
     "background_writer": set(),
     "constants": set(),
+    "preloaded": set(),
     "errors": set(),
     "thrust_curve": {"errors"},
     "fault_injection": {"errors"},
@@ -122,7 +124,7 @@ MAY: dict[str, set[str]] = {
     "fly": GROUND | {"live_view", "supervisor", "trajectories", "uav"},
     "emergency": GROUND | {"schema", "plan"},
     "smoke": GROUND | {"schema", "plan", "supervisor", "report"},
-    "campaign": GROUND | {"schema", "flight_log", "report", "smoke"},
+    "campaign": GROUND | {"schema", "flight_log", "report", "smoke", "supervisor"},
     "cli": GROUND
     | {
         "mocap",

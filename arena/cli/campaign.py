@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from arena.campaign.campaign import FlyAll
     from arena.campaign.progress import ProgressBar, ProgressLines
+    from arena.supervisor.fork_client import ForkClient
 
 _LOG_COLUMNS = 160  # width without a terminal, so that the lines in a log file are not wrapped
 
@@ -48,6 +49,7 @@ def register(app: typer.Typer) -> None:
 
 
 def fly(
+    context: typer.Context,
     sweep: Annotated[
         Path,
         typer.Argument(
@@ -104,7 +106,7 @@ def fly(
     listing = listing_of(found.name, str(sweep), found.kind, inputs, flights)
     store = Store((results or Path("campaigns") / found.name).resolve())
     # With --jobs, the computers of the sweep file's cluster are not used.
-    fly_all = _fly_all(jobs, cluster or (found.cluster if jobs is None else None), sweep, inputs)
+    fly_all = _fly_all(jobs, cluster or (found.cluster if jobs is None else None), sweep, inputs, context.obj)
     with _progress() as progress:
         finished = fly_campaign(store, listing, flights, fly_all, progress)
     _print(store.folder)
@@ -134,12 +136,18 @@ def show(
     _print(folder)
 
 
-def _fly_all(jobs: int | None, cluster: str | None, sweep: Path, inputs: Mapping[str, str]) -> FlyAll:
+def _fly_all(
+    jobs: int | None,
+    cluster: str | None,
+    sweep: Path,
+    inputs: Mapping[str, str],
+    forks: ForkClient | None,
+) -> FlyAll:
     """Return the function that flies the flights of a campaign: on a Ray cluster, or on this computer."""
     if cluster is None:
         from arena.campaign import runner
 
-        return partial(runner.fly_all, jobs=jobs_or_cores(jobs))
+        return partial(runner.fly_all, jobs=jobs_or_cores(jobs), forks=forks)
     from arena.campaign import ray_cluster
     from arena.campaign.ray_task import inputs_of
 

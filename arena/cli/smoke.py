@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from arena.smoke.flying.fly_scenario import FlightOptions
     from arena.smoke.language.scenario import Scenario
     from arena.smoke.referee.verdict import Result
+    from arena.supervisor.fork_client import ForkClient
 
 ENDING = ".smoke.yaml"
 _LOG_COLUMNS = 160  # width of the table without a terminal, so that paths in a CI log are not wrapped
@@ -31,6 +32,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def smoke(
+        context: typer.Context,
         scenarios: Annotated[
             list[Path],
             typer.Argument(
@@ -92,7 +94,7 @@ def register(app: typer.Typer) -> None:
         if INTERPRETED:
             print(INTERPRETED, file=sys.stderr)
         options = FlightOptions(results=results.resolve(), speed=speed, seed=seed)
-        raise SystemExit(_fly(found * repeat, options, _jobs(jobs, speed), junit))
+        raise SystemExit(_fly(found * repeat, options, _jobs(jobs, speed), junit, context.obj))
 
 
 def _jobs(jobs: int | None, speed: str) -> int:
@@ -151,11 +153,17 @@ def load(paths: list[Path], overrides: list[str]) -> list[Scenario]:
     return found
 
 
-def _fly(scenarios: list[Scenario], options: FlightOptions, jobs: int, junit: Path | None) -> int:
+def _fly(
+    scenarios: list[Scenario],
+    options: FlightOptions,
+    jobs: int,
+    junit: Path | None,
+    forks: ForkClient | None,
+) -> int:
     from arena.smoke.flying.runner import Interrupted, fly_all
 
     try:
-        results = fly_all(scenarios, options, jobs=jobs, on_result=_print_result)
+        results = fly_all(scenarios, options, jobs=jobs, on_result=_print_result, forks=forks)
     except Interrupted as interrupted:
         flown = Counter(result.scenario for result in interrupted.results)
         missing = list((Counter(scenario.name for scenario in scenarios) - flown).elements())

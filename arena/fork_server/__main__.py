@@ -1,17 +1,16 @@
-"""Process `arena:fork-server`, which the supervisor starts: `python -m arena.fork_server FD`.
+"""Process `arena:fork-server`: `python -m arena.fork_server FD PACKAGES`, started by `arena.supervisor.fork_client`.
 
-The supervisor uses it through `arena.supervisor.fork_client`.
-
-FD is a local packet socket. Packets, each one JSON object:
-    server -> supervisor   {"ready": true}   the packages are imported
-    supervisor -> server   a request to fork a process (`forked_process.Request`), with three file descriptors:
-                           output of the process, its socket to the supervisor, and the socket `go`
-    server -> supervisor   {"pid": 123}      the process exists and is a child of the supervisor
-The process starts its work when it receives a byte on `go`. If `go` is closed before, the process ends. So a supervisor that has
+FD is a local packet socket to the client, for example the supervisor. PACKAGES is a key of PRELOADED. Packets, each one JSON object:
+    server -> client   {"ready": true}   the packages are imported
+    client -> server   a request to fork a process (`forked_process.Request`), with file descriptors:
+                       output of the process, the socket `go`, and possibly its socket to the client
+    server -> client   {"pid": 123}      the process exists and is a child of the client
+The process starts its work when it receives a byte on `go`. If `go` is closed before, the process ends. So a client that has
 given up waiting, and has started the process in another way, never gets a second one.
 
-The supervisor must be a subreaper (PR_SET_CHILD_SUBREAPER): each process is forked by an intermediate process that ends at once, and
-so becomes a child of the supervisor, which can wait for it as for every other process. End of file on FD ends the server.
+The client must be a subreaper (PR_SET_CHILD_SUBREAPER): each process is forked by an intermediate process that ends at once, and
+so becomes a child of the client, which can wait for it as for every other process. End of file on FD ends the server.
+A forked process can have a fork server of its own, which is a copy of the process (`arena.preloaded`).
 """
 
 from __future__ import annotations
@@ -23,13 +22,14 @@ import json
 import os
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from arena.fork_server.forked_process import DESCRIPTORS, Request, start_work
+from arena import preloaded
+from arena.fork_server.forked_process import DESCRIPTORS, Request, remember_environment, start_work
 from arena.process_title import set_title
 
-PRELOADED = (
+_PROCESSES = (
     "arena.fused.__main__",  # imports world, autopilots, motion capture, forwarder, router, sensors and recorder
     "arena.sim.__main__",
     "arena.mocap.emulator.__main__",
@@ -40,31 +40,48 @@ PRELOADED = (
     "arena.uav.arguments",
     "arena.uav.group.__main__",
 )
-"""Modules that are imported once. A process imports all other modules itself."""
+PRELOADED = {
+    "processes": _PROCESSES,
+    "flights": (
+        *_PROCESSES,
+        "arena.cli.up",
+        "arena.cli._summary",
+        "arena.flight_log.__main__",
+        "arena.smoke.flying.worker",
+        "arena.smoke.flying.fly_scenario",
+        "arena.plan.make",
+        "arena.plan.machine",
+    ),
+}
+"""Modules that are imported once, for the processes of one arena, or for many flights. A process imports all other modules itself."""
 _MAX_REQUEST_BYTES = 1 << 18
 _FEW_COLLECTIONS = 50_000
 
 
 def main(argv: list[str]) -> int:
-    """Serve requests of the supervisor until it closes the socket.
+    """Serve requests until the client closes the socket.
 
     Return an exit code: that of the server, or in a forked process that of its work.
     """
     set_title("arena:fork-server")
     channel = socket.socket(fileno=int(argv[1]))
-    preload()
-    work = _serve(channel)
+    remember_environment()
+    preload(PRELOADED[argv[2]])
+    if sum(1 for _ in Path("/proc/self/task").iterdir()) > 1:
+        return 0  # a thread does not survive a fork, and may hold a lock
+    preloaded.offer(serve)
+    work = serve(channel)
     return 0 if work is None else work()
 
 
-def preload() -> None:
-    """Import the packages of arena's processes.
+def preload(names: Iterable[str]) -> None:
+    """Import modules.
 
     A module that cannot be imported is left out: its process reports the error.
     """
     thresholds = gc.get_threshold()
     gc.set_threshold(_FEW_COLLECTIONS)  # imports make no garbage
-    for name in PRELOADED:
+    for name in names:
         with contextlib.suppress(Exception):
             importlib.import_module(name)
         if name.endswith(".__main__"):
@@ -73,13 +90,11 @@ def preload() -> None:
     gc.set_threshold(*thresholds)
 
 
-def _serve(channel: socket.socket) -> Callable[[], int] | None:
-    """Fork processes as the supervisor requests.
+def serve(channel: socket.socket) -> Callable[[], int] | None:
+    """Fork processes as the client requests.
 
     Return None at the end. In a forked process, return the function that does its work.
     """
-    if sum(1 for _ in Path("/proc/self/task").iterdir()) > 1:
-        return None  # a thread does not survive a fork, and may hold a lock
     channel.send(json.dumps({"ready": True}).encode())
     while True:
         data, descriptors, _, _ = socket.recv_fds(channel, _MAX_REQUEST_BYTES, DESCRIPTORS)
@@ -111,7 +126,7 @@ def _fork_twice() -> int:
     os.close(writing)
     with os.fdopen(reading) as pipe:
         pid = int(pipe.read())
-    os.waitpid(between, 0)  # its child has now another parent, the supervisor
+    os.waitpid(between, 0)  # its child has now another parent, the client
     return pid
 
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
 import importlib.util
 import os
-import signal
 import socket
 import sys
 from collections.abc import Callable, Mapping
@@ -21,25 +21,27 @@ from pathlib import Path
 from types import CodeType, ModuleType
 
 from arena.fork_server.process_image import show
+from arena.preloaded import OtherWork
 
 DESCRIPTORS = 3
 _AUTOGROUP = Path("/proc/self/autogroup")
 _PR_SET_PDEATHSIG = 1
 _OWN_PREFIX = "ARENA_"
 _HASH_SEED = "PYTHONHASHSEED"
+_THRESHOLDS = gc.get_threshold()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """Request of the supervisor to fork a process.
+    """Request of a client, such as the supervisor, to fork a process.
 
     argv: command line: the interpreter, then `-m MODULE` or the file of a program, then arguments.
     cwd: working folder.
     env: complete environment.
-    socket_variable: environment variable for the number of the socket to the supervisor.
-    nice: added to the nice value of the supervisor.
-    outlives: whether the process continues when the supervisor dies; false: it is killed.
-    supervisor: pid of the supervisor.
+    socket_variable: environment variable for the number of the socket to the client.
+    nice: added to the nice value of the client.
+    death_signal: signal that the process gets when the client dies; 0: none.
+    client: pid of the client.
     """
 
     argv: list[str]
@@ -47,16 +49,28 @@ class Request:
     env: dict[str, str]
     socket_variable: str
     nice: int
-    outlives: bool
-    supervisor: int
+    death_signal: int
+    client: int
 
 
-def start_work(request: Request, output: int, channel: int, go: int) -> Callable[[], int]:
+_ENVIRONMENT: dict[str, str] = {}
+"""Environment in which the packages of this process were imported."""
+
+
+def remember_environment() -> None:
+    """Store the environment of the fork server, before it imports packages.
+
+    Copies of the server have it, too.
+    """
+    _ENVIRONMENT.update(os.environ)
+
+
+def start_work(request: Request, output: int, go: int, channel: int | None = None) -> Callable[[], int]:
     """Set up a forked process. Return the function that runs its program and returns the exit code.
 
-    The program starts only after the supervisor has sent `go`.
+    The program starts only after the client has sent `go`.
 
-    output, channel, go: file descriptors, as in the package's `__main__`. Ends the process if `go` is closed.
+    output, go, channel: file descriptors, as in the package's `__main__`. Ends the process if `go` is closed.
     """
     os.setsid()
     nowhere = os.open(os.devnull, os.O_RDONLY)
@@ -67,20 +81,23 @@ def start_work(request: Request, output: int, channel: int, go: int) -> Callable
     with socket.socket(fileno=go) as waiting:
         if waiting.recv(1) != b"1":
             os._exit(1)
-    if not request.outlives:
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-        if os.getppid() != request.supervisor:  # it died before the call above
+    if request.death_signal:
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, request.death_signal, 0, 0, 0)
+        if os.getppid() != request.client:  # it died before the call above
             os._exit(1)
     _set_priority(request.nice)
     os.chdir(request.cwd)
-    os.set_inheritable(channel, True)
-    env = {**request.env, request.socket_variable: str(channel)}
-    program = None if needs_interpreter(request.argv, env, os.environ) else _program(request.argv)
+    env = dict(request.env)
+    if channel is not None:
+        os.set_inheritable(channel, True)
+        env[request.socket_variable] = str(channel)
+    program = None if needs_interpreter(request.argv, env, _ENVIRONMENT) else _program(request.argv)
     os.environ.clear()
     os.environ.update(env)
     if program is None:
         os.execve(request.argv[0], request.argv, env)
     show(_visible(request.argv), env)
+    gc.set_threshold(*_THRESHOLDS)
     _reseed()
     return partial(_run, program, request.argv)
 
@@ -145,8 +162,10 @@ def _program(argv: list[str]) -> tuple[CodeType, ModuleType] | None:
     main.__dict__.update(__builtins__=__builtins__, __annotations__={})
     try:
         if argv[1] == "-m":
-            name = argv[2] if argv[2].endswith(".__main__") else f"{argv[2]}.__main__"
-            spec = importlib.util.find_spec(name)
+            name, spec = argv[2], importlib.util.find_spec(argv[2])
+            if spec is not None and spec.submodule_search_locations is not None:
+                name = f"{name}.__main__"
+                spec = importlib.util.find_spec(name)
             if spec is None or not isinstance(spec.loader, SourceFileLoader):
                 return None
             code = spec.loader.get_code(name)
@@ -178,6 +197,8 @@ def _run(program: tuple[CodeType, ModuleType], argv: list[str]) -> int:
         exec(code, main.__dict__)
     except SystemExit:
         raise
+    except OtherWork as other:
+        work = other.work
     except BaseException as error:
         trace = error.__traceback__.tb_next if error.__traceback__ is not None else None
         sys.excepthook(type(error), error.with_traceback(trace), trace)
@@ -185,7 +206,9 @@ def _run(program: tuple[CodeType, ModuleType], argv: list[str]) -> int:
             sys.excepthook = lambda *_: None  # it is printed; the interpreter ends the process by SIGINT
             raise
         return 1
-    return 0
+    else:
+        return 0
+    return work()
 
 
 def _reseed() -> None:

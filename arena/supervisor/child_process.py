@@ -211,7 +211,7 @@ def _fork(
         env=env,
         socket_variable=SOCKET_VARIABLE,
         nice=spec.nice,
-        outlives=spec.outlives,
+        death_signal=0 if spec.outlives else signal.SIGKILL,
         output=output,
         channel=channel.fileno(),
     )

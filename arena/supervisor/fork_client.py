@@ -1,13 +1,15 @@
-"""Client of the fork server (`arena.fork_server`), which makes the start of an arena faster.
+"""Client of the fork server (`arena.fork_server`), which shortens the start of an arena, and of many flights.
 
-The fork server runs only while a simulated arena starts for the first time. Whatever it cannot do, or does not do in time, is done
-by a new interpreter. Restarts never use it. This module imports the standard library only, so that `arena up` can start the fork
-server before it loads anything else.
+For `arena up` the fork server runs only while a simulated arena starts for the first time. Whatever it cannot do, or does not do in
+time, is done by a new interpreter. Restarts never use it. In a process that was forked itself, the server is a copy of this process
+(`arena.preloaded`); it costs nearly nothing and runs until the end. This module imports the standard library only, so that
+`arena up` can start the fork server before it loads anything else.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import json
 import os
 import select
@@ -16,15 +18,19 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from arena import preloaded
 from arena.constants import PROCESS_ENV
+from arena.supervisor.forked_child import ForkedChild
 
-LOAD_TIMEOUT_S = 5.0
+LOAD_TIMEOUT_S = {"processes": 5.0, "flights": 30.0}
 """Longest time for which the start of processes waits until the fork server has imported the packages [s]."""
 REPLY_TIMEOUT_S = 1.0
 _MODULE = "arena.fork_server"
+_PR_SET_CHILD_SUBREAPER, _PR_GET_CHILD_SUBREAPER = 36, 37
+_libc = ctypes.CDLL(None)
 _MAX_PACKET_BYTES = 4096
 # The kernel shows command line and environment of a process in the memory that its interpreter got for them at its start. Forked
 # processes need more of it than the fork server, because they have longer command lines and more variables.
@@ -34,25 +40,23 @@ _SPARE_ARGUMENT, _SPARE_VARIABLE = "-" * 1024, ("ARENA_SPARE_ENVIRONMENT", "-" *
 class ForkClient:
     """Client that starts the fork server and requests new processes from it.
 
+    packages: what the server imports: "processes" of one arena, or "flights" for many flights.
     ready: the fork server has imported the packages.
+    is_copy: the fork server is a copy of this process, so it needs no memory of its own.
+    Raises preloaded.OtherWork in such a copy.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, packages: str = "processes") -> None:
         self.ready = False
         self._owner = os.getpid()
         self._selector: selectors.BaseSelector | None = None
-        self._deadline = time.monotonic() + LOAD_TIMEOUT_S
+        self._deadline = time.monotonic() + LOAD_TIMEOUT_S[packages]
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
-            self._server: subprocess.Popen[bytes] | None = subprocess.Popen(
-                [sys.executable, "-m", _MODULE, str(theirs.fileno()), _SPARE_ARGUMENT],
-                cwd="/",  # the first entry of sys.path: a folder in which no user has modules
-                env={**os.environ, **dict(PROCESS_ENV), "PYTHONHASHSEED": "0", **dict([_SPARE_VARIABLE])},
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,
-                pass_fds=(theirs.fileno(),),
+            copy = preloaded.fork_server(theirs, self._channel)
+            self.is_copy = copy is not None
+            self._server: subprocess.Popen[bytes] | ForkedChild | None = (
+                _execute(theirs, packages) if copy is None else ForkedChild(copy)
             )
 
     def watch(self, selector: selectors.BaseSelector, on_change: Callable[[], None]) -> None:
@@ -101,20 +105,21 @@ class ForkClient:
         *,
         cwd: str,
         env: Mapping[str, str],
-        socket_variable: str,
-        nice: int,
-        outlives: bool,
+        death_signal: int,
         output: int,
-        channel: int,
+        nice: int = 0,
+        channel: int | None = None,
+        socket_variable: str = "",
     ) -> int | None:
         """Request a new process and return its pid, or None if the fork server does not start it.
 
         After None, the fork server is not used any more.
 
         argv, cwd, env: command line, working folder and complete environment.
+        death_signal: signal that the process gets when this process dies; 0: none.  nice: added to the nice value.
+        output: file descriptor of its stdout and stderr.
+        channel: file descriptor of its socket to this process; None: it has none.
         socket_variable: environment variable for the number that `channel` has in the process.
-        nice: added to the nice value.  outlives: false: the process is killed when this process dies.
-        output, channel: file descriptors of its stdout and stderr, and of its socket to the supervisor.
         """
         request = {
             "argv": list(argv),
@@ -122,15 +127,16 @@ class ForkClient:
             "env": dict(env),
             "socket_variable": socket_variable,
             "nice": nice,
-            "outlives": outlives,
-            "supervisor": os.getpid(),
+            "death_signal": int(death_signal),
+            "client": os.getpid(),
         }
         go, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
-        with go:
+        with go, _adopting_orphans():
             try:
                 with theirs:
                     data = json.dumps(request).encode()
-                    socket.send_fds(self._channel, [data], [output, channel, theirs.fileno()])
+                    extra = [] if channel is None else [channel]
+                    socket.send_fds(self._channel, [data], [output, theirs.fileno(), *extra])
                 packet = self._receive(REPLY_TIMEOUT_S)
                 pid = packet.get("pid") if packet is not None else None
                 if isinstance(pid, int):
@@ -141,6 +147,12 @@ class ForkClient:
                 pass
         self._end_server()
         return None
+
+    def wait_until_ready(self) -> bool:
+        """Wait until the fork server has imported the packages, at most until the time limit. Return whether it has."""
+        while self.loading(time.monotonic()):
+            select.select([self._channel], [], [], max(0.0, self._deadline - time.monotonic()))
+        return self.ready
 
     def close(self) -> None:
         """End the fork server. The processes that it has started continue."""
@@ -170,3 +182,29 @@ class ForkClient:
         except (OSError, ValueError):
             return {}
         return packet if isinstance(packet, dict) else {}
+
+
+def _execute(channel: socket.socket, packages: str) -> subprocess.Popen[bytes]:
+    """Start the fork server in a new interpreter. channel: its end of the socket to the client."""
+    return subprocess.Popen(
+        [sys.executable, "-m", _MODULE, str(channel.fileno()), packages, _SPARE_ARGUMENT],
+        cwd="/",  # the first entry of sys.path: a folder in which no user has modules
+        env={**os.environ, **dict(PROCESS_ENV), "PYTHONHASHSEED": "0", **dict([_SPARE_VARIABLE])},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+        pass_fds=(channel.fileno(),),
+    )
+
+
+@contextlib.contextmanager
+def _adopting_orphans() -> Iterator[None]:
+    """Make this process the parent of descendants whose own parent ends meanwhile: the forked process is one of them."""
+    before = ctypes.c_int()
+    _libc.prctl(_PR_GET_CHILD_SUBREAPER, ctypes.byref(before), 0, 0, 0)
+    _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    try:
+        yield
+    finally:
+        _libc.prctl(_PR_SET_CHILD_SUBREAPER, before.value, 0, 0, 0)

@@ -276,7 +276,7 @@ class Supervisor:
         if not begun or waiting or self._all_started:
             return
         self._all_started = True
-        self._processes.end_fork_server()
+        self._processes.end_fork_server(unless_copy=True)
         failed = [f"{name}: {s.reason}" for name, s in statuses.items() if s.state is State.FATAL]
         ready = f"{len(statuses) - len(failed)} of {len(statuses)}" if failed else str(len(statuses))
         noun = "process" if ready == "1" else "processes"

@@ -73,6 +73,7 @@ class ProcessSet:
     stats: process -> its measurements.
     confirmed: process -> `id` of the last request that it has carried out.
     changed: true if something happened that the loop must handle without waiting for the next period.
+    forks: client of the fork server; None without a fork server.
     """
 
     def __init__(
@@ -94,7 +95,7 @@ class ProcessSet:
         self.confirmed: dict[str, int] = {}
         self.stats |= {member.name: {} for spec in self.specs.values() for member in spec.members}
         self.changed = True
-        self._selector, self._forks, self._vehicle_changes = selector, forks, VehicleChanges()
+        self._selector, self.forks, self._vehicle_changes = selector, forks, VehicleChanges()
         self._fact_source: dict[str, str] = {}
         self._names: dict[str, set[str]] = {}  # process -> names of its facts
         self._ready: set[str] = set()
@@ -109,10 +110,10 @@ class ProcessSet:
         if forks is not None:
             forks.watch(selector, partial(setattr, self, "changed", True))
 
-    def end_fork_server(self) -> None:
-        """End the fork server, because only the first start of processes uses it."""
-        if self._forks is not None:
-            self._forks.close()
+    def end_fork_server(self, *, unless_copy: bool = False) -> None:
+        """End the fork server. unless_copy: not if it is a copy of this process, which needs no memory and forks the report task."""
+        if self.forks is not None and not (unless_copy and self.forks.is_copy):
+            self.forks.close()
 
     @property
     def alive(self) -> list[str]:
@@ -136,8 +137,7 @@ class ProcessSet:
     def reconcile(self, orders: Orders, now: float) -> None:
         """Update the state of every process, and start, stop or kill processes as this state requires. Ended processes are collected first.
 
-        Repeats while something changes: a process that becomes ready allows others to start.
-        now: monotonic [s].
+        Repeats while something changes: a process that becomes ready allows others to start. now: monotonic [s].
         """
         self._ending = not orders.starts_on
         self._start_limit.update(now)
@@ -274,7 +274,7 @@ class ProcessSet:
         self._silent_s[spec.name] = 0.0
         if self.statuses[spec.name].restarts:
             self.folder.restore(self.plan)
-        forks = None if self.statuses[spec.name].restarts else self._forks
+        forks = None if self.statuses[spec.name].restarts else self.forks
         log, path = self.folder.log(spec.name), str(self.folder.path)
         try:
             child = child_process.start(self.folder.spec(spec), log, path, forks)

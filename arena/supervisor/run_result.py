@@ -117,7 +117,8 @@ class RunResult:
             return False
         what = "making the report: logs, summary and report.html"
         self._log.show(Message(text=what if self._plan.report.name == "report" else "writing the logs"))
-        begun = SideTask.start(self._plan.report, self._folder, REPORT_TIMEOUT_S, now, _ignore)
+        forks = self._processes.forks
+        begun = SideTask.start(self._plan.report, self._folder, REPORT_TIMEOUT_S, now, _ignore, forks)
         if isinstance(begun, Exit):
             self._event(f"no report: {begun.text}")
             return False

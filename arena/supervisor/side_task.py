@@ -10,6 +10,7 @@ from pathlib import Path
 from arena.plan.model import ProcessSpec
 from arena.supervisor import child_process
 from arena.supervisor.child_process import Child
+from arena.supervisor.fork_client import ForkClient
 from arena.supervisor.process_state import Exit
 from arena.supervisor.run_folder import RunFolder
 
@@ -45,17 +46,20 @@ class SideTask:
         timeout_s: float,
         now: float,
         on_line: Callable[[str], None],
+        forks: ForkClient | None = None,
     ) -> SideTask | Exit:
         """Start the task. Return an Exit if the start fails.
 
         timeout_s: time after which the task is killed [s].
         now: monotonic [s].
 
+        forks: client of the fork server; None: a new interpreter runs the task.
         The task continues if the supervisor dies, so that a landing is completed.
         """
         log = folder.log(spec.name)
         try:
-            child = child_process.start(replace(folder.spec(spec), outlives=True), log, str(folder.path))
+            spec = replace(folder.spec(spec), outlives=True)
+            child = child_process.start(spec, log, str(folder.path), forks)
         except (OSError, ValueError) as error:
             return Exit(code=127, text=f"could not start: {error}", ran=False)
         shown = _size(log)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from arena.errors import ArenaError
 from arena.smoke.flying.fly_scenario import FlightOptions, fly
 from arena.smoke.flying.workers import Lost, run_all
 from arena.smoke.language.scenario import Scenario
 from arena.smoke.referee.verdict import Result, Verdict
+from arena.supervisor.fork_client import ForkClient
 
 OnResult = Callable[[Result], None]
 Fly = Callable[[Scenario, FlightOptions], Result]
@@ -32,21 +34,17 @@ def fly_all(
     jobs: int,
     on_result: OnResult,
     flown_by: Fly = fly,
+    forks: ForkClient | None = None,
 ) -> list[Result]:
-    """Fly scenarios and return their results in the same order.
+    """Fly scenarios, those that probably take longest first, and return their results in the given order.
 
     jobs: largest number of scenarios flown at the same time.
     on_result: function that is called with each result when the flight ends.
     flown_by: function that flies one scenario; replaced by tests.
+    forks: fork server for the workers and their arenas; None: none. It is used only with the default `flown_by`.
     Raises Interrupted after Ctrl-C, when all arenas have ended.
     """
     results: dict[int, Result] = {}
-
-    def work(task: tuple[int, Scenario]) -> Result:
-        try:
-            return flown_by(task[1], options)
-        except ArenaError as error:
-            return _failed(task[1], options, str(error))
 
     def note(task: tuple[int, Scenario], result: Result | Lost) -> None:
         if isinstance(result, Lost):
@@ -56,10 +54,26 @@ def fly_all(
         on_result(result)
 
     try:
-        run_all(list(enumerate(scenarios)), work, jobs=jobs, on_end=note)
+        work = partial(_fly, options, flown_by)
+        run_all(
+            list(enumerate(scenarios)), work, jobs=jobs, on_end=note, forks=forks if flown_by is fly else None
+        )
     except KeyboardInterrupt:
         raise Interrupted([results[i] for i in sorted(results)]) from None
     return [results[i] for i in sorted(results)]
+
+
+def _effort(scenario: Scenario) -> float:
+    """Return a number that is larger for a flight that probably takes longer. The order of equal flights does not change."""
+    return (1 + len(scenario.arena.vehicles)) * scenario.time_limit_s
+
+
+def _fly(options: FlightOptions, flown_by: Fly, task: tuple[int, Scenario]) -> Result:
+    """Fly the scenario of a task in a worker, and return the result. A flight that cannot be made is a failed one."""
+    try:
+        return flown_by(task[1], options)
+    except ArenaError as error:
+        return _failed(task[1], options, str(error))
 
 
 def _failed(scenario: Scenario, options: FlightOptions, problem: str) -> Result:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import json
 import os
 import shutil
@@ -21,9 +20,11 @@ from typing import Any, Self, TypeVar
 from arena.errors import RunError
 from arena.run_dirs import RUNTIME_DIR_VARIABLE
 from arena.schema.ports import LINK_BASE
+from arena.smoke.flying import arena_up
 from arena.smoke.flying.observer import OBSERVATION_PERIOD_S, Observer, slice_of
 from arena.supervisor import open_run, plan_of, proc_fs
 from arena.supervisor.child_process import RUN
+from arena.supervisor.forked_child import ForkedChild
 from arena.transport import open_udp
 
 T = TypeVar("T")
@@ -33,8 +34,6 @@ SETTLE_S, SETTLE_SPEED = 1.5, 4.0
 """Simulation time in which the estimates of the autopilots become valid [s], and the largest speed of the simulation meanwhile."""
 _POLL_S = 0.02
 _INTERRUPTIONS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-_PR_SET_PDEATHSIG = 1
-_libc = ctypes.CDLL(None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +97,7 @@ class Session:
         self._options = options
         self._rt = Path(tempfile.mkdtemp(prefix="arena-smoke-"))  # short, for socket paths
         self._output = self._rt / "up.txt"
-        self._arena_up: subprocess.Popen[bytes] | None = None
+        self._arena_up: subprocess.Popen[bytes] | ForkedChild | None = None
         self._observer: Observer | None = None
 
     def __enter__(self) -> Self:
@@ -147,10 +146,9 @@ class Session:
             runs = self._options.runs
             found = self._until(lambda: set(runs.glob("*/plan.json")) - old, "made no run folder")
             self.run = found.pop().parent
-            arena_up = self._arena_up
-            if arena_up is None:
+            if self._arena_up is None:
                 raise RunError("no arena is running")
-            return arena_up.wait(limit_s)
+            return self._arena_up.wait(limit_s)
         except subprocess.TimeoutExpired:
             raise RunError(
                 f"the arena did not end within {limit_s:g} s of wall time: it was stopped"
@@ -161,16 +159,7 @@ class Session:
     # -- start
 
     def _begin(self) -> None:
-        with self._output.open("wb") as out:
-            self._arena_up = subprocess.Popen(
-                self._options.argv(free_address()),
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                stdin=subprocess.DEVNULL,
-                start_new_session=True,
-                env=self._env(),
-                preexec_fn=_end_with_parent,  # noqa: PLW1509  nothing else is done in it
-            )
+        self._arena_up = arena_up.start(self._options.argv(free_address()), self._env(), self._output)
 
     def _connected(self) -> Observer:
         pointer = self._until(lambda: next(iter(self._rt.glob("*/run")), None), "made no run folder")
@@ -368,11 +357,6 @@ def free_address() -> str:
     raise RunError(
         "no free loopback address found in 1000 addresses of 127.99.0.0/16: end some of the running arenas"
     )
-
-
-def _end_with_parent() -> None:
-    """Ask the kernel to send SIGTERM to this child process when its parent is killed."""
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
 
 
 def _signal(pid: int, number: int) -> None:

@@ -3,14 +3,20 @@
 Each worker has its own session, so Ctrl-C in the terminal reaches only this process, the runner. At the first Ctrl-C
 the runner asks every worker to land and end its arena, at the second to end the arena at once. If a worker or the
 runner is killed, the arenas end as well.
+
+A worker is a copy of the runner, or a process of the fork server (`arena.smoke.flying.worker`). The second kind starts `arena up`
+and all its processes by fork, so no flight imports packages.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import multiprocessing
 import os
 import signal
+import socket
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +25,14 @@ from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import Any, Generic, TypeVar
 
+from arena.constants import PROCESS_ENV
+from arena.supervisor.fork_client import ForkClient
+from arena.supervisor.forked_child import ForkedChild
+
 POLL_S = 0.2
+CHANNEL_VARIABLE = "ARENA_WORKER_FD"
+"""Environment variable with the number of the socket between runner and worker."""
+_MODULE = "arena.smoke.flying.worker"
 _PR_SET_PDEATHSIG = 1
 _STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _libc = ctypes.CDLL(None)
@@ -41,8 +54,15 @@ class Lost:
 @dataclass(kw_only=True)
 class _Worker(Generic[T]):
     task: T
-    process: BaseProcess
+    process: BaseProcess | ForkedChild
     answer: Connection
+
+    def end(self) -> int:
+        """Wait until the process has ended and return its exit code."""
+        if isinstance(self.process, ForkedChild):
+            return self.process.wait()
+        self.process.join()
+        return self.process.exitcode or 0
 
 
 def run_all(
@@ -52,6 +72,7 @@ def run_all(
     jobs: int,
     on_end: Callable[[T, R | Lost], None],
     on_poll: Callable[[], None] = lambda: None,
+    forks: ForkClient | None = None,
 ) -> None:
     """Carry out tasks in worker processes. Return when all tasks have ended.
 
@@ -59,6 +80,7 @@ def run_all(
     jobs: largest number of tasks at the same time.
     on_end: function that is called with each task that ended, and its result.
     on_poll: function that is called every POLL_S or more often.
+    forks: fork server for the workers; tasks and `work` must be picklable. None: each worker is a copy of this process.
     Raises KeyboardInterrupt after Ctrl-C, when all workers have ended.
     """
     waiting, workers = list(tasks), list[_Worker[T]]()
@@ -66,7 +88,7 @@ def run_all(
         asked = 0
         while workers or (waiting and not stops):
             while waiting and len(workers) < jobs and not stops:
-                workers.append(_begin(waiting.pop(0), work))
+                workers.append(_begin(waiting.pop(0), work, forks))
             for worker in _ended(workers):
                 workers.remove(worker)
                 if (result := _result(worker)) is not None:
@@ -99,11 +121,13 @@ def collected_stops() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _begin(task: T, work: Callable[[T], R]) -> _Worker[T]:
+def _begin(task: T, work: Callable[[T], R], forks: ForkClient | None) -> _Worker[T]:
     """Fork a worker process for one task.
 
     A forked worker need not import the modules again.
     """
+    if forks is not None and (forked := _fork(task, work, forks)) is not None:
+        return forked
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(theirs, os.getpid(), task, work))
@@ -112,8 +136,42 @@ def _begin(task: T, work: Callable[[T], R]) -> _Worker[T]:
     return _Worker(task=task, process=process, answer=ours)
 
 
+def _fork(task: T, work: Callable[[T], R], forks: ForkClient) -> _Worker[T] | None:
+    """Start a worker with the fork server and send it its task; None if the fork server does not start it."""
+    argv, cwd = [sys.executable, "-m", _MODULE], os.getcwd()  # noqa: PTH109
+    if not forks.wait_until_ready() or not forks.serves(argv, is_program=False, cwd=cwd):
+        return None
+    ours, theirs = socket.socketpair()
+    with theirs:
+        pid = forks.fork(
+            argv,
+            cwd=cwd,
+            env={**os.environ, **dict(PROCESS_ENV)},
+            socket_variable=CHANNEL_VARIABLE,
+            death_signal=signal.SIGTERM,
+            output=sys.__stderr__.fileno() if sys.__stderr__ is not None else 2,
+            channel=theirs.fileno(),
+        )
+    answer = Connection(ours.detach())
+    if pid is None:
+        answer.close()
+        return None
+    with contextlib.suppress(OSError):  # it has ended already: it is lost
+        answer.send((task, work))
+    return _Worker(task=task, process=ForkedChild(pid), answer=answer)
+
+
 def _work(answer: Connection, runner: int, task: T, work: Callable[[T], R]) -> None:
+    """Carry out a task in a copy of the runner."""
     os.setsid()
+    carry_out(answer, runner, task, work)
+
+
+def carry_out(answer: Connection, runner: int, task: T, work: Callable[[T], R]) -> None:
+    """Carry out a task in this process, which is a worker, and send the result.
+
+    runner: pid of the runner. When it dies, this process gets SIGTERM.
+    """
     for number in _STOPS:
         signal.signal(number, _interrupt)
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
@@ -139,10 +197,10 @@ def _result(worker: _Worker[T]) -> Any:
     """Return the result of a worker that has ended, or None if the worker was interrupted."""
     try:
         result = worker.answer.recv()
-    except EOFError:
+    except (EOFError, ConnectionResetError):
         result = None
     worker.answer.close()
-    worker.process.join()
-    if result is None and worker.process.exitcode:
-        return Lost(exit_code=worker.process.exitcode)
+    exit_code = worker.end()
+    if result is None and exit_code:
+        return Lost(exit_code=exit_code)
     return result

@@ -1,0 +1,58 @@
+"""Fork server inside a process that was forked itself. Such a process has imported arena's packages already.
+
+A process that a fork server has forked can serve as a fork server without a new interpreter: it forks a child, and the child
+serves requests. The child gives up the work of its parent by an exception, `OtherWork`, so that it ends as a process of its own.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+Work = Callable[[], int]
+Serve = Callable[[socket.socket], Work | None]
+
+
+class OtherWork(BaseException):
+    """Exception that leaves the work of a process, in a forked copy of this process with other work.
+
+    work: does the other work, and returns an exit code.
+    """
+
+    def __init__(self, work: Work) -> None:
+        super().__init__()
+        self.work = work
+
+
+_serve: list[Serve] = []
+
+
+def offer(serve: Serve) -> None:
+    """Store the function that serves requests to fork. The fork server calls this in each process that it forks.
+
+    serve: serves requests that arrive on a socket. Returns None at the end; in a forked process, the work of this process.
+    """
+    _serve[:] = [serve]
+
+
+def fork_server(channel: socket.socket, ours: socket.socket) -> int | None:
+    """Fork a fork server from this process and return its pid; None if this process cannot be copied.
+
+    A process can be copied if a fork server has forked it, and if it has no second thread: a thread does not survive a fork.
+    channel: socket on which the server receives requests.  ours: the other end, which the server closes.
+    Raises OtherWork in the server, and in each process that it forks.
+    """
+    if not _serve or sum(1 for _ in Path("/proc/self/task").iterdir()) > 1:
+        return None
+    if pid := os.fork():
+        return pid
+    ours.close()
+    os.setsid()
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for number in (0, 1, 2):
+        os.dup2(nowhere, number)
+    os.close(nowhere)
+    work = _serve[0](channel)
+    raise OtherWork(work if work is not None else lambda: 0)

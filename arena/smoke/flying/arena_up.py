@@ -1,0 +1,55 @@
+"""Start of `arena up` as a process: in a new interpreter, or forked from a process that has imported its packages."""
+
+from __future__ import annotations
+
+import ctypes
+import signal
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from arena.constants import PROCESS_ENV
+from arena.supervisor.fork_client import ForkClient
+from arena.supervisor.forked_child import ForkedChild
+
+_PR_SET_PDEATHSIG = 1
+_libc = ctypes.CDLL(None)
+_forks: list[ForkClient] = []
+
+
+def use(forks: ForkClient) -> None:
+    """Use a fork server for each `arena up` that this process starts."""
+    _forks[:] = [forks]
+
+
+def start(argv: Sequence[str], env: Mapping[str, str], output: Path) -> subprocess.Popen[bytes] | ForkedChild:
+    """Start `arena up` in a session of its own. It gets SIGTERM when this process dies.
+
+    argv: command line, with the interpreter.  env: complete environment.  output: file for its stdout and stderr.
+    """
+    with output.open("wb") as out:
+        if _forks and (pid := _fork(_forks[0], argv, env, out.fileno())) is not None:
+            return ForkedChild(pid)
+        return subprocess.Popen(
+            argv,
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            env=env,
+            preexec_fn=_end_with_parent,  # noqa: PLW1509  nothing else is done in it
+        )
+
+
+def _fork(forks: ForkClient, argv: Sequence[str], env: Mapping[str, str], output: int) -> int | None:
+    """Start `arena up` with the fork server and return its pid; None if the fork server does not start it."""
+    cwd = str(Path.cwd())
+    if not forks.wait_until_ready() or not forks.serves(argv, is_program=False, cwd=cwd):
+        return None
+    environment = {**env, **dict(PROCESS_ENV)}  # the packages were imported with these variables
+    return forks.fork(argv, cwd=cwd, env=environment, death_signal=signal.SIGTERM, output=output)
+
+
+def _end_with_parent() -> None:
+    """Ask the kernel to send SIGTERM to this child process when its parent is killed."""
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
