@@ -8,7 +8,6 @@ import ipaddress
 
 from arena.constants import MONITOR_PORT
 from arena.errors import RunError
-from arena.monitor.server import free_port
 from arena.plan.model import Plan, ProcessSpec
 from arena.plan.open_ports import MONITOR_COMMAND
 
@@ -30,6 +29,8 @@ def with_page(plan: Plan) -> tuple[Plan, str]:
         return _without(plan, spec), f"no page: {why}"
     if "--host" in spec.argv or "--port" in spec.argv:
         return plan, f"watch live: the log of {spec.name} contains the URL (`arena logs {spec.name}`)"
+    from arena.monitor.server import free_port
+
     host = plan.address if ipaddress.ip_address(plan.address).is_loopback else "127.0.0.1"
     try:
         port = free_port(host, MONITOR_PORT)

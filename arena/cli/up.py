@@ -30,7 +30,6 @@ from arena.supervisor import (
     JsonLines,
     Level,
     Lines,
-    LiveTable,
     Message,
     Options,
     RunFolder,
@@ -46,9 +45,6 @@ File = Annotated[Path, typer.Argument(help="YAML file of the arena, or a folder 
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")
 ]
-
-
-Output = Lines | LiveTable | JsonLines
 
 
 def register(app: typer.Typer) -> None:
@@ -173,7 +169,7 @@ def register(app: typer.Typer) -> None:
         raise SystemExit(run_plan(plan, folder, show, options, context.obj))
 
 
-def output_of(*, quiet: bool, verbose: bool, as_json: bool, headless: bool) -> Output:
+def output_of(*, quiet: bool, verbose: bool, as_json: bool, headless: bool) -> Lines:
     """Return the object that prints the progress of a run: live table, lines or JSON.
 
     The live table needs a terminal. Raises InputError for -q together with -v.
@@ -184,7 +180,11 @@ def output_of(*, quiet: bool, verbose: bool, as_json: bool, headless: bool) -> O
         raise InputError("got both -q and -v, expected one of them")
     level = Level.RESULT if quiet else Level.DETAIL if verbose else Level.CHANGE
     live = sys.stdout.isatty() and not (headless or quiet or as_json)
-    return JsonLines(level) if as_json else LiveTable(level) if live else Lines(level)
+    if live:
+        from arena.supervisor import LiveTable
+
+        return LiveTable(level)
+    return JsonLines(level) if as_json else Lines(level)
 
 
 def _without_report(plan: Plan) -> Plan:

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from arena.supervisor.control_socket import Control
+    from arena.supervisor.live_table import LiveTable
     from arena.supervisor.loop import Supervisor
     from arena.supervisor.messages import Level, Message
     from arena.supervisor.run_folder import RunFolder, RunState, active_runs, create, open_run, plan_of
     from arena.supervisor.run_options import Options
     from arena.supervisor.stale_runs import sweep, sweep_all
-    from arena.supervisor.terminal import JsonLines, Lines, LiveTable
+    from arena.supervisor.terminal import JsonLines, Lines
 
 __all__ = [
     "Control",
@@ -37,12 +38,13 @@ __all__ = [
 ]
 _MODULES = {
     "control_socket": ("Control",),
+    "live_table": ("LiveTable",),
     "loop": ("Supervisor",),
     "messages": ("Level", "Message"),
     "run_folder": ("RunFolder", "RunState", "active_runs", "create", "open_run", "plan_of"),
     "run_options": ("Options",),
     "stale_runs": ("sweep", "sweep_all"),
-    "terminal": ("JsonLines", "Lines", "LiveTable"),
+    "terminal": ("JsonLines", "Lines"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -42,7 +42,9 @@ _RETRY_S = 0.5
 _TRIES = 5
 _REARM_S = 1.0  # from a rejected arming until the next request
 _REOFFBOARD_S = 0.3  # from a rejected OFFBOARD until the next request
-_STREAM_FIRST_S = 0.5  # PX4 enters OFFBOARD only where setpoints already flow
+# PX4 enters OFFBOARD only where setpoints already flow: its check every 0.1 s (v1.16, offboardCheck) must have seen one. Two periods
+# and a reserve, sent before the request on the same link, so the delay of the link does not matter.
+_STREAM_FIRST_S = 0.25
 _RECORD_S, _RECORD_POLL_S = 0.5, 0.05  # wall time: the router records a takeover when the program sees it
 _HEARTBEAT_S = (
     1.0  # period of heartbeats: the mode in a heartbeat may be as old as this, even if it is read late

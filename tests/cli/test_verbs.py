@@ -209,6 +209,10 @@ def test_help_does_not_import_rich() -> None:
     assert imported("from arena.cli import main; main(['check', '--help'])", "rich.console") == []
 
 
+def test_up_imports_neither_rich_nor_the_page_before_it_needs_them() -> None:
+    assert imported("import arena.cli.up", "rich.console", "arena.monitor.server", "numpy") == []
+
+
 def test_check_imports_neither_the_supervisor_loop_nor_numpy_nor_rich(folder: Path) -> None:
     code = "from arena.cli import main; assert main(['check']) == 0"
     heavy = ("numpy", "pymavlink", "rich.console", "matplotlib", "psutil", "arena.supervisor.loop")
