@@ -331,17 +331,19 @@ def test_drift_while_landing_is_that_from_the_landing_mode_to_the_touchdown(run)
     assert found["error_m"] == pytest.approx(0.3, abs=0.01), "the last setpoint was held for 1.6 s"
 
 
-def test_landing_has_no_distance_to_a_setpoint_that_jumped_before(run):
-    found = landing(landing_flight(run, jump_s=0.16), True)
+@pytest.mark.parametrize("jump_s", [0.04, 0.16, 1.0])
+def test_landing_has_no_distance_to_a_setpoint_that_jumped_before(run, jump_s):
+    found = landing(landing_flight(run, jump_s=jump_s), True)
     assert found["error_m"] is None and found["drift_m"] == pytest.approx(0.3, abs=0.01)
 
 
 @pytest.mark.parametrize("rows", [1, 5, 29])
-def test_reference_of_the_landing_that_comes_before_its_mode_is_no_jump(run, rows):
+@pytest.mark.parametrize("down", [np.nan, -0.9], ids=["built-in", "PX4"])
+def test_reference_of_the_landing_that_comes_before_its_mode_is_no_jump(run, rows, down):
     flight = landing_flight(run)
     ref = {f"pos_ref.{axis}": flight.numbers[f"pos_ref.{axis}"].copy() for axis in ("north", "down")}
-    ref["pos_ref.north"][140:] += 0.005
-    ref["pos_ref.down"][140:] = np.nan
+    ref["pos_ref.north"][140:] += np.linspace(0.005, 0.0, flight.t.size - 140)
+    ref["pos_ref.down"][140:] = down * np.linspace(1.0, 0.5, flight.t.size - 140)
     modes = tuple("OFFBOARD" if k < 140 + rows else "AUTO.LAND" for k in range(flight.t.size))
     found = landing(replace(flight, numbers={**flight.numbers, **ref}, mode=modes), True)
     assert found["error_m"] == pytest.approx(0.3, abs=0.01)
