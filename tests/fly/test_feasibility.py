@@ -117,5 +117,5 @@ def test_trajectory_beside_an_obstacle_is_flown():
 
 def test_way_to_the_start_that_meets_an_obstacle_is_refused():
     check_way(np.array([[0.0, 1.0, -1.0], [2.0, 1.0, -1.0]]), limits_with_pole())
-    with pytest.raises(VehicleError, match="start is too near to the obstacle pole: "):
+    with pytest.raises(VehicleError, match="start of the trajectory is too near to the obstacle pole: "):
         check_way(np.array([[0.0, 0.0, -1.0], [2.0, 0.0, -1.0]]), limits_with_pole())

@@ -40,7 +40,7 @@ HITL = ("sim.processes=one", "vehicles.uav2.autopilot=hitl", "vehicles.uav2.seri
 
 
 def test_one_process_for_hitl_is_refused_with_the_reason(tmp_path):
-    with pytest.raises(InputError, match=r"sim\.processes: got one, but uav2 has autopilot: hitl"):
+    with pytest.raises(InputError, match=r"sim\.processes: got `one`, but uav2 has autopilot: hitl"):
         plan_of(tmp_path, TWO, *HITL)
 
 

@@ -171,7 +171,7 @@ def test_lost_vehicle_gets_no_more_setpoints_and_the_others_fly_on(capsys):
         fleet.each(lambda uav: uav.sent.append("done"))
     assert [len(uav.sent) for uav in uavs] == [4, 1, 4]
     assert uavs[2].sent[1] == ((1.0, 2.0, -1.0), 0.5)
-    assert "uav2: lost" in capsys.readouterr().err
+    assert "uav2: the program has lost this vehicle" in capsys.readouterr().err
 
 
 def test_program_that_flies_all_vehicles_reports_its_reason_once():
