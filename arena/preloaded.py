@@ -48,11 +48,22 @@ def fork_server(channel: socket.socket, ours: socket.socket) -> int | None:
         return None
     if pid := os.fork():
         return pid
-    ours.close()
-    os.setsid()
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for number in (0, 1, 2):
-        os.dup2(nowhere, number)
-    os.close(nowhere)
-    work = _serve[0](channel)
-    raise OtherWork(work if work is not None else lambda: 0)
+    raise OtherWork(_other_work(channel, ours))
+
+
+def _other_work(channel: socket.socket, ours: socket.socket) -> Work:
+    """Serve requests in the forked server. Return the work of a process that the server has forked, or the end of the server.
+
+    No error may leave this function: the caller of `fork_server` could handle it, and do the work of its parent a second time.
+    """
+    try:
+        ours.close()
+        os.setsid()
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        for number in (0, 1, 2):
+            os.dup2(nowhere, number)
+        os.close(nowhere)
+        work = _serve[0](channel)
+    except BaseException:
+        os._exit(1)
+    return work if work is not None else lambda: 0

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from arena.transport import DEFAULT_BAUD, ConnectionUrl, parse_url
-from arena.wire.mavlink_ids import LARGEST_VEHICLE_ID
 
 _MOST_DEPTH = 4
+_LARGEST_ID = 255  # MAVLink system ids are 1 to 255
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,12 +103,13 @@ def _key_file(keys: Any) -> str:
 
 
 def _id(keys: Any) -> int | None:
+    """Return the MAVLink system id that the YAML gives a vehicle, or None if it gives none.
+
+    Every possible id is accepted, also one that `arena check` refuses: a vehicle must not get another vehicle's id.
+    """
     number = keys.get("id") if isinstance(keys, dict) else None
-    return (
-        number
-        if isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= LARGEST_VEHICLE_ID
-        else None
-    )
+    is_id = isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= _LARGEST_ID
+    return number if is_id else None
 
 
 def _uid(keys: Any) -> Any:

@@ -97,7 +97,10 @@ def serve(channel: socket.socket) -> Callable[[], int] | None:
     """
     channel.send(json.dumps({"ready": True}).encode())
     while True:
-        data, descriptors, _, _ = socket.recv_fds(channel, _MAX_REQUEST_BYTES, DESCRIPTORS)
+        try:
+            data, descriptors, _, _ = socket.recv_fds(channel, _MAX_REQUEST_BYTES, DESCRIPTORS)
+        except ConnectionError:  # the client was killed before it read an answer
+            return None
         if not data:
             return None
         request = Request(**json.loads(data))

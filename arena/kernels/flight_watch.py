@@ -26,7 +26,8 @@ class FlightWatch:
     min_cos_tilt: cosine of the largest tilt that is no crash [-] (V,)
     least_cos_tilt, least_down: smallest cosine of the tilt [-] and smallest position D [m] so far (V,)
     airborne_s: time off the floor [s] (V,)
-    speed, speed_before: speed after this step and after the step before [m/s] (V,)
+    speed: speed after this step [m/s] (V,)
+    recent: speeds after the three steps before, newest first [m/s] (V, 3)
     """
 
     def __init__(self, p_n: Array, v_n: Array, r_nb: Array, floor: NDArray[np.bool_], step_s: float) -> None:
@@ -35,7 +36,7 @@ class FlightWatch:
         self.was_on_floor = flags(np.ones(v, bool))
         self.min_cos_tilt, self.least_cos_tilt = floats(v), floats(v, fill=1.0)
         self.least_down, self.airborne_s = floats(v, fill=math.inf), floats(v)
-        self.speed, self.speed_before = floats(v), floats(v)
+        self.speed, self.recent = floats(v), view(np.zeros((v, 3)))
 
     def step(self) -> bool:
         """Update all records. Return whether a vehicle has touched down, lifted off or tilted too far.
@@ -50,12 +51,17 @@ class FlightWatch:
             self.least_down[i] = min(self.least_down[i], self.p_n[i, 2])
             if not self.floor[i]:
                 self.airborne_s[i] += self.step_s
-            self.speed_before[i] = self.speed[i]
+            self.recent[i, 2], self.recent[i, 1] = self.recent[i, 1], self.recent[i, 0]
+            self.recent[i, 0] = self.speed[i]
             x, y, z = self.v_n[i, 0], self.v_n[i, 1], self.v_n[i, 2]
             self.speed[i] = math.sqrt(x * x + y * y + z * z)
             if cos_tilt < self.min_cos_tilt[i] or self.floor[i] != self.was_on_floor[i]:
                 news = True
         return news
+
+    def speed_before(self, i: int) -> float:
+        """Return the largest speed of vehicle i after the three steps before this one [m/s]."""
+        return max(self.recent[i, 0], self.recent[i, 1], self.recent[i, 2])
 
     def finish(self) -> None:
         """Store which vehicles touch the floor, so that the next step detects a change."""

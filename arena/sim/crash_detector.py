@@ -141,9 +141,10 @@ class CrashDetector:
     def _touch_down(self, i: int, now: float) -> None:
         """Record that a vehicle has touched the floor: as a landing, or as a crash if it was too fast.
 
-        The recorded speed is that of the previous step, because the speed of this step already contains the impact.
+        The recorded speed is the largest of the three steps before. The speed of this step contains the impact already, and pybullet
+        can brake a body in the step before the contact, so that it does not get into the floor.
         """
-        record, speed = self.records[i], self._watch.speed_before[i]
+        record, speed = self.records[i], self._watch.speed_before(i)
         if now - record._airborne_since >= _MIN_FLIGHT_S:
             record.touchdown_m_s, record.landings = speed, record.landings + 1
             record.landed_p_n = _triple(self._p_n[i])

@@ -11,6 +11,7 @@ from emergency_fleet import target
 from hypothesis import given
 from hypothesis import strategies as st
 
+from arena.emergency import yaml_fallback
 from arena.emergency.active_runs import active_runs
 from arena.emergency.land_all import kill_all, land_all
 from arena.emergency.run_record import DirectAddress, ProcessIdentity
@@ -416,3 +417,10 @@ def test_plan_with_a_real_vehicle_is_commanded_even_if_it_says_replay(runtime):
     runtime("a", replay_plan(simulated=False))
     assert [t.name for t in find().targets] == ["uav1"]
     assert find().replays == ()
+
+
+def test_yaml_that_gives_a_refused_id_keeps_it() -> None:
+    """Ports follow the id: with another vehicle's id, land-all would command the other vehicle."""
+    text = "vehicles:\n  big: {id: 250}\n  uav: {}\n  uav9: {}\n"
+    found = yaml_fallback.vehicles_of(yaml_fallback.read_yaml(text))[1]
+    assert [(v.name, v.id) for v in found] == [("big", 250), ("uav", 1), ("uav9", 2)]

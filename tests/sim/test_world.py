@@ -162,6 +162,23 @@ def test_a_room_without_ceiling_is_open_to_the_sky(build):
     assert crashed == ""
 
 
+@pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 50.0])
+def test_hard_touchdown_is_a_crash_whatever_part_of_a_step_it_takes(build, tilt_deg):
+    """pybullet can brake a body in the step before the contact."""
+    half = np.radians(tilt_deg) / 2
+    speeds = []
+    for k in range(16):
+        world = build(vehicle(position=[0, 0, -0.6]))
+        place = np.array([0.0, 0.0, -0.6 - 0.001 * k])
+        attitude = np.array([np.cos(half), np.sin(half), 0.0, 0.0])
+        world.bodies.place(0, p_n=place, q_nb=attitude, v_n=np.array([0.0, 0.0, 3.8]))
+        for _ in range(100):
+            world.step(np.zeros((1, 4)))
+        crash = world.flights()["uav1"]["crashed"]
+        speeds.append(float(crash.split()[3]) if crash.startswith("touched down at") else 0.0)
+    assert min(speeds) > 3.5, speeds
+
+
 @pytest.mark.parametrize(("speed", "crashes"), [(0.7, False), (1.3, False), (1.8, True)])
 def test_touchdown_speed_decides(build, speed, crashes):
     world = settled(build(vehicle(position=[0, 0, -0.5])))
