@@ -104,7 +104,7 @@ class SimTime:
 
 
 class LockstepClock(ABC):
-    """Clock on which a thread sleeps in simulation time, with regular work (chores) during the sleep."""
+    """Clock in simulation time. A thread that sleeps by it also does small periodic work (chores)."""
 
     _chores: Callable[[], None] | None = None
     _chores_every_s, _chores_due = 0.0, 0.0

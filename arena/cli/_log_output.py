@@ -77,7 +77,7 @@ def show_info(found: LogInfo) -> None:
 
 
 def show_comparison(pair: Pair) -> None:
-    """Print two tables about two flights: their differences, and the figures of each flight side by side."""
+    """Print two tables about two flights: the differences between them, and the values of both side by side."""
     from rich.table import Table
 
     from arena.report.flight_pair import difference

@@ -14,7 +14,7 @@ Jobs = Annotated[
         "--jobs",
         metavar="N",
         min=1,
-        help="number of flights to fly at the same time; default: one per CPU core (`arena smoke` at the speed max: one more)",
+        help="number of flights to fly at the same time; default: the number of CPU cores (`arena smoke --speed max`: one more)",
     ),
 ]
 

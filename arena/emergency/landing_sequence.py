@@ -122,7 +122,7 @@ class LandingSequence:
         return self._pilot.may_bypass
 
     def on_refusal(self, data: bytes | memoryview) -> None:
-        """Process a datagram in which the router or the link process may refuse a command.
+        """Handle a datagram that possibly contains a refusal of a command by the router or the link process.
 
         Refusals for another reason than that a pilot has control are ignored.
         """

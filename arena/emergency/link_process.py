@@ -79,7 +79,7 @@ def _is_same(process: ProcessIdentity, fields: list[bytes] | None = None) -> boo
 
 
 def _belongs_to_owner(process: ProcessIdentity) -> bool:
-    """Return whether a process runs as the user who has recorded it."""
+    """Return whether a process runs as the user who wrote its pid into the run folder."""
     try:
         return process.owner in (None, Path(f"/proc/{process.pid}").stat().st_uid)
     except OSError:

@@ -40,7 +40,10 @@ class WireRecord:
         return "", None
 
     def is_new(self, address: dict[str, Any]) -> bool:
-        """Return whether the address or uid has changed since the last call, so that it must be written."""
+        """Return whether the autopilot's address or uid has changed since the last call.
+
+        If so, the record must be written again.
+        """
         before, self._last = self._last, address
         return self._path is not None and address != before
 

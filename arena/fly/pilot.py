@@ -140,7 +140,7 @@ class Pilot:
         return self._request is not None
 
     def must_land(self, now: float) -> bool:
-        """Return whether the person must land the vehicle before the flight by hand ends.
+        """Return whether the person must land the vehicle before `arena fly` can end.
 
         This is so if the vehicle is armed and flown by this person.
         """

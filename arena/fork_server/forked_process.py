@@ -103,7 +103,7 @@ def start_work(request: Request, output: int, go: int, channel: int | None = Non
 
 
 def _visible(argv: list[str]) -> list[str]:
-    """Return the command line to show in /proc; [] for a process of arena, which sets a title there."""
+    """Return the command line that /proc shows for the process, or [] for a process of arena, which sets a title."""
     return [] if argv[1] == "-m" and "setproctitle" in sys.modules else argv
 
 

@@ -259,7 +259,7 @@ class _Sensors:
         self._core.on_frame(frame, True, now)
 
     def on_copy(self, socket: int, data: bytes) -> None:
-        """Store the estimates of position, velocity and attitude in an autopilot's datagram.
+        """Read the estimates of position, velocity and attitude from an autopilot's datagram, and keep them.
 
         socket: index of the router's socket that sends it.
         """

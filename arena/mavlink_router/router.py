@@ -342,7 +342,7 @@ class Router:
     def _receivers_key(
         self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
     ) -> int:
-        """Return the key in `VehicleSets` of the vehicles that must receive a client's frame."""
+        """Return the key of a set of vehicles (`VehicleSets`): those to which a client's MAVLink frame is sent."""
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
             self._counts.dropped["a vehicle's message, returned by a client"] += 1

@@ -85,7 +85,7 @@ class Shortcut:
         self.ordinary.set_receivers(link.number, receivers)
 
     def set_senders(self, endpoint: Endpoint) -> None:
-        """Update the known MAVLink senders of a client after a change.
+        """Replace the set of MAVLink senders (system and component ids) that send through a client's port.
 
         Endpoints that are not configured clients of one vehicle are ignored.
         """

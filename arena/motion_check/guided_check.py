@@ -1,4 +1,4 @@
-"""Guided identity and axes check of one vehicle: motion, recording and verdict. Pure."""
+"""Identity and axes check of one vehicle: guides a person through motions, and decides pass or fail. Pure."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def sensors(job: Job) -> Json:
 
 
 def _vehicles(arena: Arena) -> list[Vehicle]:
-    """Return the vehicles that have a relative sensor, or that such a sensor measures."""
+    """Return the vehicles that carry a sensor of neighbours or beacons, and the neighbours that are measured."""
     measured = {name for v in arena.vehicles for name in v.neighbours}
     return [v for v in arena.vehicles if v.has_sensors or v.name in measured]
 

@@ -75,7 +75,7 @@ class GapMeter:
         self._count += 1
 
     def take(self, period_s: float) -> tuple[float, float]:
-        """Return the arrivals per second and the longest gap [s] since the last call, and reset both.
+        """Return the message rate [Hz] and the longest time between two messages [s] since the last call. Reset both.
 
         period_s: time since the last call [s].
         """
@@ -110,7 +110,7 @@ class PathPieces:
             self._newest_s = time_s
 
     def take(self) -> list[Triple]:
-        """Return the positions since the last call [m] [NED].
+        """Return the positions of the vehicle since the last call [m] [NED].
 
         The next piece begins at the last position of this piece.
         """

@@ -36,7 +36,7 @@ class Actor:
 
 @dataclass(frozen=True, kw_only=True)
 class Script:
-    """Content of all pictures of a film, from which they are drawn one by one. f: number of pictures.
+    """Everything that is needed to draw the f pictures of a film, one by one.
 
     recorded: the recorded flights.  times: time of each picture [s] (f,).  cameras: one per picture.  actors: the vehicles.
     speed: flight seconds per second of film.  trail_s: each picture shows the path of a vehicle for this time before it [s].

@@ -50,9 +50,7 @@ def hiding(obstacles: Sequence[Obstacle], eye_n: Array, p_n: Array) -> list[Obst
 
 
 def _span(a: Array, b: Array, near: Array, far: Array) -> tuple[float, float]:
-    """Return the part of the line from a to b that is inside a box, as two shares 0..1 of the line.
-
-    near, far: corners of the box (3,).
+    """Return where the line from a to b enters and leaves a box: two fractions of the line (0 at a, 1 at b).
 
     near, far: corners of the box (3,).
     """

@@ -11,7 +11,7 @@ from arena.report.landings import flown_times
 
 
 def pair_figures(pair: Pair) -> list[tuple[str, str, int, float | None, float | None]]:
-    """Return (label, unit, digits, value of A, value of B) of each measure that at least one flight has."""
+    """Compare two flights A and B: return (label, unit, decimals, value of A, value of B) of each measure."""
     a, b = _values(pair.a), _values(pair.b)
     rows = [(label, unit, digits, a[label], b[label]) for label, unit, digits in _LABELS]
     return [row for row in rows if row[3] is not None or row[4] is not None]

@@ -223,7 +223,7 @@ class Loop:
                 self._serve_panic_links()
 
     def _until_clients_join(self) -> None:
-        """Wait until all expected programs use the simulation clock, so that every run starts at the same time.
+        """Wait until all expected programs use the simulation clock, so that they start at the same simulation time.
 
         The wait ends early for programs that have ended, and for all programs when a datagram arrives on a panic link: a
         landing needs simulation time. A program that never uses the clock is not waited for longer than 30 s of wall time.

@@ -27,7 +27,7 @@ def guards(plan: Plan, vehicle: str = "") -> set[str]:
 def check_release(
     plan: Plan, facts: Mapping[str, Any], stats: Mapping[str, Mapping[str, Any]], vehicles: Sequence[str]
 ) -> None:
-    """Raise ValueError if a vehicle is unknown, or if programs may already fly it.
+    """Raise ValueError if a vehicle is unknown, or if no lock keeps programs from flying it.
 
     facts: values that the processes sent. A vehicle without a fact `control` has no process that reports it now.
     stats: process -> its measurements.

@@ -70,8 +70,8 @@ class Shutdown:
             raise ValueError(f"only a real vehicle can be declared dead: got {vehicle!r}, {expected}")
         if facts.get(f"{vehicle}.connected") is True and vehicle in self.armed():
             raise ValueError(
-                f"{vehicle} cannot be declared dead: it is armed and sends telemetry, so it may fly. Land it (`arena land-all "
-                f"--only {vehicle}`), stop its motors (`arena kill-all --only {vehicle} --yes`) or unplug its battery. "
+                f"{vehicle} cannot be declared dead: it is armed and sends telemetry, so it could be in the air. Land it "
+                f"(`arena land-all --only {vehicle}`), stop its motors (`arena kill-all --only {vehicle} --yes`) or unplug its battery. "
                 "It can be declared dead when it is disarmed, or 3 s after its last heartbeat"
             )
         self.forgotten[vehicle] = by

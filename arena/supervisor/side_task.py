@@ -1,4 +1,4 @@
-"""The land task and the report task, which run at the end of a run beside the plan's processes."""
+"""The land task and the report task: processes at the end of a run that are not in the plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of numbers for Foxglove and PlotJuggler: schemas as ROS 2 messages, and conversion of values to bytes (CDR).
+"""Numeric messages for Foxglove and PlotJuggler: their ROS 2 definitions, and their encoding as CDR bytes.
 
 Both programs plot every numeric field of such a message. Positions and velocities are NED, body rates and accelerations FRD, angles
 radians. A value that is not known is NaN. The bytes contain float32, as the MAVLink messages from which most values come.

@@ -278,7 +278,7 @@ class Estimator:
         self.law.correct(i, covariance.error, int(self._delay_s[i] / self.dt) + 3)
 
     def realign(self, idx: Index) -> None:
-        """Restart the alignment of some vehicles.
+        """Restart the initial alignment of the estimates of some vehicles.
 
         The next vision sample of each vehicle sets its tilt, heading and position again.
 

@@ -64,7 +64,7 @@ class Problem(IntEnum):
 
 
 class Files(Protocol):
-    """Interface of the files of one vehicle.
+    """Interface through which the file server lists and reads the files of one vehicle.
 
     No method waits for a disk. Paths begin with `/`.
     """

@@ -116,7 +116,7 @@ class Lateness:
         return 0.5 * (self._low + self._high) if isfinite(self._low) else self._high
 
     def _drift(self, now: float) -> float:
-        """Extend the limits of the clock offset by the greatest possible drift since the last call.
+        """Extend the interval that contains the clock offset by the greatest possible drift since the last call.
 
         Return the time since the last call [s].
         """

@@ -86,7 +86,7 @@ class _Request:
 
 
 class RequestWindow(Generic[Key]):
-    """Requests that are repeated until the vehicle answers, ignores them, or the link fails.
+    """Open requests to a vehicle. Each is repeated until it is answered, counts as ignored, or the link fails.
 
     keys: one key per request: a parameter name or an index.
     link: measured quality of the link; several windows can share it.

@@ -24,7 +24,7 @@ IDLE_ROTOR = 0.01
 
 
 class VehicleStates:
-    """Estimator of the states of all vehicles. It stores which vehicles are airborne.
+    """States of all vehicles for the referee, from truth and telemetry. Remembers which vehicles are airborne.
 
     vehicles: rows of `vehicles` in the world's configuration (slice), in the order of the truth page (ground truth of the
         world in shared memory).

@@ -162,7 +162,7 @@ def _fork(task: T, work: Callable[[T], R], forks: ForkClient) -> _Worker[T] | No
 
 
 def _work(answer: Connection, runner: int, task: T, work: Callable[[T], R]) -> None:
-    """Carry out a task in a copy of the runner."""
+    """Carry out a task, such as one flight, in a process that was forked from `arena smoke`."""
     os.setsid()
     carry_out(answer, runner, task, work)
 
