@@ -52,6 +52,8 @@ with UAV.from_args() as uav:
     uav.auto_land()
 """
 Start = Callable[..., Any]
+ENVIRONMENT = dict(os.environ)
+"""Environment of both starts. That of this process can change in between, for example by an import."""
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +74,7 @@ def start(
 
     def begin(*arguments: str, out: Path) -> Any:
         argv = [sys.executable, "-m", "arena.cli", "up", *arguments]
-        env = {**os.environ, "ARENA_RUNTIME_DIR": str(tmp_path / "rt")}
+        env = {**ENVIRONMENT, "ARENA_RUNTIME_DIR": str(tmp_path / "rt")}
         started.append(arena_up.start(argv, env, out))
         assert isinstance(started[-1], ForkedChild) == (request.param == "forked")
         return started[-1]
@@ -120,6 +122,9 @@ def test_flight_sees_and_does_the_same(start: Start, tmp_path: Path):
     )
     found = json.loads(seen)
     assert found["up"][0] == "arena:up same" and found["up"][1:3] == [True, True]
+    # values that the arena adds, such as ports, can depend on other arenas: only their names are compared
+    env = found.pop("env")
+    same("environment", (sorted(env), {k: env.get(k) for k in ENVIRONMENT}))
     same("facts", found)
     same("flight", (run / "csv" / "uav1.csv").read_bytes())
     states = [
