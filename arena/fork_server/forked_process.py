@@ -7,7 +7,6 @@ If the packages that the fork server has imported could change what the program 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import gc
 import importlib.util
 import os
@@ -22,10 +21,10 @@ from types import CodeType, ModuleType
 
 from arena.fork_server.process_image import show
 from arena.preloaded import OtherWork
+from arena.process_ties import set_death_signal
 
 DESCRIPTORS = 3
 _AUTOGROUP = Path("/proc/self/autogroup")
-_PR_SET_PDEATHSIG = 1
 _OWN_PREFIX = "ARENA_"
 _HASH_SEED = "PYTHONHASHSEED"
 _THRESHOLDS = gc.get_threshold()
@@ -82,7 +81,7 @@ def start_work(request: Request, output: int, go: int, channel: int | None = Non
         if waiting.recv(1) != b"1":
             os._exit(1)
     if request.death_signal:
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, request.death_signal, 0, 0, 0)
+        set_death_signal(request.death_signal)
         if os.getppid() != request.client:  # it died before the call above
             os._exit(1)
     _set_priority(request.nice)

@@ -8,7 +8,6 @@ CPU core forever.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import fcntl
 import os
 import selectors
@@ -23,17 +22,16 @@ from typing import Any
 from arena.clock import SimClock
 from arena.errors import RunError
 from arena.process_context import ProcessContext, run_process
+from arena.process_ties import set_death_signal
 from arena.transport import open_udp
 
 LOCK = "/tmp/px4_lock-{instance}"
 """PX4's lock file. PX4 ignores TMPDIR."""
 READY_LINE = b"Startup script returned successfully"
-_PR_SET_PDEATHSIG = 1
 _STOP_TIMEOUT_S = 2.0
 _START_WARNING_S = 20.0  # if READY_LINE is missing for this time, report it
 # After a stop of this length the vehicle has fallen, but a continued PX4 would still estimate that it flies.
 _MAX_STOPPED_S = 5.0
-_libc = ctypes.CDLL(None)
 
 
 def main() -> int:
@@ -69,7 +67,7 @@ def serve(context: ProcessContext) -> int:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        preexec_fn=_die_with_parent,  # noqa: PLW1509 - this process has one thread
+        preexec_fn=partial(set_death_signal, signal.SIGKILL),  # noqa: PLW1509 - this process has one thread
     )
     try:
         return _watch(context, process, world)
@@ -183,10 +181,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-
-
-def _die_with_parent() -> None:
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
 
 def param_text(value: float) -> str:

@@ -8,7 +8,6 @@ start children from the main thread only.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import json
 import os
 import signal
@@ -24,6 +23,7 @@ from typing import Any
 from arena.background_writer import within
 from arena.plan.model import ProcessSpec
 from arena.process_context import SOCKET_VARIABLE
+from arena.process_ties import set_death_signal
 from arena.supervisor import proc_fs
 from arena.supervisor.fork_client import ForkClient
 from arena.supervisor.process_state import Exit
@@ -35,9 +35,6 @@ RUN, PROCESS = "ARENA_RUN", "ARENA_PROCESS"
 _PACKET_BYTES = 1 << 18
 _PACKETS_PER_CALL = 64
 _AUTOGROUP = Path("/proc/self/autogroup")
-_PR_SET_PDEATHSIG = 1
-_PR_SET_CHILD_SUBREAPER = 36
-_libc = ctypes.CDLL(None, use_errno=True)
 
 
 @dataclass(kw_only=True)
@@ -277,11 +274,6 @@ def exit_of(status: int) -> Exit:
     return Exit(code=128 - code, text=f"killed by {_signal_name(-code)}")
 
 
-def adopt_orphans() -> None:
-    """Make the kernel give orphaned descendants to this process, so that `reap_adopted` finds them."""
-    _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
-
-
 def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
     """Kill orphaned processes, whose parent was a process of the plan and has ended.
 
@@ -316,7 +308,7 @@ def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
 
     def prepare() -> None:
         if dies_with_us:
-            _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+            set_death_signal(signal.SIGKILL)
             if os.getppid() != supervisor:  # it died before the call above
                 os._exit(1)
         with contextlib.suppress(OSError):

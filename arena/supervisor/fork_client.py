@@ -9,7 +9,6 @@ time, is done by a new interpreter. Restarts never use it. In a process that was
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import json
 import os
 import select
@@ -18,19 +17,18 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from arena import preloaded
 from arena.constants import PROCESS_ENV
+from arena.process_ties import adopting_orphans
 from arena.supervisor.forked_child import ForkedChild
 
 LOAD_TIMEOUT_S = {"processes": 5.0, "flights": 30.0}
 """Longest time for which the start of processes waits until the fork server has imported the packages [s]."""
 REPLY_TIMEOUT_S = 1.0
 _MODULE = "arena.fork_server"
-_PR_SET_CHILD_SUBREAPER, _PR_GET_CHILD_SUBREAPER = 36, 37
-_libc = ctypes.CDLL(None)
 _MAX_PACKET_BYTES = 4096
 # The kernel shows command line and environment of a process in the memory that its interpreter got for them at its start. Forked
 # processes need more of it than the fork server, because they have longer command lines and more variables.
@@ -131,7 +129,7 @@ class ForkClient:
             "client": os.getpid(),
         }
         go, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
-        with go, _adopting_orphans():
+        with go, adopting_orphans():  # the forked process is one of them
             try:
                 with theirs:
                     data = json.dumps(request).encode()
@@ -196,15 +194,3 @@ def _execute(channel: socket.socket, packages: str) -> subprocess.Popen[bytes]:
         start_new_session=True,
         pass_fds=(channel.fileno(),),
     )
-
-
-@contextlib.contextmanager
-def _adopting_orphans() -> Iterator[None]:
-    """Make this process the parent of descendants whose own parent ends meanwhile: the forked process is one of them."""
-    before = ctypes.c_int()
-    _libc.prctl(_PR_GET_CHILD_SUBREAPER, ctypes.byref(before), 0, 0, 0)
-    _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
-    try:
-        yield
-    finally:
-        _libc.prctl(_PR_SET_CHILD_SUBREAPER, before.value, 0, 0, 0)

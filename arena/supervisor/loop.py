@@ -25,6 +25,7 @@ from typing import Any
 
 from arena.background_writer import BackgroundWriter
 from arena.plan.model import Plan
+from arena.process_ties import adopt_orphans
 from arena.supervisor import child_process, run_end
 from arena.supervisor.arm_permit import Confirmation
 from arena.supervisor.axes_check import body_requests
@@ -103,7 +104,7 @@ class Supervisor:
     def run(self) -> int:
         """Run the plan to its end and return the exit code. Call it in the main thread, because it handles signals and forks."""
         if self.options.adopt:
-            child_process.adopt_orphans()
+            adopt_orphans()
         with SignalQueue() as signals:
             self._selector.register(signals.fd, selectors.EVENT_READ, signals.drain)
             self._control = ControlServer(

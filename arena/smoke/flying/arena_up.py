@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from arena.constants import PROCESS_ENV
+from arena.process_ties import set_death_signal
 from arena.supervisor.fork_client import ForkClient
 from arena.supervisor.forked_child import ForkedChild
 
-_PR_SET_PDEATHSIG = 1
-_libc = ctypes.CDLL(None)
 _forks: list[ForkClient] = []
 
 
@@ -37,7 +36,7 @@ def start(argv: Sequence[str], env: Mapping[str, str], output: Path) -> subproce
             stdin=subprocess.DEVNULL,
             start_new_session=True,
             env=env,
-            preexec_fn=_end_with_parent,  # noqa: PLW1509  nothing else is done in it
+            preexec_fn=partial(set_death_signal, signal.SIGTERM),  # noqa: PLW1509  nothing else is done in it
         )
 
 
@@ -48,8 +47,3 @@ def _fork(forks: ForkClient, argv: Sequence[str], env: Mapping[str, str], output
         return None
     environment = {**env, **dict(PROCESS_ENV)}  # the packages were imported with these variables
     return forks.fork(argv, cwd=cwd, env=environment, death_signal=signal.SIGTERM, output=output)
-
-
-def _end_with_parent() -> None:
-    """Ask the kernel to send SIGTERM to this child process when its parent is killed."""
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)

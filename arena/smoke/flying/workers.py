@@ -11,7 +11,6 @@ and all its processes by fork, so no flight imports packages.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import multiprocessing
 import os
 import signal
@@ -26,6 +25,7 @@ from types import FrameType
 from typing import Any, Generic, TypeVar
 
 from arena.constants import PROCESS_ENV
+from arena.process_ties import set_death_signal
 from arena.supervisor.fork_client import ForkClient
 from arena.supervisor.forked_child import ForkedChild
 
@@ -33,9 +33,7 @@ POLL_S = 0.2
 CHANNEL_VARIABLE = "ARENA_WORKER_FD"
 """Environment variable with the number of the socket between runner and worker."""
 _MODULE = "arena.smoke.flying.worker"
-_PR_SET_PDEATHSIG = 1
 _STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_libc = ctypes.CDLL(None)
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -174,8 +172,8 @@ def carry_out(answer: Connection, runner: int, task: T, work: Callable[[T], R]) 
     """
     for number in _STOPS:
         signal.signal(number, _interrupt)
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    if os.getppid() != runner:  # the runner died before prctl
+    set_death_signal(signal.SIGTERM)
+    if os.getppid() != runner:  # it died before the call above
         return
     try:
         answer.send(work(task))
