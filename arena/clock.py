@@ -80,7 +80,7 @@ class WallClock:
 
 
 class SimTime:
-    """Read-only simulation time, for programs that never sleep in simulation time.
+    """Simulation time to read only, for programs that do not sleep by it.
 
     path: path of the clock's files without the suffix: the shared memory is `<path>.page`
     page: this shared memory; its first number is the simulation time [s]

@@ -91,7 +91,7 @@ def listed_values(setting: Setting) -> list[Value]:
 
 
 def drawn_values(sweep: Sweep) -> list[tuple[Value, ...]]:
-    """Return one tuple per random sample, with a random value for each setting that has a range.
+    """Return one tuple per random sample: a random value for each setting that has a range.
 
     If no setting is drawn, return one empty tuple.
     """

@@ -44,7 +44,7 @@ class Columns:
             return None
 
     def _value(self, name: str) -> Any:
-        """Return the last value of a quantity, and store its name if the value is too old.
+        """Return the last value of a quantity. If it is too old, remember the name of the quantity.
 
         Raises StaleDataError if no value has arrived.
         """

@@ -116,7 +116,7 @@ class PayloadReader:
         """
         end = self.data.find(b"\0", self.at)
         if end < 0:
-            raise WireError(f"NatNet name at byte {self.at} has no end (zero byte)")
+            raise WireError(f"NatNet name at byte {self.at} is not ended by a zero byte")
         found = self.data[self.at : end]
         self.at = end + 1
         return found.decode(errors="replace")
@@ -127,7 +127,8 @@ class PayloadReader:
         Raises WireError.
 
         wanted: streaming ids of the bodies to read, None for all.  sized: sections have their size before them (NatNet 4.1 and later)
-        Return (streaming id, x, y, z, qx, qy, qz, qw, mean error, parameters) of each body.
+        Return (streaming id, x, y, z, qx, qy, qz, qw, mean error, parameters) of each body: position and mean error [m] and attitude
+        (xyzw), both in the axes of the motion-capture server.
         """
         if sized:
             self.skip_sections(2)

@@ -18,7 +18,8 @@ SETTLED_S, SETTLED_M_S = 3.0, 0.25
 # POSITION_TARGET_LOCAL_NED comes 10 times per second: rows show the old reference until the next message.
 _BEFORE_CHANGE_S = 0.15
 # The autopilot can send the reference of the landing mode before the HEARTBEAT with this mode.
-_MODE_LATER_S, _NEAR_M = 1.2, 0.15
+_MODE_LATER_S = 1.2
+_NEAR_M = 0.15  # of a landing's reference from the place of the vehicle, north and east
 _SPEED_S = 0.25  # time over which the speed at the end of a held setpoint is measured
 
 
@@ -58,12 +59,9 @@ def last_row_of_held_setpoint(flight: Flight) -> int | None:
         return None
     ref = flight.group("pos_ref")
     after = ref[held + 1 : end + 1]
-    if not after.size:
-        return held
-    # A landing begins at the place of the vehicle, so its first reference is there. A setpoint that jumped is not.
-    begin = flight.pos[held + 1, :2] if np.isnan(after[0, :2]).any() else after[0, :2]
-    places = np.concatenate([[flight.pos[held + 1, :2]], after[:, :2]])
-    return held if not (np.abs(places - begin).max(axis=1) > _NEAR_M).any() else None
+    # A landing begins at the place of the vehicle, and its reference stays there. A setpoint that jumped is elsewhere.
+    begin = flight.pos[min(held + 1, end), :2]
+    return None if (np.abs(after[:, :2] - begin).max(axis=1) > _NEAR_M).any() else held
 
 
 def setpoints(flight: Flight) -> dict[str, Any]:

@@ -15,7 +15,7 @@ TAKEN_OFF_M = 0.1
 LANDING_MODES = frozenset({"AUTO.LAND", "AUTO.PRECLAND", "DESCEND"})
 _ON_FLOOR_M = 0.03
 FELL_M = 0.2
-"""A vehicle that comes down by more than this after its disarming was disarmed in the air [m]."""
+"""Height loss after a disarming above which the vehicle was disarmed in the air [m]."""
 _FALL_S = 2.0
 _ARMING = ("Armed", "Disarmed")
 """First words of the STATUSTEXTs with which PX4 and the built-in autopilot report arming and disarming."""

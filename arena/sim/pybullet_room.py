@@ -105,7 +105,7 @@ class PybulletRoom:
         self._no_contacts = Contacts(floor=np.zeros(fleet.size, bool), others={})
 
     def add(self, i: int, motion: Motion) -> None:
-        """Add vehicle number i with a given motion to the room."""
+        """Add vehicle number i to pybullet's world, with its position, attitude and velocities."""
         body = self._bodies[i] = self._vehicle(i, motion)
         self._vehicles[body] = i
         self.move(i, motion)

@@ -46,7 +46,7 @@ class Neighbour:
 
     @property
     def measurement(self) -> NeighbourMeasurement:
-        """All values of one measurement. They belong to the same instant."""
+        """All values of one measurement, taken at the same instant."""
         self._source.refresh()
         found, limit = self._source.relative.neighbours.get(self._number), self._limit_s
         return self._source.fresh(found, f"measurement of neighbour {self._name}", limit).value
@@ -103,7 +103,7 @@ class Beacon:
 
     @property
     def measurement(self) -> BeaconMeasurement:
-        """All values of one measurement. They belong to the same instant."""
+        """All values of one measurement, taken at the same instant."""
         self._source.refresh()
         found, limit = self._source.relative.beacons.get(self._number), self._limit_s
         return self._source.fresh(found, f"measurement of beacon {self._name}", limit).value

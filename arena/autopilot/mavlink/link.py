@@ -108,7 +108,7 @@ class MavlinkLink:
 
 
 class _Sender(mavlink.MAVLink):  # type: ignore[misc]
-    """pymavlink sender of one link. Its sequence number is an element of an array."""
+    """pymavlink's encoder of one link. The next sequence number is kept in an array that all links share."""
 
     def __init__(self, system_id: int, sequences: Sequences, row: int) -> None:
         self._sequences, self._row = sequences, row

@@ -68,7 +68,7 @@ class PushRecord:
 
     @classmethod
     def read(cls, path: Path) -> PushRecord:
-        """Read the record of a push from its file.
+        """Read the record of a parameter push from its file.
 
         Raises InputError if the file is missing or is not the record of a push.
         """

@@ -193,7 +193,7 @@ class Trigger:
 
 @dataclass(frozen=True, kw_only=True)
 class Expectation:
-    """Expectation from an entry `expect`: a condition with a time.
+    """Expectation of a scenario (entry `expect`): a condition, and the time in which it must become or stay true.
 
     One of its two times is set, the second time is None.
 
