@@ -32,10 +32,17 @@ class Client:
     def __init__(self, host: str, port: int) -> None:
         url = f"ws://{host}:{port}"
         self.connection = connect(url, subprotocols=[Subprotocol(PROTOCOL)], max_size=None)
-        self.info: dict[str, Any] = json.loads(self.connection.recv(timeout=DEADLINE_S))
-        channels = json.loads(self.connection.recv(timeout=DEADLINE_S))["channels"]
+        self.info: dict[str, Any] = self._text()
+        channels = self._text()["channels"]
         self.topics = {channel["topic"]: int(channel["id"]) for channel in channels}
         self._names = {number: topic for topic, number in self.topics.items()}
+
+    def _text(self) -> dict[str, Any]:
+        """Return the next text message. The time of the server, a binary message, can come between two of them."""
+        while isinstance(data := self.connection.recv(timeout=DEADLINE_S), bytes):
+            assert data[0] == _TIME
+        found: dict[str, Any] = json.loads(data)
+        return found
 
     def subscribe(self, *topics: str) -> None:
         self.connection.send(_subscription([self.topics[topic] for topic in topics]))
