@@ -19,6 +19,7 @@ from arena.schema.tools import MODULES, Tool
 from arena.transport import open_udp
 
 IN_USE = "in use"
+_EVERY_ADDRESS = "0.0.0.0"
 _AMENT_INDEX = "share/ament_index/resource_index/packages"
 _MOST_ADDRESSES = 50
 _MOST_PORTS_SHOWN = 4
@@ -80,7 +81,7 @@ class Machine:
                 for c in psutil.net_connections("udp4")
                 if c.laddr and c.laddr[1] == port and c.pid
             }
-            exact = sorted(pid for ip, pid in pids if ip in (address, "0.0.0.0"))
+            exact = sorted(pid for ip, pid in pids if _EVERY_ADDRESS in (ip, address) or ip == address)
             return f"pid {exact[0]} ({psutil.Process(exact[0]).name()})" if exact else ""
         except psutil.Error:
             return ""
@@ -213,6 +214,11 @@ def _sentence(arena: Arena, address: str, why: str, ports: list[tuple[int, str]]
         )
     if of_url:
         return f"{what}. Set another port in the `url`."
+    if address == _EVERY_ADDRESS:
+        return (
+            f"{what}. PX4 binds these ports on every address, so another `address` does not help. "
+            "The port numbers depend on the vehicle's `id`: set another `id`."
+        )
     return f"{what}. Set another `address`, such as {_next_loopback(address)}."
 
 

@@ -126,6 +126,29 @@ def test_port_of_a_hardware_url_in_use_asks_for_another_url() -> None:
     )
 
 
+def test_ports_that_px4_binds_on_every_address_ask_for_other_ids(tmp_path: Path) -> None:
+    binary, scripts = tmp_path / "px4/bin/px4", tmp_path / "px4/etc/init.d-posix"
+    for made in (binary.parent, scripts):
+        made.mkdir(parents=True)
+    binary.touch(mode=0o755)
+    (scripts / "rcS").touch()
+    held = {("0.0.0.0", port): "pid 41 (arena:world)" for port in (24034, 27006)}
+    (line,) = refused(Bench(held=held), "px4: {home: px4}\nvehicles: {a: {autopilot: px4, id: 3}}\n")
+    assert line == (
+        "arena.yaml: UDP ports 24034, 27006 of 0.0.0.0, for px4.a, in use by pid 41 (arena:world). PX4 binds these "
+        "ports on every address, so another `address` does not help. The port numbers depend on the vehicle's `id`: "
+        "set another `id`."
+    )
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "0.0.0.0"])
+def test_holder_of_a_port_on_every_address_is_found_on_any_address(address: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held:
+        held.bind(("127.0.0.1", 0))
+        found = Machine().holder(address, held.getsockname()[1])
+    assert found.startswith(f"pid {os.getpid()} (")
+
+
 def test_missing_serial_device_is_named() -> None:
     (line,) = refused(Bench(), "vehicles: {uav1: {autopilot: hitl, serial: /dev/ttyACM0}}\n")
     assert "/dev/ttyACM0, the serial device of uav1, does not exist" in line
