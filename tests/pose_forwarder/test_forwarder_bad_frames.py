@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.mocap.client import CapturedFrame, Pose
+from arena.mocap.natnet import codec as natnet
+from arena.mocap.natnet.receiver import NatNetReceiver
 from arena.pose_forwarder.forwarder import Forwarder
 
 RATE = 180
@@ -59,6 +61,24 @@ def test_single_wrong_time_stamp_drops_one_frame(stamp):
     assert forwarder.on_frame(frame(180, stamp), 180 / RATE + 0.01) is None
     assert fly(forwarder, range(181, 360)) == 60
     assert fly(forwarder, range(360, 400), delay=0.25) == 0, "the guard still stands"
+
+
+def test_no_pose_is_sent_from_a_frame_with_two_bodies_of_the_same_id():
+    version, forwarder, receiver = (4, 1), Forwarder(SETTINGS), NatNetReceiver(["b"])
+    info = natnet.ServerInfo(
+        name="x", app_version=(4, 1, 0, 0), version=version, clock_hz=RATE, data_port=9, group=""
+    )
+    receiver.receive(natnet.encode_server_info(info))
+    receiver.receive(natnet.encode_models([(5, "b")], version))
+    sent = []
+    for number in range(30):
+        places = (0.01 * number, 3.0) if 10 <= number < 20 else (0.01 * number,)
+        bodies = tuple(natnet.Body(5, (east, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)) for east in places)
+        data = natnet.encode_frame(natnet.Frame(number, number / RATE, number, bodies), version)
+        if forwarder.on_frame(receiver.receive(data), number / RATE) is not None:
+            sent.append(number)
+    assert sent == [0, 3, 6, 9, 20, 21, 24, 27]
+    assert forwarder.counts["untracked"] == 10
 
 
 def test_queue_of_old_frames_is_dropped():

@@ -27,6 +27,12 @@ def no_pose(server: str, bodies: BodyStatus) -> str:
             f"motion capture: {server} has two bodies called {_list(bodies.duplicate)}, so the poses of both are dropped: "
             "rename one of them on the server"
         )
+    if bodies.shared_ids:
+        name, shared = next(iter(sorted(bodies.shared_ids.items())))
+        return (
+            f"motion capture: {server} has two bodies with the id {shared} ({name!r} is one of them), so the poses of both are "
+            "dropped: give one of them another id on the server"
+        )
     if bodies.missing:
         there = f"its bodies: {_list(sorted(bodies.names))}" if bodies.names else "it has no bodies"
         near = _nearest(bodies.missing[0], bodies)

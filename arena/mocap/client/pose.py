@@ -44,7 +44,8 @@ class CapturedFrame(NamedTuple):
     """Poses of all requested bodies at one exposure of the cameras.
 
     number: frame number. time_s: time of the exposure, by the server's clock [s].
-    poses: poses of the tracked bodies. untracked: names of the bodies that are not tracked.
+    poses: poses of the tracked bodies, at most one of each name. untracked: names of the bodies without a pose.
+    If several bodies of the server have the id or the name of a requested body, the client gives no pose of this name.
     sent_s: time at which the server sent the frame, by its clock [s]; None if unknown.
     echo: the last comparison of the clocks; None if the server answers no echo requests.
     arrived_s: time at which the kernel received the frame, monotonic [s]; None if the client uses no stamps.

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from arena.mocap.client.pose import CapturedFrame
 
@@ -25,12 +25,14 @@ class BodyStatus:
     names: names of all bodies of the server.
     missing: requested bodies that the server does not have.
     duplicate: requested names that two bodies of the server have.
+    shared_ids: requested body -> its id on the server, if another body has the same id.
     hidden: requested bodies that were not tracked for 2 s.
     """
 
     names: Collection[str] = ()
     missing: Sequence[str] = ()
     duplicate: Sequence[str] = ()
+    shared_ids: Mapping[str, int] = field(default_factory=dict)
     hidden: Sequence[str] = ()
 
 
@@ -96,15 +98,23 @@ class Reception:
         """Return whether the client was opened less than 3 s ago, so that the server may still answer."""
         return now - self._started < _GRACE_S
 
-    def body_status(self, served: Counter[str], wanted: Collection[str], now: float) -> BodyStatus:
+    def body_status(
+        self,
+        served: Counter[str],
+        wanted: Collection[str],
+        now: float,
+        shared_ids: Mapping[str, int] | None = None,
+    ) -> BodyStatus:
         """Return the requested bodies that have no pose, grouped by cause.
 
         served: name -> number of bodies of the server with this name. wanted: names of the requested bodies.
+        shared_ids: body -> its id on the server, if another body has the same id.
         """
         return BodyStatus(
             names=tuple(served),
             missing=[n for n in wanted if not served[n]],
             duplicate=[n for n in wanted if served[n] > 1],
+            shared_ids={n: i for n, i in (shared_ids or {}).items() if n in wanted},
             hidden=[n for n in wanted if served[n] == 1 and self._hidden(n, now)],
         )
 

@@ -82,6 +82,7 @@ class NatNetClient:
         frames = [frame for frame in received if frame is not None]
         self._reception.update("answers", self.core.answers, wall)
         self._reception.update("malformed", self.counts["malformed"], wall)
+        self._reception.update("duplicate ids", self.counts["duplicate ids"], wall)
         self._reception.update("early", self.counts["before the handshake"], wall)
         if self._reception.update_frames(self.core.readable_frames, frames, wall):
             self._last_frame = wall
@@ -111,6 +112,9 @@ class NatNetClient:
         if not self._sockets.error and seen.too_early(now):
             return ""
         wanted = sorted(self.core.wanted) if self.core.has_models else []
+        ids = self.core.shared_ids | (
+            self.core.shared_ids_in_frame if seen.recent("duplicate ids", now) else {}
+        )
         return diagnose(
             Condition(
                 server=self._server,
@@ -126,7 +130,7 @@ class NatNetClient:
                 malformed=seen.recent("malformed", now),
                 early=seen.recent("early", now),
                 foreign=seen.foreign_address(now),
-                bodies=seen.body_status(self.core.name_counts, wanted, now),
+                bodies=seen.body_status(self.core.name_counts, wanted, now, ids),
             )
         )
 

@@ -174,14 +174,16 @@ def encode_models(
     return packet(MODELDEF, b"".join(out))
 
 
-def decode_models(data: bytes, version: Version) -> dict[int, BodyModel]:
-    """Decode a NatNet MODELDEF packet. Return {streaming id: description of the rigid body}.
+def decode_models(data: bytes, version: Version) -> list[tuple[int, BodyModel]]:
+    """Decode a NatNet MODELDEF packet. Return (streaming id, description) of each rigid body.
+
+    Several bodies can have the same streaming id.
 
     Raises WireError for an invalid packet. From 4.1 on, descriptions other than rigid bodies are skipped.
     Older versions can be decoded only if nothing but marker sets precedes the rigid bodies.
     """
     reader = PayloadReader(payload_of(data, MODELDEF))
-    found: dict[int, BodyModel] = {}
+    found: list[tuple[int, BodyModel]] = []
     for _ in range(reader.count("descriptions")):
         kind = reader.i32()
         if version >= (4, 1):
@@ -191,7 +193,8 @@ def decode_models(data: bytes, version: Version) -> dict[int, BodyModel]:
                 streaming_id, markers = part.i32(), 0
                 if len(part.data) >= (at := part.at + 16 + (16 if version >= (4, 2) else 0)) + 4:
                     (markers,) = _COUNT.unpack_from(part.data, at)
-                found[streaming_id] = BodyModel(name=name, definition=part.data[begin:], markers=markers)
+                model = BodyModel(name=name, definition=part.data[begin:], markers=markers)
+                found.append((streaming_id, model))
         elif kind == 0:
             reader.text()
             for _ in range(reader.count("markers")):
@@ -202,7 +205,7 @@ def decode_models(data: bytes, version: Version) -> dict[int, BodyModel]:
             reader.skip(16)
             markers = _skip_marker_descriptions(reader, version)
             definition = reader.data[begin : reader.at]
-            found[streaming_id] = BodyModel(name=name, definition=definition, markers=markers)
+            found.append((streaming_id, BodyModel(name=name, definition=definition, markers=markers)))
         else:
             break
     return found

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Sequence
 from math import isfinite, nan
 
 from arena.errors import WireError
@@ -27,6 +27,8 @@ class NatNetReceiver:
     info: the server's last description of itself, None before the first. answers: number of such descriptions
     received.
     readable_frames: number of frames decoded, including those without a requested body.
+    shared_ids: requested body -> its streaming id, if another body of the server's list has the same id.
+    shared_ids_in_frame: the same for the last frame in which several bodies had the same id.
     counts: number of frames passed on, and of datagrams dropped for each reason.
     """
 
@@ -42,6 +44,8 @@ class NatNetReceiver:
         self.answers = self.readable_frames = 0
         self._order = FrameOrder()
         self._changed = False
+        self.shared_ids: dict[str, int] = {}
+        self.shared_ids_in_frame: dict[str, int] = {}
         self._echo: Echo | None = None
         self._echo_number = 0
         self._echoes_sent: dict[int, float] = {}
@@ -153,21 +157,21 @@ class NatNetReceiver:
         """
         return self._models.get(body, "")
 
-    def _on_models(self, found: Mapping[int, codec.BodyModel]) -> None:
-        """Store the streaming ids of the requested bodies. Bodies that have the same name are ignored."""
-        counts = self._name_counts = Counter(model.name for model in found.values())
+    def _on_models(self, found: Sequence[tuple[int, codec.BodyModel]]) -> None:
+        """Store the streaming ids of the requested bodies. Bodies that have the same name or the same id are ignored."""
+        counts = self._name_counts = Counter(model.name for _, model in found)
+        ids = Counter(i for i, _ in found)
         self._has_models = True
         if twice := sum(n > 1 for n in counts.values()):
             self.counts["duplicate names"] += twice
         wanted = self._wanted_names
         if wanted and not wanted <= set(counts):
             self.counts["unknown body"] += 1
-        self._names = {
-            i: m.name
-            for i, m in found.items()
-            if counts[m.name] == 1 and (wanted is None or m.name in wanted)
-        }
-        self._models = {name: _definition(i, found[i]) for i, name in self._names.items()}
+        requested = [(i, m) for i, m in found if counts[m.name] == 1 and (wanted is None or m.name in wanted)]
+        self.shared_ids = {m.name: i for i, m in requested if ids[i] > 1}
+        own = {i: m for i, m in requested if ids[i] == 1}
+        self._names = {i: m.name for i, m in own.items()}
+        self._models = {m.name: _definition(i, m) for i, m in own.items()}
 
     def _frame(self, data: bytes, arrived_s: float | None) -> CapturedFrame | None:
         if self._version is None:
@@ -197,8 +201,11 @@ class NatNetReceiver:
 
     def _captured_frame(self, frame: codec.Frame, arrived_s: float | None) -> CapturedFrame:
         poses, untracked = [], []
+        shared = self._shared_ids(frame.bodies)
         for body in frame.bodies:
             name = self._names[body.streaming_id]
+            if name in shared:
+                continue
             pose = pose_ned(name, body.position, body.quat_xyzw) if body.tracked else None
             if pose is None:
                 untracked.append(name)
@@ -206,6 +213,7 @@ class NatNetReceiver:
                     self.counts["no pose"] += 1
             else:
                 poses.append(pose)
+        untracked += shared
         if not (self._clock_hz and frame.exposure_ticks):
             return CapturedFrame(
                 frame.number, frame.timestamp_s, tuple(poses), tuple(untracked), arrived_s=arrived_s
@@ -215,6 +223,18 @@ class NatNetReceiver:
         return CapturedFrame(
             frame.number, exposed, tuple(poses), tuple(untracked), sent, self._echo, arrived_s
         )
+
+    def _shared_ids(self, bodies: Sequence[codec.Body]) -> dict[str, int]:
+        """Return {name: streaming id} for each id that several bodies of a frame have.
+
+        It is not known which of these bodies is the requested one.
+        """
+        if len(bodies) < 2 or len({body.streaming_id for body in bodies}) == len(bodies):
+            return {}
+        ids = Counter(body.streaming_id for body in bodies)
+        self.shared_ids_in_frame = {self._names[i]: i for i, n in ids.items() if n > 1}
+        self.counts["duplicate ids"] += 1
+        return self.shared_ids_in_frame
 
 
 def _definition(streaming_id: int, model: codec.BodyModel) -> str:

@@ -108,6 +108,25 @@ def test_duplicate_body_name_gives_no_pose():
     assert receiver.counts["duplicate names"] == 1
 
 
+@pytest.mark.parametrize("wanted", [None, ["uav1", "uav2"]])
+def test_two_bodies_with_one_id_in_a_frame_give_no_pose(wanted):
+    receiver = connected_receiver(wanted=wanted)
+    assert east(receiver, frame(1, ids=(1, 2))) == {"uav1": 1.0, "uav2": 2.0}
+    found = receiver.receive(frame(2, ids=(1, 2, 1)))
+    assert ([p.body for p in found.poses], found.untracked) == (["uav2"], ("uav1",))
+    assert receiver.counts["duplicate ids"] == 1 and receiver.shared_ids_in_frame == {"uav1": 1}
+    assert east(receiver, frame(3, ids=(1, 2))) == {"uav1": 1.0, "uav2": 2.0}
+
+
+def test_id_that_two_bodies_have_gives_no_pose_even_if_one_is_hidden():
+    receiver = connected_receiver((1, "wand"), (1, "uav1"), (2, "uav2"), wanted=["uav1", "uav2"])
+    assert east(receiver, frame(1, ids=(1, 2))) == {"uav2": 2.0}
+    assert receiver.shared_ids == {"uav1": 1} and not receiver.is_connected
+    receiver.receive(models((1, "wand"), (3, "uav1"), (2, "uav2")))
+    assert east(receiver, frame(2, ids=(1, 2, 3))) == {"uav1": 3.0, "uav2": 2.0}
+    assert receiver.shared_ids == {}
+
+
 def test_frame_time_is_its_exposure_or_else_the_server_time():
     assert connected_receiver().receive(frame(1, exposure_ticks=2500, stamp=9.0)).time_s == 2.5
     assert connected_receiver().receive(frame(1, exposure_ticks=0, stamp=9.0)).time_s == 9.0

@@ -68,10 +68,10 @@ class Server:
         return sender
 
 
-def frame(number: int) -> bytes:
+def frame(number: int, *, bodies: int = 1) -> bytes:
     body = natnet.Body(streaming_id=1, position=(1.0, 2.0, 3.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0))
     return natnet.encode_frame(
-        natnet.Frame(number=number, timestamp_s=1.0, exposure_ticks=0, bodies=(body,)), V
+        natnet.Frame(number=number, timestamp_s=1.0, exposure_ticks=0, bodies=(body,) * bodies), V
     )
 
 
@@ -284,6 +284,16 @@ def test_group_joined_on_one_interface_is_not_received_on_another():
         theirs.close()
         speaker.close()
     ours.close()
+
+
+def test_two_bodies_with_one_id_are_reported_with_the_id(server, monkeypatch):
+    monkeypatch.setattr("arena.mocap.client.reception._GRACE_S", 0.0)
+    capture = open_client(server.settings())
+    server.handshake(capture)
+    server.socket.sendto(frame(1, bodies=2), (GROUP, server.data_port))
+    until(capture, lambda: capture.counts["duplicate ids"])
+    assert "two bodies with the id 1 ('uav1' is one of them)" in capture.diagnosis()
+    capture.close()
 
 
 def test_missing_body_is_reported_with_the_names_that_exist(server, monkeypatch):

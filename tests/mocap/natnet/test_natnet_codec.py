@@ -108,14 +108,14 @@ def test_only_wanted_bodies_of_a_frame_are_unpacked(version):
     assert [b.streaming_id for b in again.bodies] == [7]
     assert again.exposure_ticks == FRAME.exposure_ticks
     models = natnet.decode_models(natnet.encode_models([(3, "a"), (4, "b")], version), version)
-    assert {i: m.name for i, m in models.items()} == {3: "a", 4: "b"}
+    assert [(i, m.name) for i, m in models] == [(3, "a"), (4, "b")]
 
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_markers_of_a_body_belong_to_its_definition(version):
     def models(*markers):
-        return natnet.decode_models(
-            natnet.encode_models([(1, "uav1"), (2, "uav2")], version, markers), version
+        return dict(
+            natnet.decode_models(natnet.encode_models([(1, "uav1"), (2, "uav2")], version, markers), version)
         )
 
     first, moved = models((0.1, 0.0, 0.02), (0.0, 0.1, 0.02)), models((0.1, 0.0, 0.02), (0.0, 0.1, 0.03))

@@ -47,6 +47,10 @@ def info(version=(4, 1), port=1511, group="239.255.42.99") -> natnet.ServerInfo:
         ),
         ({"streaming": True, "bodies": BodyStatus(missing=["uav1"])}, "it has no bodies"),
         ({"streaming": True, "bodies": BodyStatus(duplicate=["uav1"])}, "two bodies called 'uav1'"),
+        (
+            {"streaming": True, "bodies": BodyStatus(shared_ids={"uav1": 7}, hidden=["uav1"])},
+            "two bodies with the id 7 ('uav1' is one of them), so the poses of both are dropped: give one of them",
+        ),
         ({"streaming": True, "bodies": BodyStatus(hidden=["uav1"])}, "does not track 'uav1'"),
     ],
 )
