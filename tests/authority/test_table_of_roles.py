@@ -81,7 +81,9 @@ STATES: list[Callable[[], Authority]] = [
 
 
 def rows() -> list[tuple[str, list[str]]]:
-    lines = PAGE.read_text().split("## Which request is allowed")[1].split("\n\n")[1].splitlines()
+    section = PAGE.read_text().split("## Which request is allowed")[1].split("\n## ")[0]
+    lines = [line for line in section.splitlines() if line.startswith("|")]
+    assert len(lines) > 10, "the page has no table of requests"
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
     return [(row[0], row[1:]) for row in cells]
 
