@@ -11,12 +11,13 @@ from types import TracebackType
 from typing import Self
 
 from arena.clock import Clock, Rate, SimClock, SimTime, WallClock
-from arena.errors import InputError, VehicleError
+from arena.errors import InputError, RunError, VehicleError
 from arena.fly.running_vehicle import RunningVehicle, find_vehicle
 from arena.uav import UAV
 from arena.uav.arguments import read_file
 
 _POLL_S = 0.001
+_OFFBOARD = "OFFBOARD"
 
 
 class FollowedClock:
@@ -64,6 +65,7 @@ class Session:
         """Land the vehicle if this session flies it, and close the connection.
 
         A vehicle that is disarmed, or that a pilot, `land-all`, a ground station, a node of ROS 2 or an SDK flies, is not commanded.
+        For an armed one, a line says who flies it.
         A vehicle that cannot be landed enters its offboard failsafe, because no setpoints are sent any more.
         """
         try:
@@ -71,6 +73,8 @@ class Session:
                 say(f"{self.vehicle.name}: landing")
                 self.uav.auto_land()
                 say(f"{self.vehicle.name}: landed and disarmed")
+            elif text := self._flown_by_others():
+                say(text)
         except VehicleError as error:
             say(f"{self.vehicle.name}: LANDING NOT CONFIRMED: {error}. Use `arena land-all`")
         finally:
@@ -80,6 +84,24 @@ class Session:
         with contextlib.suppress(VehicleError):
             return self.uav.info.is_armed and self.uav.control.flies(self.vehicle.settings.offboard_loss_s)
         return False
+
+    def _flown_by_others(self) -> str:
+        """Return a line with the mode of a vehicle that is armed, and who has control of it; "" if it is not armed."""
+        with contextlib.suppress(VehicleError):
+            if self.uav.info.is_armed:
+                mode = self.uav.info.flight_mode
+                return f"{self.vehicle.name}: NOT LANDED by this shell: armed in {mode}, {self._holder(mode)}"
+        return ""
+
+    def _holder(self, mode: str) -> str:
+        """Return who has control of the vehicle, which this session does not fly. mode: its flight mode."""
+        try:
+            control = self.vehicle.facts().get("control")
+        except RunError:  # the supervisor has ended
+            return "and the arena does not reply"
+        if mode == _OFFBOARD and control in (None, "", "program"):
+            return "and another program has control"
+        return f"and {control or 'nobody'} has control"
 
     def __enter__(self) -> Self:
         return self
