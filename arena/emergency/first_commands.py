@@ -20,7 +20,7 @@ from arena.wire.mavlink_ids import EMERGENCY
 
 def component_for(target: Target) -> int:
     """Return the MAVLink component id from which land-all commands a vehicle."""
-    return EMERGENCY.component_at(signs=target.direct is not None and bool(target.direct.key_file))
+    return EMERGENCY.component_at(signs=target.signs)
 
 
 def send_first_commands(targets: Sequence[Target], action: Action) -> None:

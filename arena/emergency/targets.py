@@ -45,6 +45,11 @@ class Target:
     run: Path | None = field(default=None, compare=False)
     direct: DirectAddress | None = field(default=None, compare=False)
 
+    @property
+    def signs(self) -> bool:
+        """True if the vehicle has a signing key."""
+        return self.direct is not None and bool(self.direct.key_file)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Found:

@@ -42,12 +42,12 @@ _RECEIVED = {
 class Hold:
     """Hold command to one vehicle, without sockets: returns the frames to send and the result. Pure.
 
-    now: monotonic [s].
+    now: monotonic [s]. signs: the vehicle has a signing key.
     """
 
-    def __init__(self, name: str, system: int, now: float, *, simulated: bool) -> None:
+    def __init__(self, name: str, system: int, now: float, *, simulated: bool, signs: bool = False) -> None:
         self.name, self._system, self._simulated = name, system, simulated
-        self._codec = Codec(HOLD.system, HOLD.component)
+        self._codec = Codec(HOLD.system, HOLD.component_at(signs=signs))
         self._telemetry = Telemetry(system, _RECEIVED)
         self._began, self._next_send = now, now
         self._commanded_in = ""  # mode of the vehicle when it was commanded first
@@ -117,7 +117,7 @@ class Hold:
 def hold(targets: tuple[Target, ...]) -> int:
     """Command vehicles to hold, and print one line per vehicle. Return the exit code."""
     now = time.monotonic()
-    holds = [(Hold(t.name, t.id, now, simulated=t.run is not None), _open(t)) for t in targets]
+    holds = [(Hold(t.name, t.id, now, simulated=t.run is not None, signs=t.signs), _open(t)) for t in targets]
     printed: set[str] = set()
     while len(printed) < len(holds):
         now = time.monotonic()

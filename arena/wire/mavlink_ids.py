@@ -11,8 +11,8 @@ A MAVLink sender has a system id and a component id. Two things depend on them:
 No vehicle has one of these system ids: the ids of vehicles end at `LARGEST_VEHICLE_ID`. A vehicle with such an id would have the
 same id as a program, and its own program would get the role of that program.
 
-An autopilot that signs its messages accepts at most 16 senders until its next start. At such a vehicle, programs that use
-a new process for each command have one component id that never changes (`signed`).
+An autopilot that signs its messages accepts at most 16 senders until its next start. After that it refuses further ones, also
+`arena land-all`. At such a vehicle, each program has one component id that never changes (`signed`, or a range of one).
 
 `SENDERS` and `VEHICLE_COMPONENTS` are the tables of docs/reference/mavlink-ids.md.
 """
@@ -64,22 +64,23 @@ HOLD = Sender(
     system=250,
     first=30,
     last=59,
+    signed=120,
     program="button HOLD of `arena monitor`",
     purpose="commands AUTO.LOITER as a ground station",
 )
 PILOT = Sender(
     system=250,
     first=60,
-    last=89,
+    last=60,  # one person flies a vehicle: `arena.fly.running_vehicle.lock_pilot`
     program="`arena fly` by hand",
     purpose="sends sticks and modes as a ground station",
 )
 FLIGHT_TOOL = Sender(
     system=250,
     first=90,
-    last=119,
+    last=90,
     program="`arena fly`, `arena shell`: parameters of the vehicle",
-    purpose="reads parameters only",
+    purpose="reads parameters only. Two of these programs at one vehicle may receive the replies to each other",
 )
 REFEREE = Sender(
     system=250,

@@ -45,6 +45,15 @@ def test_command_is_a_ground_stations_request_for_loiter():
     assert role_of_tool(HOLD.system) is Role.GROUND_STATION
 
 
+def test_every_hold_has_the_same_ids_at_a_vehicle_that_signs(monkeypatch):
+    found = set()
+    for pid in (1000, 1001):
+        monkeypatch.setattr("os.getpid", lambda pid=pid: pid)
+        one = Hold("uav1", 1, 0.0, simulated=False, signs=True)
+        found |= {(f.sysid, f.compid) for data in one.due(0.0) for f in parse_frames(data).frames}
+    assert found == {(HOLD.system, HOLD.signed)}
+
+
 def test_programs_cannot_fly_the_vehicle_after_a_hold():
     gate = CommandGate("uav1", 1, simulated=True, radio=False)
     gate.on_state(True, "OFFBOARD", 0.0)

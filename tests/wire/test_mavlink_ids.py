@@ -42,6 +42,19 @@ def test_signed_component_is_outside_the_range_of_the_processes() -> None:
         assert sender.component_at(signs=False) == sender.component
 
 
+def test_new_processes_are_no_new_senders_at_a_vehicle_that_signs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The vehicle refuses all senders after the 16th, also the next `land-all`."""
+    never_at_it = (
+        mavlink_ids.REFEREE,
+        mavlink_ids.VIEWER,
+    )  # simulated vehicles only; the router forwards no PING
+    found = set()
+    for pid in range(1000, 1060):
+        monkeypatch.setattr("os.getpid", lambda pid=pid: pid)
+        found |= {(s.system, s.component_at(signs=True)) for s in SENDERS if s not in never_at_it}
+    assert len(found) == len(SENDERS) - len(never_at_it)
+
+
 def test_processes_with_adjacent_ids_have_different_components(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
     for pid in range(1000, 1015):
