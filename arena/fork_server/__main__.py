@@ -33,7 +33,7 @@ _PROCESSES = (
     "arena.fused.__main__",  # imports world, autopilots, motion capture, forwarder, router, sensors and recorder
     "arena.sim.__main__",
     "arena.mocap.emulator.__main__",
-    "arena.mocap.client.natnet",
+    "arena.mocap.natnet.client",
     "arena.pose_forwarder.__main__",
     "arena.mavlink_router.__main__",
     "arena.recorder.__main__",

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import subprocess
 import sys
+
+import pytest
+
+from arena.fork_server.__main__ import PRELOADED
 
 PROGRAM = """
 import contextlib, os, socket
@@ -23,6 +28,12 @@ if pid:
 else:
     os.write({output}, b"the copy goes on")
 """
+
+
+@pytest.mark.parametrize("name", sorted({name for names in PRELOADED.values() for name in names}))
+def test_every_preloaded_module_can_be_imported(name):
+    """The fork server leaves out a module that it cannot import, so a wrong name would only cost time."""
+    importlib.import_module(name)
 
 
 def test_error_in_the_copy_ends_the_copy():
