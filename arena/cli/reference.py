@@ -35,7 +35,7 @@ from arena.smoke.language.scenario_file import STEP_KEYS, ScenarioFile
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 _HEAD = "<!-- written by python -m arena.cli.reference; do not edit -->\n\n"
-_EXAMPLE = "vehicles: {uav1: {program: hover.py}}\n"
+_EXAMPLE = "vehicles: {uav1: {autopilot: builtin, program: hover.py}}\n"
 
 
 def pages() -> dict[str, str]:
