@@ -108,6 +108,9 @@ class MemoryCapture:
         self.counts["frames"] += len(found)
         return found
 
+    def add_body(self, body: str) -> None:
+        """Do nothing: the frames contain all bodies."""
+
     def definition(self, body: str) -> str:
         """Return the name of a rigid body as its definition, because the definition never changes here.
 

@@ -12,31 +12,25 @@ import math
 import socket
 import threading
 import time
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import Clock, LockstepClock
-from arena.errors import ArenaError, InputError, NotConfirmedError
+from arena.errors import InputError, NotConfirmedError
 from arena.transport import Address, open_udp, parse_url, receive_datagrams
 from arena.uav.backend import Backend, BackendName, Command, MavlinkBackend, Wire
 from arena.uav.measurements import Measurements
 from arena.uav.poses import Poses
 from arena.uav.receiver import Receiver
+from arena.uav.shared_capture import Capture
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_ids import PROGRAM_COMPONENT
 from arena.wire.telemetry import Telemetry
-
-if TYPE_CHECKING:
-    from arena.mocap.client import MocapClient
 
 _MIN_REFRESH_S = 0.001
 _CHORES_EVERY_S = 0.1
 _HEARTBEAT_S = 1.0
 _MAX_DATAGRAMS = 2000  # in one poll: a flood must not keep the caller
-
-Capture = Mapping[str, Any]
 
 
 class Connection:
@@ -47,7 +41,7 @@ class Connection:
     poses: object that stores the captured poses.
     capture: settings for `arena.mocap.client`; None without motion capture.
     relative: object that stores the measurements of the emulated relative sensors; None: they are ignored.
-    receiver: background thread that this connection shares with others; None for a thread of its own.
+    receiver: background thread and motion capture clients that this connection shares with others; None for its own.
     backend: library that sends setpoints and commands.
 
     The attribute `setpoint_at` is the time of the last setpoint that was sent [s], -inf before the first one.
@@ -68,11 +62,15 @@ class Connection:
         self.poses = poses
         self._relative = relative
         self.unsent, self.setpoint_at = 0, -math.inf
-        self.fault = ""
         self._clock = clock
         self._codec = Codec(system_id, PROGRAM_COMPONENT)
         self._socket, self._vehicle = _open(url)
-        self._capture = _open_capture(capture, poses.bodies)
+        self._receiver = Receiver() if receiver is None else receiver
+        self._capture = (
+            None
+            if capture is None or poses.body is None
+            else self._receiver.capture.open(capture, poses.body, poses)
+        )
         self._receiving, self._sending = threading.Lock(), threading.Lock()
         self._polled = self._polled_at = -1.0
         self._heartbeat_due = 0.0
@@ -86,12 +84,16 @@ class Connection:
                 send_payload=self._send_payload,
             ),
         )
-        self._receiver = Receiver() if receiver is None else receiver
         self._lockstep = isinstance(clock, LockstepClock) and clock.lockstep
         if isinstance(clock, LockstepClock) and self._lockstep:
             clock.do_while_asleep(self.chores, _CHORES_EVERY_S)
         else:
             self._receiver.add(self.chores)
+
+    @property
+    def fault(self) -> str:
+        """Return why the motion capture client failed; "" if it did not."""
+        return "" if self._capture is None else self._capture.fault
 
     def refresh(self) -> None:
         """Read the data that has arrived at the sockets.
@@ -142,7 +144,7 @@ class Connection:
         with self._receiving:
             self._socket.close()
             if self._capture is not None:
-                self._capture.close()
+                self._capture.remove(self.poses)
 
     def poll(self) -> None:
         """Read all sockets. Store new telemetry in `telemetry` and new poses in `poses`."""
@@ -158,7 +160,7 @@ class Connection:
                 elif self._relative is not None:
                     self._relative.on_datagram(datagram, now)
             if self._capture is not None:
-                self._poll_capture(self._capture, now)
+                self._capture.poll(now, once=self._lockstep)
 
     def chores(self) -> None:
         """Receive data, and send the heartbeat if it is due."""
@@ -190,14 +192,6 @@ class Connection:
         except OSError:  # a full buffer or a network that is away: the vehicle's silence is reported instead
             self.unsent += 1
 
-    def _poll_capture(self, client: MocapClient, now: float) -> None:
-        try:
-            for frame in client.poll(now):
-                for pose in frame.poses:
-                    self.poses.receive(pose.body, pose.p_n, pose.q_nb, now)
-        except (ArenaError, OSError) as error:
-            self.fault = str(error)
-
 
 def _open(url: str) -> tuple[socket.socket, Address | None]:
     """Open the program's socket. Return the socket and the vehicle's address, or None if the address is unknown.
@@ -223,13 +217,6 @@ def _open(url: str) -> tuple[socket.socket, Address | None]:
         raise InputError(
             f"link: cannot listen on {where}: {error.strerror}. Does another program use this port?"
         ) from error
-
-
-def _open_capture(settings: Capture | None, bodies: Sequence[str]) -> MocapClient | None:
-    """Open the motion capture client for given rigid bodies. Return None without settings or bodies."""
-    from arena.mocap.client import open_client
-
-    return open_client({**settings, "bodies": list(bodies)}) if settings is not None and bodies else None
 
 
 def _open_backend(name: BackendName, wire: Wire) -> Backend:

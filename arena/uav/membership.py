@@ -29,7 +29,8 @@ class Membership:
 
     argv: command line for each vehicle: vehicle -> arguments without the program's name.
     once: whether the program flies all vehicles.
-    threads: threads and clocks of all programs of the group. receiver: background thread for all connections of the group.
+    threads: threads and clocks of all programs of the group.
+    receiver: background thread and motion capture clients for all connections of the group.
     opened: vehicles that the program has opened; they are closed when it ends.
     """
 

@@ -44,17 +44,12 @@ class Poses:
 
     def __init__(self, body: str | None) -> None:
         self.own: Pose | None = None
-        self._body = body
-
-    @property
-    def bodies(self) -> list[str]:
-        """Names of the rigid bodies to request from motion capture."""
-        return [] if self._body is None else [self._body]
+        self.body = body
 
     def receive(self, body: str, p_n: Sequence[float], q_nb: Sequence[float], now: float) -> None:
         """Store the pose of a tracked body.
 
         now: time of arrival [s].
         """
-        if body == self._body:
+        if body == self.body:
             self.own = Pose(received_at=now, position=p_n, quaternion=q_nb)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
+from arena.uav.shared_capture import SharedCapture
+
 _PERIOD_S = 0.02  # 50 wake-ups a second instead of one per datagram
 
 
@@ -12,9 +14,12 @@ class Receiver:
     """Thread that receives data and sends heartbeats for its connections every 20 ms of wall time.
 
     The thread runs while it has a connection.
+
+    capture: motion capture clients, which the connections share, too.
     """
 
     def __init__(self) -> None:
+        self.capture = SharedCapture()
         self._chores: tuple[Callable[[], None], ...] = ()
         self._lock = threading.Lock()
         self._ending = threading.Event()

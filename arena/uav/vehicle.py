@@ -16,7 +16,7 @@ from arena.clock import Clock, WallClock
 from arena.thrust_curve import thrust_curve as curve_of
 from arena.trajectories.trajectory import Trajectory
 from arena.uav.backend import BackendName
-from arena.uav.connection import Capture, Connection
+from arena.uav.connection import Connection
 from arena.uav.data_groups import Actuation, Ekf, Info, Sensors, Snapshot
 from arena.uav.data_source import Body, Source
 from arena.uav.fleet import Fleet
@@ -28,6 +28,7 @@ from arena.uav.planned_path import PathPublisher
 from arena.uav.poses import Poses
 from arena.uav.receiver import Receiver
 from arena.uav.setpoints import AttitudeKind, Encoder, duration_s
+from arena.uav.shared_capture import Capture
 from arena.uav.start_barrier import StartBarrier
 from arena.uav.steps import Steps, run
 from arena.uav.vehicle_control import STREAM_HZ, VehicleControl
@@ -53,7 +54,7 @@ class UAV:
     run: folder of the run, None for a program started by hand.
     barriers: folder with the files of `wait_for`. programs: vehicles of the run that have a program.
     args: arguments for the program itself.
-    receiver: background thread that receives for several vehicles of this process; None for a thread of its own.
+    receiver: background thread and motion capture clients for several vehicles of this process; None for its own.
     backend: library that sends setpoints and commands: "mavlink" (pymavlink) or "mavsdk".
 
     control, steps: the methods as steps, for `AsyncUAV`.

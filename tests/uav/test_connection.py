@@ -4,27 +4,34 @@ from __future__ import annotations
 
 import pytest
 
-from arena.clock import WallClock
+from arena.clock import LockstepClock, WallClock
+from arena.errors import InputError
 from arena.mocap.client import CapturedFrame, Pose
 from arena.uav.connection import Connection
 from arena.uav.poses import Poses
+from arena.uav.receiver import Receiver
 
 from .conftest import free_address
 
 
 class FakeClient:
-    """A client whose server has every wanted body, at its own north coordinate."""
+    """A client whose server has every wanted body, at its own north coordinate. Each frame has it 1 m higher."""
 
     made: list[FakeClient]
 
     def __init__(self, settings: dict) -> None:
         self.settings, self.closed, self.number = settings, False, 0
+        self.bodies = list(settings["bodies"])
         self.made.append(self)
+
+    def add_body(self, body: str) -> None:
+        self.bodies.append(body)
 
     def poll(self, now: float) -> list[CapturedFrame]:
         self.number += 1
         poses = tuple(
-            Pose(b, (self.settings["north"], 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)) for b in self.settings["bodies"]
+            Pose(b, (self.settings["north"], 0.0, -float(self.number)), (1.0, 0.0, 0.0, 0.0))
+            for b in self.bodies
         )
         return [CapturedFrame(self.number, now, poses, ())]
 
@@ -39,17 +46,76 @@ def clients(monkeypatch):
     return FakeClient.made
 
 
-def opened(body, capture) -> Connection:
+def opened(body, capture, receiver=None, clock=None) -> Connection:
     host, port = free_address()
-    return Connection(f"udpin:{host}:{port}", 1, WallClock(), Poses(body), capture)
+    return Connection(f"udpin:{host}:{port}", 1, clock or WallClock(), Poses(body), capture, receiver)
 
 
 def test_only_the_own_body_is_requested_and_stored(clients):
     connection = opened("b1", {"north": 1.0, "bodies": ["b1", "b2"]})
     connection.poll()
     connection.close()
-    assert [r.settings["bodies"] for r in clients] == [["b1"]] and clients[0].closed
+    assert [r.bodies for r in clients] == [["b1"]] and clients[0].closed
     assert connection.poses.own is not None and connection.poses.own.position[0] == 1.0
+
+
+class StoppedClock(LockstepClock):
+    """Simulation clock in lockstep, which the test sets."""
+
+    lockstep = True
+    time = 1.0
+
+    def now(self) -> float:
+        return self.time
+
+    def sleep_only(self, t: float) -> float:
+        raise AssertionError
+
+
+def test_connections_of_one_process_share_the_client_of_a_server(clients):
+    receiver, clock = Receiver(), StoppedClock()
+    first, second = (opened(body, {"north": 1.0, "bodies": [body]}, receiver, clock) for body in ("b1", "b2"))
+    other = opened("b3", {"north": 2.0, "bodies": ["b3"]}, receiver, clock)
+    assert [c.bodies for c in clients] == [["b1", "b2"], ["b3"]]
+    first.poll()
+    second.poll()
+    assert [c.number for c in clients] == [1, 0], "the frames of one time are read once"
+    assert [c.poses.own.position[2] for c in (first, second)] == [-1.0, -1.0] and other.poses.own is None
+    clock.time = 2.0
+    second.poll()
+    assert [c.poses.own.received_at for c in (first, second)] == [2.0, 2.0]
+    for connection in (first, second, other):
+        connection.close()
+
+
+def test_shared_client_is_closed_with_its_last_connection_and_opened_again(clients):
+    receiver, clock = Receiver(), StoppedClock()
+    capture = {"north": 1.0, "bodies": []}
+    first, second = (opened(body, capture, receiver, clock) for body in ("b1", "b2"))
+    first.close()
+    first.close()
+    clock.time = 2.0
+    second.poll()
+    assert not clients[0].closed and first.poses.own is None and second.poses.own is not None
+    second.close()
+    assert clients[0].closed
+    third = opened("b1", capture, receiver, clock)
+    third.poll()
+    third.close()
+    assert [c.closed for c in clients] == [True, True] and third.poses.own is not None
+
+
+def test_why_a_shared_client_failed_is_known_to_each_connection(clients, monkeypatch):
+    def fail(client, now):
+        raise InputError("no such server")
+
+    monkeypatch.setattr(FakeClient, "poll", fail)
+    receiver, clock = Receiver(), StoppedClock()
+    made = [opened(body, {"north": 1.0}, receiver, clock) for body in ("b1", "b2")]
+    made[0].poll()
+    assert [connection.fault for connection in made] == ["no such server"] * 2
+    for connection in made:
+        connection.close()
 
 
 @pytest.mark.parametrize(("body", "capture"), [(None, {"north": 1.0}), ("b1", None)])

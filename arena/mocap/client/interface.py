@@ -30,6 +30,9 @@ class MocapClient(Protocol):
         now: time by the caller's clock [s].
         """
 
+    def add_body(self, body: str) -> None:
+        """Request one more rigid body. The frames of the other bodies do not stop."""
+
     def definition(self, body: str) -> str:
         """Return a text that changes when a rigid body is defined again on the server; "" if unknown.
 

@@ -100,6 +100,9 @@ class NatNetClient:
             self._sockets.send(self.core.echo_request(now))
         return frames
 
+    def add_body(self, body: str) -> None:
+        self.core.add_body(body)
+
     def definition(self, body: str) -> str:
         return self.core.definition(body)
 

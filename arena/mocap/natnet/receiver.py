@@ -86,6 +86,11 @@ class NatNetReceiver:
         """Return the names of the requested bodies; empty if all bodies are requested."""
         return self._wanted_names or set()
 
+    def add_body(self, body: str) -> None:
+        """Request one more body: the handshake asks for the list of bodies again. The poses of the others continue."""
+        if self._wanted_names is not None:
+            self._wanted_names.add(body)
+
     def reset(self) -> None:
         """Start the handshake again.
 

@@ -27,9 +27,9 @@ def connected_receiver(bodies=None) -> NatNetReceiver:
     return receiver
 
 
-def frame(*bodies: natnet.Body) -> bytes:
+def frame(*bodies: natnet.Body, number: int = 3) -> bytes:
     return natnet.encode_frame(
-        natnet.Frame(number=3, timestamp_s=1.0, exposure_ticks=0, bodies=bodies), (3, 1)
+        natnet.Frame(number=number, timestamp_s=1.0, exposure_ticks=0, bodies=bodies), (3, 1)
     )
 
 
@@ -65,6 +65,16 @@ def test_handshake_requests_server_info_then_models():
 def test_only_wanted_bodies_give_poses():
     assert [p.body for p in connected_receiver(["uav2"]).receive(frame(body(1), body(2))).poses] == ["uav2"]
     assert [p.body for p in connected_receiver().receive(frame(body(1), body(2))).poses] == ["uav1", "uav2"]
+
+
+def test_body_that_is_added_later_gives_poses_and_the_others_continue():
+    receiver = connected_receiver(["uav1"])
+    receiver.add_body("uav2")
+    assert not receiver.is_connected and receiver.next_request() == natnet.packet(natnet.REQUEST_MODELDEF)
+    assert [p.body for p in receiver.receive(frame(body(1), body(2))).poses] == ["uav1"]
+    receiver.receive(natnet.encode_models([(1, "uav1"), (2, "uav2")], (3, 1)))
+    assert receiver.is_connected
+    assert [p.body for p in receiver.receive(frame(body(1), body(2), number=9)).poses] == ["uav1", "uav2"]
 
 
 @pytest.mark.parametrize(

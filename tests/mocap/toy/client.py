@@ -37,6 +37,9 @@ class ToyClient:
         self._reception.update_frames(self.counts["frames"], frames, wall)
         return frames
 
+    def add_body(self, body: str) -> None:
+        self._bodies = [*self._bodies, body]
+
     def definition(self, body: str) -> str:
         return f"name {body}"
 

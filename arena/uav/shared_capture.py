@@ -1,0 +1,92 @@
+"""Motion capture for the vehicles of one process: connections that read from the same server share its client.
+
+So each frame is received and decoded once per process, and not once per vehicle.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from arena.errors import ArenaError
+from arena.uav.poses import Poses
+
+if TYPE_CHECKING:
+    from arena.mocap.client import MocapClient
+
+Capture = Mapping[str, Any]
+"""Settings for `arena.mocap.client.open_client`. The key `bodies` is not used."""
+
+
+class SharedClient:
+    """Motion capture client of several vehicles. It stores the poses of each vehicle.
+
+    client: receives the frames of one server.  fault: why the client failed; "" if it did not.
+    closed: True after the last vehicle was removed.
+    """
+
+    def __init__(self, client: MocapClient) -> None:
+        self.fault, self.closed = "", False
+        self._client = client
+        self._poses: dict[str, list[Poses]] = {}
+        self._polled_at = math.nan
+        self._lock = threading.Lock()
+
+    def add(self, body: str, poses: Poses) -> None:
+        """Request one more rigid body from the server. poses: receives its poses."""
+        with self._lock:
+            self._client.add_body(body)
+            self._poses.setdefault(body, []).append(poses)
+
+    def remove(self, poses: Poses) -> None:
+        """Store no more poses in `poses`. If no vehicle is left, close the client."""
+        with self._lock:
+            left = {
+                body: [each for each in found if each is not poses] for body, found in self._poses.items()
+            }
+            self._poses = {body: found for body, found in left.items() if found}
+            if not self._poses and not self.closed:
+                self.closed = True
+                self._client.close()
+
+    def poll(self, now: float, *, once: bool) -> None:
+        """Store the newest pose that has arrived for each vehicle.
+
+        now: time of arrival [s]. once: do nothing if this method was called at the same time before, by another vehicle.
+        """
+        with self._lock:
+            if self.closed or (once and now == self._polled_at):
+                return
+            self._polled_at = now
+            try:
+                frames = self._client.poll(now)
+            except (ArenaError, OSError) as error:
+                self.fault = str(error)
+                return
+            newest = {pose.body: pose for frame in frames for pose in frame.poses}
+            for body, pose in newest.items():
+                for poses in self._poses.get(body, ()):
+                    poses.receive(body, pose.p_n, pose.q_nb, now)
+
+
+class SharedCapture:
+    """Motion capture clients of a process, one per server."""
+
+    def __init__(self) -> None:
+        self._clients: dict[str, SharedClient] = {}
+        self._lock = threading.Lock()
+
+    def open(self, settings: Capture, body: str, poses: Poses) -> SharedClient:
+        """Return the client that stores the poses of a rigid body in `poses`. It is opened if no other vehicle uses it."""
+        from arena.mocap.client import open_client
+
+        server = json.dumps({k: v for k, v in settings.items() if k != "bodies"}, sort_keys=True)
+        with self._lock:
+            client = self._clients.get(server)
+            if client is None or client.closed:
+                client = self._clients[server] = SharedClient(open_client({**settings, "bodies": []}))
+            client.add(body, poses)
+            return client
