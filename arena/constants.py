@@ -25,6 +25,9 @@ REORDERED_MS = 500
 FORCE_ARM_DISARM = 21196.0
 """param2 of MAV_CMD_COMPONENT_ARM_DISARM that forces it: with param1 = 0 the motors stop, even in flight."""
 
+OFFBOARD_LOSS_S = 1.0
+"""Default of `failsafe.offboard_loss.after_s`, which is PX4's COM_OF_LOSS_T: time without setpoints until the failsafe acts [s]."""
+
 MAX_MOCAP_LATENCY_MS = 1000
 """Largest `mocap.latency_ms` that a YAML may have [ms]."""
 PILOT_HAS_CONTROL = "pilot has control"

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from arena.constants import OFFBOARD_LOSS_S
 from arena.errors import RunError
 from arena.obstacles import Obstacle, obstacles_of
 
@@ -61,7 +62,7 @@ class VehicleSettings:
     height_m: float
     rotors: tuple[Rotor, ...]
     start_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    offboard_loss_s: float = 1.0
+    offboard_loss_s: float = OFFBOARD_LOSS_S
 
     @classmethod
     def of(cls, raw: Mapping[str, Any]) -> VehicleSettings:
@@ -84,7 +85,7 @@ class VehicleSettings:
             radius_m=float(raw["radius_m"]),
             height_m=float(raw["height_m"]),
             rotors=rotors,
-            offboard_loss_s=float(raw.get("offboard_loss_s", 1.0)),
+            offboard_loss_s=float(raw.get("offboard_loss_s", OFFBOARD_LOSS_S)),
         )
 
 

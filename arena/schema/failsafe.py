@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from arena.constants import OFFBOARD_LOSS_S
 from arena.schema.base import NotNegative, Positive, Span, Strict
 
 Share = Annotated[float, Field(gt=0, lt=1)]
@@ -16,7 +17,7 @@ class OffboardLoss(Strict):
 
     action: Literal["land", "hold", "return", "terminate", "disarm"] = "land"
     """Action of the vehicle."""
-    after_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+    after_s: Annotated[float, Field(gt=0, le=60)] = OFFBOARD_LOSS_S
     """Longest allowed time without a setpoint [s]."""
 
 

@@ -111,7 +111,7 @@ class VehicleControl:
         self.guard()
         return self._offboard and self._reported.has(mode="OFFBOARD", armed=True)
 
-    def flies(self, offboard_loss_s: float = 1.0) -> bool:
+    def flies(self, offboard_loss_s: float) -> bool:
         """Return whether the vehicle follows this program's setpoints. The setpoints of other programs do not count.
 
         The vehicle must be armed in OFFBOARD, and this program must have sent a setpoint since the vehicle was last in another mode

@@ -78,15 +78,15 @@ def test_a_trajectory_is_sent_with_velocity_and_acceleration_until_it_ends(autop
 def test_vehicle_is_flown_by_the_program_that_sends_its_setpoints(autopilot, uav):
     autopilot.mode, autopilot.armed = "OFFBOARD", True  # another program has taken off
     until(lambda: uav.info.is_armed and uav.info.flight_mode == "OFFBOARD")
-    assert not uav.control.flies()
+    assert not uav.control.flies(OFFBOARD_TIMEOUT_S)
     uav.set_vel_yaw([0, 0, -1], 0.0, 50)
-    assert uav.control.flies()
+    assert uav.control.flies(OFFBOARD_TIMEOUT_S)
     autopilot.mode = "AUTO.LAND"
     until(lambda: uav.info.flight_mode == "AUTO.LAND")
-    assert not uav.control.flies()
+    assert not uav.control.flies(OFFBOARD_TIMEOUT_S)
     autopilot.mode = "OFFBOARD"  # another program again
     until(lambda: uav.info.flight_mode == "OFFBOARD")
-    assert not uav.control.flies()
+    assert not uav.control.flies(OFFBOARD_TIMEOUT_S)
 
 
 def test_silent_program_does_not_fly_a_vehicle_that_stays_in_offboard(autopilot, uav):
