@@ -19,7 +19,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.errors import InputError, NotConfirmedError, NotInstalledError
+from arena.errors import InputError, NotConfirmedError, NotInstalledError, RunError
 from arena.uav.backend import Command, Wire
 from arena.wire.mavlink_frame import parse_frames
 from arena.wire.mavlink_ids import PROGRAM_COMPONENT
@@ -199,7 +199,9 @@ class MavsdkBackend:
                 mavsdk.Configuration.create_manual(wire.system_id, PROGRAM_COMPONENT, False)
             )
             undo.callback(self._mavsdk.destroy)
-            self._mavsdk.add_any_connection("raw://")
+            result = self._mavsdk.add_any_connection("raw://")
+            if result != mavsdk.ConnectionResult.SUCCESS:
+                raise RunError(f"backend mavsdk: MAVSDK cannot add a connection: {result.name}")
             self._mavsdk.subscribe_raw_bytes_to_be_sent(self._gate.on_bytes)
             undo.pop_all()
         self._plugins: tuple[Offboard, MavlinkDirect] | None = None

@@ -10,7 +10,7 @@ from fake_autopilot import FakeAutopilot
 from pymavlink.dialects.v20 import common as mavlink
 from served import UdpPort, let_pass, until
 
-from arena.errors import InputError, NotConfirmedError, NotInstalledError
+from arena.errors import InputError, NotConfirmedError, NotInstalledError, RunError
 from arena.uav.backend import Wire
 from arena.uav.setpoints import Encoder, attitude
 from arena.wire.mavlink_codec import Codec
@@ -111,6 +111,15 @@ def test_backend_that_cannot_be_made_gives_its_channel_back(monkeypatch, name):
         for _ in range(mavsdk_backend._CHANNELS.LIMIT + 1):
             with pytest.raises(RuntimeError, match="no connection"):
                 Sent(heartbeat=False)
+    Sent(heartbeat=False).backend.close()
+
+
+def test_refused_connection_raises_with_the_reason_of_mavsdk(monkeypatch):
+    refused = mavsdk_backend.mavsdk.ConnectionResult.CONNECTIONS_EXHAUSTED
+    with monkeypatch.context() as patch:
+        patch.setattr(mavsdk_backend.mavsdk.Mavsdk, "add_any_connection", lambda *_: refused)
+        with pytest.raises(RunError, match="cannot add a connection: CONNECTIONS_EXHAUSTED"):
+            Sent(heartbeat=False)
     Sent(heartbeat=False).backend.close()
 
 
