@@ -15,7 +15,7 @@ from arena.flight_log.columns import RPY
 from arena.flight_log.flight import Flight
 from arena.geometry import Array
 from arena.report.happenings import estimated, tracked
-from arena.report.held_setpoints import last_row_of_held_setpoint, setpoints
+from arena.report.held_setpoints import Spans, constant_spans, last_row_of_held_setpoint, setpoints
 from arena.report.landings import FELL_M, fall_after_disarming, landing_drift, last_touchdown
 
 
@@ -24,6 +24,7 @@ def analyse(flight: Flight, *, disarmed: bool | None = None) -> dict[str, Any]:
 
     disarmed: whether the vehicle was disarmed at the end; None: as in the last row of the log.
     """
+    spans = constant_spans(flight)
     return {
         "rows": int(flight.t.size),
         "duration_s": _round(flight.t[-1], 2),
@@ -31,8 +32,8 @@ def analyse(flight: Flight, *, disarmed: bool | None = None) -> dict[str, Any]:
         "judged_by": flight.position_source,
         "flown": bool(flight.armed.any()),
         "tracking": tracking(flight),
-        "setpoints": setpoints(flight),
-        "landing": landing(flight, not flight.armed[-1] if disarmed is None else disarmed),
+        "setpoints": setpoints(flight, spans),
+        "landing": landing(flight, not flight.armed[-1] if disarmed is None else disarmed, spans),
         "estimator": estimator(flight),
         "modes": modes(flight),
         "battery_end": _round(_last(flight.numbers.get("info.battery")), 1),
@@ -51,13 +52,14 @@ def tracking(flight: Flight) -> dict[str, float | None]:
     return {"rms_m": _round(_rms(distance)), "max_m": _round(_max(distance))}
 
 
-def landing(flight: Flight, disarmed: bool) -> dict[str, Any]:
+def landing(flight: Flight, disarmed: bool, spans: Spans) -> dict[str, Any]:
     """Return how the landing ended, and two distances between places of the landing [m].
 
     drift_m: horizontal distance from the place where the landing mode began to the place of the touchdown; None if the
         vehicle did not land in a landing mode.
     error_m: horizontal distance of the landing place from the last position setpoint in OFFBOARD. It is known only if this
         setpoint was held for at least 1.5 s, because a vehicle cannot reach a setpoint that jumps directly before the landing.
+    spans: time spans with a constant setpoint.
     """
     down = bool(flight.landed[-1] and disarmed) and not fall_after_disarming(flight) > FELL_M
     drift, touchdown = landing_drift(flight), last_touchdown(flight)
@@ -68,7 +70,7 @@ def landing(flight: Flight, disarmed: bool) -> dict[str, Any]:
         "touchdown_s": None if touchdown is None else _round(flight.t[touchdown], 3),
         "error_m": None,
     }
-    held = last_row_of_held_setpoint(flight)
+    held = last_row_of_held_setpoint(flight, spans)
     if held is None:
         return found
     target = flight.group("pos_ref")[held, :2]

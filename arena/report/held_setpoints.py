@@ -10,6 +10,9 @@ import numpy as np
 from arena.flight_log.flight import Flight
 from arena.report.happenings import in_air
 
+Spans = list[tuple[int, int]]
+"""(first row, last row) of each time span."""
+
 _SAME_M = 0.002
 HELD_S = 1.5
 """Least duration of a held setpoint [s]."""
@@ -23,7 +26,7 @@ _NEAR_M = 0.15  # of a landing's reference from the place of the vehicle, north 
 _SPEED_S = 0.25  # time over which the speed at the end of a held setpoint is measured
 
 
-def constant_spans(flight: Flight) -> list[tuple[int, int]]:
+def constant_spans(flight: Flight) -> Spans:
     """Find the time spans in OFFBOARD in which the position reference was constant for at least `HELD_S`.
 
     Return (first row, last row) of each span.
@@ -43,15 +46,17 @@ def constant_spans(flight: Flight) -> list[tuple[int, int]]:
     return [(a, b) for a, b in spans if flight.t[b] - flight.t[a] >= HELD_S]
 
 
-def last_row_of_held_setpoint(flight: Flight) -> int | None:
+def last_row_of_held_setpoint(flight: Flight, spans: Spans) -> int | None:
     """Return the last log row of the setpoint that was held at the end of OFFBOARD. Return None if it was not held.
 
     The setpoint was held if it was constant for at least `HELD_S`.
 
     Rows at the end of OFFBOARD that already have the reference of the next mode do not count: the message with the reference
     can come before the message with the mode.
+
+    spans: time spans with a constant setpoint, from `constant_spans`.
     """
-    flown, spans = np.flatnonzero(flight.offboard), constant_spans(flight)
+    flown = np.flatnonzero(flight.offboard)
     if not flown.size or not spans:
         return None
     held, end = spans[-1][1], int(flown[-1])
@@ -64,7 +69,7 @@ def last_row_of_held_setpoint(flight: Flight) -> int | None:
     return None if (np.abs(after[:, :2] - begin).max(axis=1) > _NEAR_M).any() else held
 
 
-def setpoints(flight: Flight) -> dict[str, Any]:
+def setpoints(flight: Flight, spans: Spans) -> dict[str, Any]:
     """Measure the position error [m] at the end of each time span with a constant setpoint.
 
     Return the number of held setpoints, the largest error
@@ -72,10 +77,11 @@ def setpoints(flight: Flight) -> dict[str, Any]:
 
     settled: the vehicle was in the air for at least `SETTLED_S` with this setpoint, or slower than `SETTLED_M_S` at its end.
         The climb after the take-off and setpoints that the vehicle did not reach in time are not settled.
+    spans: time spans with a constant setpoint, from `constant_spans`.
     """
     pos, ref, air = flight.pos, flight.group("pos_ref"), in_air(flight)
     each: list[dict[str, Any]] = []
-    for first, last in constant_spans(flight):
+    for first, last in spans:
         row = max(first, int(np.searchsorted(flight.t, flight.t[last] - _BEFORE_CHANGE_S)))
         error = float(np.linalg.norm(pos[row] - ref[row]))
         each.append(

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from recorded_flights import make_run
 
-from arena.report.analysis import estimator, landing, tracking
+from arena.report import analysis
+from arena.report.analysis import analyse, estimator, tracking
 from arena.report.errors import estimate_error, norm, tracking_error
 from arena.report.happenings import disarming_of, happenings, in_air
-from arena.report.held_setpoints import setpoints
 from arena.report.landings import touchdown_row
 from arena.report.link_record import LinkRecord, StatusText
 from arena.report.run_data import Event, RunData, read_run
@@ -54,7 +54,7 @@ def test_vehicle_that_falls_after_its_disarming_has_not_landed(run, height_m, en
     fallen = disarmed_at(run, height_m)
     fate = fate_of("uav1", fallen, happenings(fallen))
     assert (fate.end, fate.level == "bad") == (end, height_m == 1.0)
-    assert landing(fallen.flights["uav1"], True)["landed"] is (height_m == 0.15)
+    assert analyse(fallen.flights["uav1"], disarmed=True)["landing"]["landed"] is (height_m == 0.15)
 
 
 def texts_of(run: RunData, kind: str) -> list[tuple[float, str]]:
@@ -325,7 +325,7 @@ def landing_flight(run, *, jump_s: float | None = None, mode: str = "AUTO.LAND")
 
 
 def test_drift_while_landing_is_that_from_the_landing_mode_to_the_touchdown(run):
-    found = landing(landing_flight(run), True)
+    found = analyse(landing_flight(run), disarmed=True)["landing"]
     assert found["drift_m"] == pytest.approx(0.3, abs=0.01)
     assert found["touchdown_s"] - found["begun_s"] == pytest.approx(40 / 30, abs=0.05)
     assert found["error_m"] == pytest.approx(0.3, abs=0.01), "the last setpoint was held for 1.6 s"
@@ -333,7 +333,7 @@ def test_drift_while_landing_is_that_from_the_landing_mode_to_the_touchdown(run)
 
 @pytest.mark.parametrize("jump_s", [0.04, 0.16, 1.0])
 def test_landing_has_no_distance_to_a_setpoint_that_jumped_before(run, jump_s):
-    found = landing(landing_flight(run, jump_s=jump_s), True)
+    found = analyse(landing_flight(run, jump_s=jump_s), disarmed=True)["landing"]
     assert found["error_m"] is None and found["drift_m"] == pytest.approx(0.3, abs=0.01)
 
 
@@ -345,13 +345,13 @@ def test_reference_of_the_landing_that_comes_before_its_mode_is_no_jump(run, row
     ref["pos_ref.north"][140:] += np.linspace(0.005, 0.0, flight.t.size - 140)
     ref["pos_ref.down"][140:] = down * np.linspace(1.0, 0.5, flight.t.size - 140)
     modes = tuple("OFFBOARD" if k < 140 + rows else "AUTO.LAND" for k in range(flight.t.size))
-    found = landing(replace(flight, numbers={**flight.numbers, **ref}, mode=modes), True)
+    found = analyse(replace(flight, numbers={**flight.numbers, **ref}, mode=modes), disarmed=True)["landing"]
     assert found["error_m"] == pytest.approx(0.3, abs=0.01)
 
 
 @pytest.mark.parametrize("mode", ["OFFBOARD", "AUTO.RTL"])
 def test_flight_down_in_another_mode_has_no_drift_while_landing(run, mode):
-    assert landing(landing_flight(run, mode=mode), True)["drift_m"] is None
+    assert analyse(landing_flight(run, mode=mode), disarmed=True)["landing"]["drift_m"] is None
 
 
 def test_estimate_error_counts_in_the_air_only(run):
@@ -374,11 +374,18 @@ def climbing(run, speed_m_s: float):
 
 
 def test_unfinished_climb_is_no_error_at_a_held_setpoint(run):
-    found = setpoints(climbing(run, 0.5))
+    found = analyse(climbing(run, 0.5))["setpoints"]
     assert [e["settled"] for e in found["each"]] == [False, True]
     assert found["each"][0]["error_m"] > 0.4 and found["worst_m"] == pytest.approx(0.05, abs=1e-3)
 
 
 def test_vehicle_that_rests_beside_its_setpoint_has_an_error(run):
-    found = setpoints(climbing(run, 0.1))
+    found = analyse(climbing(run, 0.1))["setpoints"]
     assert found["each"][0]["settled"] and found["worst_m"] > 0.4
+
+
+def test_spans_of_held_setpoints_are_searched_once(run, monkeypatch):
+    calls, found = [], analysis.constant_spans
+    monkeypatch.setattr(analysis, "constant_spans", lambda flight: calls.append(1) or found(flight))
+    analyse(run.flights["uav1"])
+    assert len(calls) == 1
