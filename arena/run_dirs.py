@@ -86,11 +86,7 @@ def _is_readable_folder(folder: Path, owner: int) -> bool:
         found = folder.lstat()
     except OSError:
         return False
-    if (
-        not stat.S_ISDIR(found.st_mode)
-        or found.st_uid != owner
-        or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    ):
+    if not _only_owner_may_write(found, owner):
         return False
     if os.geteuid() == 0:
         return True
@@ -105,13 +101,25 @@ def _is_file_of(path: Path, owner: int) -> bool:
     return stat.S_ISREG(found.st_mode) and found.st_uid == owner
 
 
+def _only_owner_may_write(found: os.stat_result, owner: int) -> bool:
+    """Return whether the status is that of a folder of this owner that nobody else may write.
+
+    Whoever writes to a runtime folder chooses the addresses that land-all commands.
+    """
+    return (
+        stat.S_ISDIR(found.st_mode)
+        and found.st_uid == owner
+        and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    )
+
+
 def _is_ours(folder: Path) -> bool:
-    """Return whether a path is a folder that this user owns, and that others may not write."""
+    """Return whether a path is a folder that this user owns, and that others may not write, not even a group."""
     try:
         found = folder.lstat()
     except OSError:
         return False
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & stat.S_IWOTH
+    return _only_owner_may_write(found, os.getuid())
 
 
 def runtime_bases(*, shared: bool = False) -> list[Path]:

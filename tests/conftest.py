@@ -21,6 +21,8 @@ settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("hunt", derandomize=False, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
+os.umask(0o022)  # runtime folders that a group may write are ignored
+
 COUNTED = {"px4": "real PX4", "browser": "real browser", "fastdds": "Fast DDS"}
 """Marks of tests that are counted in the summary, because they need something that a computer may not have -> its name there."""
 

@@ -86,7 +86,7 @@ def test_members_of_a_shared_folders_group_are_answered(serve, runtime_dir, monk
     assert json.loads(served.ask()) == {"ok": True}
 
 
-@pytest.mark.parametrize("spoil", ["everybody may write", "a link"])
+@pytest.mark.parametrize("spoil", ["everybody may write", "a group may write", "a link"])
 def test_runtime_folder_writable_by_others_is_ignored(tmp_path, monkeypatch, spoil):
     base, real = tmp_path / "base", tmp_path / "real"
     run = tmp_path / "runs" / "a"
@@ -100,5 +100,5 @@ def test_runtime_folder_writable_by_others_is_ignored(tmp_path, monkeypatch, spo
         base.symlink_to(real)
         monkeypatch.setenv("ARENA_RUNTIME_DIR", str(base))
     else:
-        real.chmod(0o777)
+        real.chmod(0o777 if spoil == "everybody may write" else 0o770)
     assert run_dirs.pointers() == [] and targets.active_runs() == [] and active_runs() == []
