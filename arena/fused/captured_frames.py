@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import inf
 from typing import Any
 
 from arena.mocap.client.pose import CapturedFrame, Echo, pose_ned
 from arena.mocap.emulator.interface import MeasuredFrame
+
+_COMPARE_CLOCKS_S = 0.2  # as a client does
 
 
 class FrameConverter:
@@ -17,14 +20,18 @@ class FrameConverter:
 
     def __init__(self, bodies: Sequence[Mapping[str, Any]]) -> None:
         self._names = {int(b["number"]): str(b["name"]) for b in bodies}
+        self._echo = Echo(sent=-inf, received=-inf, answered_s=-inf)
 
     def convert(self, frame: MeasuredFrame, now: float) -> CapturedFrame:
         """Return the frame that a motion-capture client would return for a frame of the emulator.
 
-        Server and client have the same clock and no network between them, so every time in `echo` is `now`.
+        Server and client have the same clock and no network between them, so all times in `echo` are equal. Like a client, the
+        converter compares the clocks five times a second.
 
         now: simulation time of sending [s].
         """
+        if not 0.0 <= now - self._echo.sent < _COMPARE_CLOCKS_S:  # negative after a jump of a replay
+            self._echo = Echo(sent=now, received=now, answered_s=now)
         poses, untracked = [], []
         for body in frame.bodies:
             name = self._names[body.number]
@@ -39,5 +46,5 @@ class FrameConverter:
             poses=tuple(poses),
             untracked=tuple(untracked),
             sent_s=now,
-            echo=Echo(sent=now, received=now, answered_s=now),
+            echo=self._echo,
         )

@@ -24,10 +24,10 @@ from arena.mocap.client import CapturedFrame, Lateness, Pose
 from arena.mocap.client.frame_order import FrameOrder
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_ids import FORWARDER_COMPONENT
+from arena.wire.mavlink_records import ODOMETRY, OdometryPacker
 from arena.wire.px4_mode import mode_words
 
 _NAN = math.nan
-_UNKNOWN = [_NAN] * 21
 _MAX_DISTANCE_M = 1e4
 _SAME_ORIGIN_E7 = 10
 _SILENT_S = 3.0
@@ -81,6 +81,7 @@ class Forwarder:
         self._covariance = [0.0] * 21
         for place, variance in zip(_DIAGONAL, (var_p,) * 3 + (var_a,) * 3, strict=True):
             self._covariance[place] = variance
+        self._odometry_packer = OdometryPacker(self._covariance)
         self._codec = Codec(self.system, FORWARDER_COMPONENT)
         self.autopilot = Autopilot()
         self.counts: Counter[str] = Counter()
@@ -188,25 +189,8 @@ class Forwarder:
         self._resets = (self._resets + 1) % 256
 
     def _odometry(self, pose: Pose, now: float) -> bytes:
-        m = mavlink.MAVLink_odometry_message(
-            int(now * 1e6),
-            mavlink.MAV_FRAME_LOCAL_NED,
-            mavlink.MAV_FRAME_BODY_FRD,
-            *pose.p_n,
-            pose.q_nb,
-            _NAN,
-            _NAN,
-            _NAN,
-            _NAN,
-            _NAN,
-            _NAN,
-            self._covariance,
-            _UNKNOWN,
-            self._resets,
-            mavlink.MAV_ESTIMATOR_TYPE_VISION,
-            100,
-        )
-        return self._codec.pack(m)
+        payload = self._odometry_packer.payload(int(now * 1e6), pose.p_n, pose.q_nb, self._resets)
+        return self._codec.frame(ODOMETRY, payload)
 
     # -- the autopilot -------------------------------------------------------------------------------------------------
 
@@ -371,5 +355,10 @@ class Forwarder:
 
 
 def _is_pose(pose: Pose) -> bool:
-    norm = math.sqrt(sum(x * x for x in pose.q_nb))
-    return 0.9 < norm < 1.1 and all(abs(x) < _MAX_DISTANCE_M for x in pose.p_n)
+    (x, y, z), (a, b, c, d) = pose.p_n, pose.q_nb
+    return (
+        0.9 < math.sqrt(a * a + b * b + c * c + d * d) < 1.1  # NaN compares false
+        and abs(x) < _MAX_DISTANCE_M
+        and abs(y) < _MAX_DISTANCE_M
+        and abs(z) < _MAX_DISTANCE_M
+    )

@@ -1,4 +1,4 @@
-"""Messages that an autopilot receives many times a second, as plain tuples with the fields that are used.
+"""Messages that an autopilot receives many times a second, as plain tuples with the fields that are used, and a packer of poses.
 
 They are faster than pymavlink's objects. Tests compare them with pymavlink.
 """
@@ -6,7 +6,11 @@ They are faster than pymavlink's objects. Tests compare them with pymavlink.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
+from math import nan
 from typing import Any, NamedTuple, Self
+
+from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_frame import Buffer, Frame
 
@@ -32,6 +36,31 @@ class Odometry(NamedTuple):
         v = _unpacked(_ODOMETRY, data, at)
         found: Self = _new(cls, (v[:3], v[3:7], v[7:13], v[13], v[14]))
         return found
+
+
+class OdometryPacker:
+    """Packer of ODOMETRY payloads for poses of one vehicle: local NED, body FRD, from vision, velocities unknown.
+
+    covariance: of the pose, upper triangle (21,).
+    """
+
+    def __init__(self, covariance: Sequence[float]) -> None:
+        unknown = (nan,) * 21
+        self._unchanging = _VELOCITY_AND_COVARIANCES.pack(
+            *unknown[:6],
+            *covariance,
+            *unknown,
+            mavlink.MAV_FRAME_LOCAL_NED,
+            mavlink.MAV_FRAME_BODY_FRD,
+        )
+
+    def payload(self, time_us: int, p_n: Triple, q_nb: Sequence[float], reset_counter: int) -> bytes:
+        """Return the payload of an ODOMETRY message.
+
+        p_n: position [m] [NED] (3,). q_nb: attitude [-] wxyz (4,). reset_counter: 0..255
+        """
+        end = bytes((reset_counter, mavlink.MAV_ESTIMATOR_TYPE_VISION, _FULL_QUALITY))
+        return _TIME_AND_POSE.pack(time_us, *p_n, *q_nb) + self._unchanging + end
 
 
 class PositionTarget(NamedTuple):
@@ -61,6 +90,8 @@ class PositionTarget(NamedTuple):
 
 
 _new: Any = tuple.__new__
+_TIME_AND_POSE, _VELOCITY_AND_COVARIANCES = struct.Struct("<Q7f"), struct.Struct("<48fBB")
+_FULL_QUALITY = 100
 # Without the time, the velocities and the off-diagonal elements of the pose covariance.
 _ODOMETRY = struct.Struct("<8x 7f 24x f20x f16x f12x f8x f4x f 84x BxxBx")
 _POSITION_TARGET = struct.Struct("<I11fHBBB")

@@ -36,6 +36,14 @@ def test_client_gets_the_recorded_poses() -> None:
     assert received.untracked == ("b",)
 
 
+def test_client_compares_the_clocks_five_times_a_second_and_after_a_jump_back() -> None:
+    measured = FrameConverter({"a": 1}).measured(frame(7, seen("a")), 0.0)
+    converter = ClientConverter([{"name": "a", "number": 1}])
+    echoes = [converter.convert(measured, t).echo for t in (5.0, 5.1, 5.19, 5.21, 5.3, 2.0)]
+    assert [echo.answered_s for echo in echoes] == [5.0, 5.0, 5.0, 5.21, 5.21, 2.0]
+    assert all(echo.sent == echo.received == echo.answered_s for echo in echoes)
+
+
 def test_recorder_gets_the_frame_unchanged() -> None:
     made = captured(frame(7, seen("a"), RecordedBody("b", False, NAN3, NAN4)), 0.0)
     assert (made.number, made.time_s, made.sent_s) == (7, 5.0, 5.008)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import struct
 
@@ -72,3 +73,20 @@ def test_a_position_target_is_read_as_pymavlink_reads_it(version):
         data = sent.pack(mavlink.MAVLink(None), force_mavlink1=version == 1)
         heard = mavlink_records.PositionTarget.read(data, parse_frames(data).frames[0])
         assert heard._asdict() == {name: getattr(sent, name) for name in heard._fields}
+
+
+def test_odometry_payload_is_that_of_pymavlink():
+    covariance = [0.1 * k for k in range(21)]
+    packer = mavlink_records.OdometryPacker(covariance)
+    for resets, time_us, p_n, q_nb in (
+        (0, 0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)),
+        (255, 1_234_567_890_123, (1.25, -2.1, -3.3), (0.5, -0.5, 0.1, 0.7)),
+    ):
+        message = mavlink.MAVLink_odometry_message(
+            *(time_us, mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD, *p_n, q_nb),
+            *(math.nan,) * 6,
+            *(covariance, [math.nan] * 21, resets, mavlink.MAV_ESTIMATOR_TYPE_VISION, 100),
+        )
+        expected = message.pack(mavlink.MAVLink(None, srcSystem=3, srcComponent=197))
+        payload = packer.payload(time_us, p_n, q_nb, resets)
+        assert Codec(3, 197).frame(mavlink_records.ODOMETRY, payload) == expected
