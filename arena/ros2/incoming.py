@@ -164,7 +164,7 @@ class Incoming:
             return self._drop("no OffboardControlMode in the last 0.5 s")
         if not self._control_mode & {"position", "velocity", "acceleration"}:
             return self._drop("OffboardControlMode without position, velocity and acceleration")
-        m, mask, values = sample.message, Ignore(0), {}
+        m, mask, values = sample.message, 0, {}
         for field, key, bits in (
             ("position", "pos", Ignore.POSITION),
             ("velocity", "vel", Ignore.VELOCITY),
@@ -179,8 +179,8 @@ class Incoming:
                 return self._drop(f"{field} with one axis that is not finite")
         if not values:
             return self._drop("no finite position, velocity or acceleration")
-        mask |= Ignore(0) if math.isfinite(m["yaw"]) else Ignore.YAW
-        mask |= Ignore(0) if math.isfinite(m["yawspeed"]) else Ignore.YAW_RATE
+        mask |= 0 if math.isfinite(m["yaw"]) else Ignore.YAW
+        mask |= 0 if math.isfinite(m["yawspeed"]) else Ignore.YAW_RATE
         yaw, rate = (x if math.isfinite(x) else 0.0 for x in (m["yaw"], m["yawspeed"]))
         return [self._local(now, mask, **values, yaw=yaw, yaw_rate=rate)]
 
@@ -261,7 +261,7 @@ class Incoming:
     def _local(
         self,
         now: float,
-        mask: Ignore,
+        mask: int,
         *,
         pos: Sequence[float] = _NO_VALUE,
         vel: Sequence[float] = _NO_VALUE,
@@ -274,7 +274,7 @@ class Incoming:
             self._id,
             mavlink.MAV_COMP_ID_AUTOPILOT1,
             mavlink.MAV_FRAME_LOCAL_NED,
-            int(mask),
+            mask,
             *pos,
             *vel,
             *acc,

@@ -145,21 +145,21 @@ def _set_full(offboard: Offboard, m: Any) -> None:
 _Call = Callable[[Offboard, Any], object]
 _NED, _BODY = mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_NED
 _LOCAL: dict[tuple[int, int], _Call] = {
-    (_NED, int(Ignore.VELOCITY | Ignore.ACCELERATION | Ignore.YAW_RATE)): lambda o, m: o.set_position_ned(
+    (_NED, Ignore.VELOCITY | Ignore.ACCELERATION | Ignore.YAW_RATE): lambda o, m: o.set_position_ned(
         _position(m)
     ),
-    (_NED, int(Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW_RATE)): lambda o, m: o.set_velocity_ned(
+    (_NED, Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW_RATE): lambda o, m: o.set_velocity_ned(
         _velocity(m)
     ),
-    (_NED, int(Ignore.ACCELERATION | Ignore.YAW_RATE)): lambda o, m: o.set_position_velocity_ned(
+    (_NED, Ignore.ACCELERATION | Ignore.YAW_RATE): lambda o, m: o.set_position_velocity_ned(
         _position(m), _velocity(m)
     ),
-    (_NED, int(Ignore.YAW_RATE)): _set_full,
-    (_BODY, int(Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW)): _set_body_velocity,
+    (_NED, Ignore.YAW_RATE): _set_full,
+    (_BODY, Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW): _set_body_velocity,
 }
 """(coordinate_frame, type_mask) of a setpoint -> the call of the Offboard plugin that sends it."""
 _ATTITUDE: dict[int, _Call] = {
-    int(IgnoreAttitude.RATES): _set_attitude,
-    int(IgnoreAttitude.ATTITUDE): _set_rates,
+    IgnoreAttitude.RATES: _set_attitude,
+    IgnoreAttitude.ATTITUDE: _set_rates,
 }
 """type_mask of SET_ATTITUDE_TARGET -> the call of the Offboard plugin that sends the setpoint."""

@@ -7,7 +7,6 @@ with the value that was found.
 from __future__ import annotations
 
 import math
-from enum import IntFlag
 from typing import Literal
 
 import numpy as np
@@ -20,7 +19,7 @@ from arena.geometry import Array, quat_from_euler, quat_normalize
 AttitudeKind = Literal["euler", "quaternion"]
 
 
-class Ignore(IntFlag):
+class Ignore:
     """Bits of POSITION_TARGET_TYPEMASK: fields that the autopilot must ignore."""
 
     POSITION = 0x007
@@ -30,7 +29,7 @@ class Ignore(IntFlag):
     YAW_RATE = 0x800
 
 
-class IgnoreAttitude(IntFlag):
+class IgnoreAttitude:
     """Bits of ATTITUDE_TARGET_TYPEMASK: fields that the autopilot must ignore."""
 
     RATES = 0x07
@@ -49,7 +48,7 @@ def vector(value: ArrayLike, what: str, size: int = 3) -> Array:
         raise SetpointError(f"{what}: got {value!r}, expected {size} numbers") from error
     if found.shape not in ((size,), (size, 1)):
         raise SetpointError(f"{what}: got shape {found.shape}, expected ({size},) or ({size}, 1)")
-    if not np.isfinite(found).all():
+    if not all(map(math.isfinite, found.ravel().tolist())):  # faster than numpy for so few numbers
         raise SetpointError(f"{what}: got {found.ravel().tolist()}, expected finite numbers")
     return found.reshape(size).copy()
 
@@ -59,6 +58,8 @@ def scalar(value: ArrayLike, what: str) -> float:
 
     value: a number, or an array (1,) or (1, 1).
     """
+    if isinstance(value, (float, int)) and math.isfinite(value):
+        return float(value)
     try:
         found = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -145,9 +146,7 @@ class Encoder:
         pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad].
         acc: [m/s2] [NED] (3,). yaw_rate: [rad/s]. None: the autopilot must ignore the field.
         """
-        mask = (Ignore.ACCELERATION if acc is None else Ignore(0)) | (
-            Ignore.YAW_RATE if yaw_rate is None else Ignore(0)
-        )
+        mask = (Ignore.ACCELERATION if acc is None else 0) | (Ignore.YAW_RATE if yaw_rate is None else 0)
         return self._local(
             now,
             mask,
@@ -169,14 +168,14 @@ class Encoder:
         if p is None and v is None and yaw is None:
             raise SetpointError("reference: got nothing, expected at least one of p, v and yaw")
         mask = Ignore.ACCELERATION | Ignore.YAW_RATE
-        mask |= Ignore.POSITION if p is None else Ignore(0)
-        mask |= Ignore.VELOCITY if v is None else Ignore(0)
-        mask |= Ignore.YAW if yaw is None else Ignore(0)
+        mask |= Ignore.POSITION if p is None else 0
+        mask |= Ignore.VELOCITY if v is None else 0
+        mask |= Ignore.YAW if yaw is None else 0
         zero = [0.0, 0.0, 0.0]
         return mavlink.MAVLink_position_target_local_ned_message(
             _ms(now),
             mavlink.MAV_FRAME_LOCAL_NED,
-            int(mask),
+            mask,
             *(zero if p is None else vector(p, "p").tolist()),
             *(zero if v is None else vector(v, "v").tolist()),
             *zero,
@@ -203,7 +202,7 @@ class Encoder:
         thrust: normalised 0..1 [-].
         """
         return mavlink.MAVLink_set_attitude_target_message(
-            _ms(now), *self._to, int(IgnoreAttitude.RATES), q_nb.tolist(), 0.0, 0.0, 0.0, thrust
+            _ms(now), *self._to, IgnoreAttitude.RATES, q_nb.tolist(), 0.0, 0.0, 0.0, thrust
         )
 
     def ang_vel_thrust(self, ang_vel: ArrayLike, thrust: float, now: float) -> mavlink.MAVLink_message:
@@ -214,7 +213,7 @@ class Encoder:
         """
         rates = vector(ang_vel, "ang_vel").tolist()
         return mavlink.MAVLink_set_attitude_target_message(
-            _ms(now), *self._to, int(IgnoreAttitude.ATTITUDE), [1.0, 0.0, 0.0, 0.0], *rates, thrust
+            _ms(now), *self._to, IgnoreAttitude.ATTITUDE, [1.0, 0.0, 0.0, 0.0], *rates, thrust
         )
 
     def act(self, group: int, output: ArrayLike, now: float) -> mavlink.MAVLink_message:
@@ -260,7 +259,7 @@ class Encoder:
     def _local(
         self,
         now: float,
-        mask: Ignore,
+        mask: int,
         *,
         pos: Array | None = None,
         vel: Array | None = None,
@@ -274,7 +273,7 @@ class Encoder:
             _ms(now),
             *self._to,
             frame,
-            int(mask),
+            mask,
             *(zero if pos is None else pos.tolist()),
             *(zero if vel is None else vel.tolist()),
             *(zero if acc is None else acc.tolist()),
