@@ -1,4 +1,4 @@
-"""Writes in a thread, which never block their caller.
+"""Writes to files and terminals in a background thread, so that a slow disk does not block the caller.
 
 A frozen terminal, or a disk that does not respond, must not end a flight or a landing.
 """
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class BackgroundWriter:
-    """Bounded queue of writes, and the thread that carries them out in order.
+    """Queue of limited length for writes to a file or terminal, and the thread that executes them in order.
 
     No method blocks, except `flush`.
 
@@ -34,7 +34,7 @@ class BackgroundWriter:
         self._lost = 0
 
     def submit(self, job: Job, *, replaces: str = "") -> None:
-        """Add a write to the queue, for the writing thread.
+        """Add a write to the queue, to be executed by the writing thread.
 
         replaces: key of the write; a waiting write with the same key is removed, because only the newest one matters.
         """

@@ -252,7 +252,7 @@ WITHOUT_EFFECT: dict[str, str] = {
 
 
 def effect_problem(name: str, value: float) -> str:
-    """Return why the built-in autopilot ignores a value of a parameter; "" if it does not ignore it."""
+    """Return why this parameter value has no effect in the built-in autopilot; "" for no problem."""
     if name not in SPECS:
         return f"the built-in autopilot has no {name}"
     if name in WITHOUT_EFFECT and value != SPECS[name].default:

@@ -80,7 +80,7 @@ class WallClock:
 
 
 class SimTime:
-    """Simulation time to read only, for programs that do not sleep by it.
+    """Read-only access to the simulation time, for programs that do not sleep in simulation time.
 
     path: path of the clock's files without the suffix: the shared memory is `<path>.page`
     page: this shared memory; its first number is the simulation time [s]
@@ -104,7 +104,7 @@ class SimTime:
 
 
 class LockstepClock(ABC):
-    """Clock in simulation time. A thread that sleeps by it also does small periodic work (chores)."""
+    """Base class of clocks in simulation time, which run periodic work (chores) during a sleep."""
 
     _chores: Callable[[], None] | None = None
     _chores_every_s, _chores_due = 0.0, 0.0
@@ -120,10 +120,10 @@ class LockstepClock(ABC):
 
     @abstractmethod
     def sleep_only(self, t: float) -> float:
-        """Sleep until the simulation time t [s] without regular work (chores). Return the time [s]."""
+        """Sleep until simulation time t [s] without the periodic work of `do_while_asleep`. Return the time [s]."""
 
     def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
-        """Call a function regularly, every `every_s` of simulation time [s], in each later `sleep_until`."""
+        """Set a function that each later `sleep_until` calls every `every_s` of simulation time [s]."""
         self._chores, self._chores_every_s = chores, every_s
         self._chores_due = self.now() + every_s
 
@@ -172,7 +172,7 @@ class SimClock(LockstepClock):
         return now
 
     def request_wake(self, t: float) -> None:
-        """Request a wake-up at simulation time t [s]. Then call `wait_for_wake`."""
+        """Request the world to wake this client at simulation time t [s]. Then call `wait_for_wake`."""
         try:
             self._socket.send(_DOUBLE.pack(t))
         except OSError as error:
@@ -241,7 +241,7 @@ class _Client:
         connection.setblocking(True)
 
     def limit_wait(self, timeout_s: float) -> None:
-        """Set the longest time for which `recv` waits [s] (the socket option SO_RCVTIMEO).
+        """Limit the time for which `recv` waits for a request of this client [s], by SO_RCVTIMEO.
 
         A timeout set with `settimeout` would cost one more system call for each wait.
         """
@@ -313,7 +313,7 @@ class ClockServer:
                 self._read(client, socket.MSG_DONTWAIT)
 
     def wait_for_requests(self, timeout_s: float) -> bool:
-        """Wait until all awake clients have requested a wake-up. Return False after a timeout.
+        """Wait until all awake clients sleep again, by requesting a wake-up. Return False after a timeout.
 
         Clients for which the world does not wait are ignored (`_Client.gates`).
 
@@ -363,7 +363,7 @@ class ClockServer:
             self._epoll.register(connection, select.EPOLLIN)
 
     def _read(self, client: _Client, flags: int = 0) -> bool:
-        """Read one packet of a client. Return False if no packet has arrived.
+        """Read one packet of a client: its name, or a wake-up time. Return False if no packet has arrived.
 
         flags: flags for `recv`, such as MSG_DONTWAIT to return at once
         """

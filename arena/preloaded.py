@@ -1,4 +1,4 @@
-"""Fork server inside a process that was forked itself. Such a process has imported arena's packages already.
+"""Turns a forked copy of the running process into a fork server, so that packages are not imported again.
 
 A process that a fork server has forked can serve as a fork server without a new interpreter: it forks a child, and the child
 serves requests. The child gives up the work of its parent by an exception, `OtherWork`, so that it ends as a process of its own.
@@ -16,7 +16,7 @@ Serve = Callable[[socket.socket], Work | None]
 
 
 class OtherWork(BaseException):
-    """Exception that leaves the work of a process, in a forked copy of this process with other work.
+    """Exception that ends the inherited work of a forked process, which then does `work` instead.
 
     work: does the other work, and returns an exit code.
     """
@@ -30,7 +30,9 @@ _serve: list[Serve] = []
 
 
 def offer(serve: Serve) -> None:
-    """Store the function that serves requests to fork. The fork server calls this in each process that it forks.
+    """Store the function that answers requests to fork, for a later call of `fork_server` in this process.
+
+    The fork server calls this in each process that it forks.
 
     serve: serves requests that arrive on a socket. Returns None at the end; in a forked process, the work of this process.
     """
@@ -38,7 +40,7 @@ def offer(serve: Serve) -> None:
 
 
 def fork_server(channel: socket.socket, ours: socket.socket) -> int | None:
-    """Fork a fork server from this process and return its pid; None if this process cannot be copied.
+    """Fork a new fork server from this process and return its pid; None if this process must not be forked.
 
     A process can be copied if a fork server has forked it, and if it has no second thread: a thread does not survive a fork.
     channel: socket on which the server receives requests.  ours: the other end, which the server closes.
@@ -52,7 +54,7 @@ def fork_server(channel: socket.socket, ours: socket.socket) -> int | None:
 
 
 def _other_work(channel: socket.socket, ours: socket.socket) -> Work:
-    """Serve requests in the forked server. Return the work of a process that the server has forked, or the end of the server.
+    """Answer fork requests on a socket. Return what a forked process must run; in the server itself, a no-op.
 
     No error may leave this function: the caller of `fork_server` could handle it, and do the work of its parent a second time.
     """

@@ -160,7 +160,7 @@ class ProcessContext:
         self.send({"ready": True, "facts": facts} if facts else {"ready": True})
 
     def facts(self, facts: dict[str, Any]) -> None:
-        """Send facts to the supervisor, such as {"uav1.armed": True}.
+        """Send facts, which the supervisor uses for its decisions, such as {"uav1.armed": True}.
 
         The decisions of the supervisor depend on them.
         """
@@ -257,7 +257,7 @@ def run_process(
 
 
 class Loop(Protocol):
-    """Interface of the loop of a process.
+    """Interface of the main loop of a supervised process.
 
     `run` returns when the process must end. `close` closes its sockets and files.
     """
@@ -268,7 +268,7 @@ class Loop(Protocol):
 
 
 def run_and_close(loop: Loop) -> Callable[[], None]:
-    """Return a function that runs a loop and then closes it, for `run_process`.
+    """Return a function that runs a main loop and then closes its sockets and files, for `run_process`.
 
     The loop is closed after an error, too.
     """
@@ -365,7 +365,7 @@ class _LogFile(io.FileIO):
 
 
 def _write_output_in_background() -> None:
-    """Replace stdout and stderr by streams whose writes never raise and never block."""
+    """Replace stdout and stderr by streams whose write methods never raise an error and never block."""
     writer = BackgroundWriter("log", _MAX_LOG_WRITES)
     atexit.register(writer.flush, _FLUSH_S)
     for name, number in (("stdout", 1), ("stderr", 2)):

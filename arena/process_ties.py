@@ -1,4 +1,4 @@
-"""Ties between a process and its descendants, which the Linux kernel enforces (prctl): death signal, adoption of orphans.
+"""Kernel links between Linux processes (prctl): a signal when the parent dies, a new parent for orphans.
 
 Standard library only.
 """
@@ -22,13 +22,13 @@ def set_death_signal(number: int) -> None:
 
 
 def adopt_orphans() -> None:
-    """Make the kernel give orphaned descendants to this process."""
+    """Make this process the new parent of its descendants whose own parent has died (child subreaper)."""
     _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 @contextlib.contextmanager
 def adopting_orphans() -> Iterator[None]:
-    """Give orphaned descendants to this process during a `with` block."""
+    """Make this process the new parent of orphaned descendants during a `with` block."""
     before = ctypes.c_int()
     _libc.prctl(_PR_GET_CHILD_SUBREAPER, ctypes.byref(before), 0, 0, 0)
     adopt_orphans()

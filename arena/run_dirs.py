@@ -1,6 +1,6 @@
-"""Location of the runtime folders of running arenas.
+"""Search for runtime folders. A runtime folder is a private folder with the sockets of one running arena.
 
-Each running arena has one: a private folder with its sockets and the file `run`.
+A runtime folder also contains the file `run`.
 
 The file `run` contains the path of the run folder. Commands such as `arena ps` find the running arenas by these files.
 """
@@ -22,18 +22,18 @@ GROUP_VARIABLE = "ARENA_GROUP"
 
 
 def pointers() -> list[Path]:
-    """Return the files `run` in this user's runtime folders, which contain the paths of run folders.
+    """Return this user's files `run`. Each contains the path of the run folder of a running arena.
 
-    Folders that other users own or may write to are ignored.
+    The files are in runtime folders. Folders that other users own, or that every user may write to, are ignored.
     """
     bases = [base for base in runtime_bases() if _is_ours(base)]
     return [pointer for base in bases for pointer in sorted(base.glob("*/run")) if _is_ours(pointer.parent)]
 
 
 def pointers_of_others() -> list[tuple[Path, int]]:
-    """Return (file `run`, user id) for each readable runtime folder of another user.
+    """Return (file `run`, user id) for each running arena of other users that this user may read.
 
-    The file contains the path of a run folder.
+    The file is in the runtime folder of the arena, and contains the path of its run folder.
 
     Root may read all. Other users may read the folders that the owner shares with a group to which they belong (mode
     0750). A folder is ignored if its path names another owner, or if others than its owner may write to it.
@@ -123,7 +123,7 @@ def _is_ours(folder: Path) -> bool:
 
 
 def runtime_bases(*, shared: bool = False) -> list[Path]:
-    """Return the folders that may contain runtime folders.
+    """Return the folders in which this user's runtime folders are created and searched.
 
     New runs use the first folder.
 

@@ -88,7 +88,7 @@ def write_new_key(file: Path) -> None:
 
 
 class TimestampFile:
-    """File with the last signing timestamp that was used with a key.
+    """File with the newest MAVLink signing timestamp that was used with a signing key.
 
     A restarted process then does not use an older timestamp. The vehicle refuses messages with older
     timestamps. Several processes may use the same file: the newest timestamp is kept.

@@ -104,7 +104,7 @@ def thrust_curve(settings: Mapping[str, Any]) -> ThrustCurve:
 
 
 def _quadratic(s: Mapping[str, Any]) -> ThrustCurve:
-    """Return the thrust curve T = a u^2 + b u.
+    """Return the thrust curve T = a u^2 + b u, with thrust T [N] and motor command u 0..1 [-].
 
     a, b [N], a > 0, b >= 0.
     """
@@ -128,7 +128,7 @@ def _sqrt(value: Any) -> Any:
 
 
 def _tangent(s: Mapping[str, Any]) -> ThrustCurve:
-    """Return the thrust curve u = (tan((T - offset) / scale) + phase) / gain.
+    """Return the thrust curve u = (tan((T - offset) / scale) + phase) / gain, with thrust T and motor command u.
 
     offset, scale [N]; phase, gain [-].
 

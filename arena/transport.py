@@ -93,7 +93,7 @@ class ConnectionUrl:
 
 
 def parse_url(url: str, *, baud: int = DEFAULT_BAUD) -> ConnectionUrl:
-    """Parse a connection URL.
+    """Parse a connection URL, such as `udpin:0.0.0.0:14540`.
 
     Raises ValueError, which lists the expected forms, for any other text.
 
@@ -113,7 +113,7 @@ def parse_url(url: str, *, baud: int = DEFAULT_BAUD) -> ConnectionUrl:
 
 
 def url_from_json(raw: Mapping[str, Any]) -> ConnectionUrl:
-    """Return the connection in the JSON configuration (slice) of a process.
+    """Read a connection from the JSON configuration file (slice) of a process.
 
     The form is {kind, address} or {kind, device, baud}. Raises KeyError, TypeError or ValueError for another
     form.
@@ -289,7 +289,7 @@ class AgedSocket:
         enable_stamps(source)
 
     def on_empty(self, now: float) -> None:
-        """Record that the socket is empty now.
+        """Record that all datagrams have been read from the socket.
 
         The age of a later datagram is limited to the time since then. now: monotonic [s].
         """
@@ -317,7 +317,7 @@ class AgedSocket:
 
 
 class SerialPort:
-    """Open serial device, raw and non-blocking.
+    """Serial device, opened in raw, non-blocking mode.
 
     Raises OSError if the device cannot be opened; its text says what to do.
     """

@@ -1,4 +1,4 @@
-"""Records who sent which request to a vehicle, and if it was sent on to the autopilot. Pure.
+"""Record of the requests to a vehicle: who sent each request, and whether it was refused. Pure.
 
 Setpoints and stick positions are not recorded, because they are repeated many times a second. A request that is repeated
 within 5 s is recorded once.
@@ -63,6 +63,6 @@ class AuditTrail:
         self._entries.append({**entry, "request": what, "refused": refusal})
 
     def take(self) -> list[Entry]:
-        """Return the recorded requests since the last call."""
+        """Remove and return the recorded requests, which the supervisor then writes to events.jsonl."""
         found, self._entries = self._entries, []
         return found

@@ -1,4 +1,4 @@
-"""State machine for the question who may command one vehicle. Pure: no sockets, no clocks.
+"""State machine that decides which role (program, pilot, ground station ...) may command one vehicle. Pure.
 
 Priority: pilot > emergency (land-all, kill-all) > copilot > program > setpoints of a ground station.
 
@@ -38,7 +38,7 @@ class _Latch:
 
 
 class Authority:
-    """Decides who may command one vehicle, from the requests to it and its autopilot's heartbeats.
+    """Decides who may command one vehicle, based on the requests to the vehicle and the heartbeats of its autopilot.
 
     Pass every request to `refusal` before it is sent to the vehicle, and every heartbeat of its autopilot to `on_state`.
     radio: false if no pilot has a radio (`radio: none`). A manual mode that no command requested then means that a pilot has
@@ -81,7 +81,7 @@ class Authority:
         return why
 
     def passes_program_setpoint(self, now: float) -> bool:
-        """Return True if a program's setpoint is allowed because no landing was commanded.
+        """Return True if a program's setpoint may be sent, because no commanded landing or motor stop is active.
 
         If the result is False, call `refusal`, which decides. This test is fast, because setpoints are the
         most frequent requests. If the result is True, the time of the setpoint is stored.
@@ -184,7 +184,7 @@ class Authority:
     # -- the vehicle ---------------------------------------------------------------------------------------------------
 
     def on_state(self, armed: bool, mode: str, now: float) -> None:
-        """Process the arming state and mode of a heartbeat of the vehicle's autopilot. now: monotonic [s]."""
+        """Update who commands the vehicle, from the arming state and mode in a heartbeat. now: monotonic [s]."""
         before, was_armed = self._mode, self._armed
         self._armed, self._mode = armed, mode
         if not armed:
@@ -211,7 +211,7 @@ class Authority:
             self._change(Role.PILOT, self._mode, now)
 
     def _has_pilot(self, now: float) -> bool:
-        """Return whether the vehicle has a pilot. It is in a manual mode that no command requested.
+        """Return whether a pilot flies the vehicle: it is in a manual mode that no command requested.
 
         With `radio: none` a pilot has control only while stick positions reach the vehicle.
         """
@@ -223,7 +223,7 @@ class Authority:
         return self._latch.by if self._latch is not None else Role.NOBODY
 
     def _on_mode(self, before: str, mode: str, now: float) -> None:
-        """Process a new mode of the armed vehicle. before: the previous mode; "" if the vehicle was disarmed."""
+        """Update who commands the armed vehicle after a mode change. before: previous mode; "" if it was disarmed."""
         role = self._role_that_asked(mode, armed_now=not before, now=now)
         if mode in MANUAL_MODES:
             self._on_manual_mode(role, before, mode, now)
@@ -294,7 +294,7 @@ class Authority:
     # -- requests of the operator --------------------------------------------------------------------------------------
 
     def release(self, by: str, now: float) -> None:
-        """End the control that land-all or the copilot has taken.
+        """End the control of the vehicle by land-all or the copilot, as `arena release` requests.
 
         Programs may then take OFFBOARD again.
 
@@ -307,7 +307,9 @@ class Authority:
         self._change(holder, why, now, always=True)
 
     def refuse_arming(self, why: str) -> None:
-        """Refuse every request to arm the vehicle, until the process ends.
+        """Refuse every request to arm the vehicle from now on, for example because the run is ending.
+
+        The refusal lasts until this process ends.
 
         why: reason that the sender of a refused request gets, such as "the run is ending".
         """
@@ -315,7 +317,7 @@ class Authority:
 
     @property
     def standing(self) -> dict[str, Any]:
-        """Return the present reasons to refuse commands, so that a restarted process can call `restore`.
+        """Return the active refusals of commands, so that this process can `restore` them after its restart.
 
         The result is {} if commands are not refused.
 
@@ -331,7 +333,7 @@ class Authority:
         return found
 
     def restore(self, standing: Mapping[str, Any], now: float) -> None:
-        """Refuse commands again as before a restart of this process.
+        """Refuse again the commands that were refused before this process was restarted.
 
         The supervisor requests this after it has restarted the process.
 
@@ -379,7 +381,7 @@ class Authority:
 
 
 def _leads_to(asked: str, mode: str) -> bool:
-    """Return whether a request for one flight mode can lead to another flight mode.
+    """Return whether a vehicle can be in the flight mode `mode` because the mode `asked` was requested.
 
     AUTO.TAKEOFF, for example, ends in AUTO.LOITER.
 

@@ -154,7 +154,9 @@ class CommandGate:
         self.authority.on_state(armed, mode, now)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request of the supervisor. Ignore requests for other vehicles.
+        """Process a request of the supervisor: refuse arming, release the vehicle, or restore earlier refusals.
+
+        Requests for other vehicles are ignored.
 
         request: see `process_context`
         """

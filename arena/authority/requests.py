@@ -149,7 +149,7 @@ def _number(data: Buffer, frame: Frame, index: int) -> float:
 
 
 def _is_set(value: float) -> bool:
-    """Return whether a parameter of a command has a value.
+    """Return whether a parameter of a MAVLink command is used: it is neither 0 nor NaN.
 
     By MAVLink's convention, 0 and NaN mean "not used".
     """

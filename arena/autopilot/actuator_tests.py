@@ -50,11 +50,11 @@ class ActuatorTests:
         return ACCEPTED
 
     def stop(self) -> None:
-        """End all tests."""
+        """Stop all motor tests of the vehicle."""
         self.running.clear()
 
     def apply(self, motors: NDArray[np.float64], now: float) -> None:
-        """Write the motor commands of the running tests.
+        """Replace the motor commands of the motors that are being tested.
 
         Tests that have ended are removed.
 

@@ -192,7 +192,7 @@ class Autopilots:
             gate.on_request(request, self._now)
 
     def events(self) -> list[str]:
-        """Return the lines for the event log, such as mode changes and failsafes, since the last call.
+        """Return the lines for the event log since the last call, for example about mode changes and failsafes.
 
         Changes of authority are not among them, because the router reports them.
         """
@@ -202,13 +202,11 @@ class Autopilots:
         return found
 
     def close(self) -> None:
-        """End the logs, because the process ends."""
+        """Close the ULog files before the process ends."""
         self._log(UlogRecorder.close)
 
     def _log(self, write: Callable[[UlogRecorder], None]) -> None:
-        """Call a function that writes to the logs.
-
-        If the function fails, logging ends and the flight continues.
+        """Call a function that writes to the ULog files. An error ends the logging, but not the flight.
 
         write: function to call
         """

@@ -164,7 +164,7 @@ class Commander:
             self.report(EMERGENCY, f"Flight termination: {why}", event)
 
     def report(self, severity: int, text: str, event: Event | None = None) -> None:
-        """Add a text for the user, and the event with the same content if there is one."""
+        """Queue a text for the user (STATUSTEXT), and the MAVLink event with the same content if one is given."""
         self.texts.append((severity, text))
         if event is not None:
             self.events.append(event.with_text(text))
@@ -190,7 +190,7 @@ class Commander:
         self._auto_disarm(s, params)
 
     def _run_gesture(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Arm or disarm if the pilot has made the stick gesture.
+        """Arm or disarm if the pilot has made the stick gesture: throttle low, and yaw right (arm) or left (disarm).
 
         In STABILIZED and ACRO this also disarms in the air (COM_DISARM_MAN).
         """
@@ -204,7 +204,7 @@ class Commander:
             self.disarm(s, force=True, why="by stick gesture")
 
     def _check_sticks(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Lower the pilot's mode if its estimate is lost, and let moved sticks take over (POSCTL)."""
+        """Select the manual mode that the estimate allows, and change to POSCTL if the pilot moves the sticks."""
         flies = self.mode in (Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED)
         if flies and self.intended in (Mode.POSCTL, Mode.ALTCTL):
             possible = possible_mode(self.intended, s, params)
@@ -306,7 +306,7 @@ class Commander:
             self._act_on_link_loss(params.nav_dll_act, s, params, "data link lost")
 
     def _check_manual_control(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run the failsafe action of NAV_RCL_ACT once when received sticks (RC or joystick) are lost."""
+        """Run the failsafe action of NAV_RCL_ACT once when stick positions (RC or joystick) are no longer received."""
         self._had_manual_control = self._had_manual_control or s.manual_control
         if not self._had_manual_control:
             return
@@ -317,7 +317,10 @@ class Commander:
             self._act_on_link_loss(params.nav_rcl_act, s, params, "manual control lost")
 
     def _act_on_link_loss(self, action: int, s: CommanderInputs, params: CommanderParams, why: str) -> None:
-        """Run a failsafe action (a value of NAV_DLL_ACT or NAV_RCL_ACT) unless the mode is as severe."""
+        """Run the failsafe action of NAV_DLL_ACT or NAV_RCL_ACT, unless the present mode is at least as severe.
+
+        Severity increases in the order HOLD, RTL, LAND, DESCEND, TERMINATE. Action 6 (disarm) is always run.
+        """
         reaction = {1: Mode.HOLD, 2: home_or_land(s), 3: Mode.LAND, 5: Mode.TERMINATE}.get(action)
         if action == 6:
             self._disarm_by_failsafe(s, why)
@@ -332,7 +335,7 @@ class Commander:
         self.disarm(s, force=True, why="by failsafe")
 
     def _act_after_hold(self, mode: Mode, s: CommanderInputs, params: CommanderParams, why: str) -> None:
-        """Hold for COM_FAIL_ACT_T, then enter the mode of the failsafe.
+        """Hold position for COM_FAIL_ACT_T, then enter the flight mode of the failsafe.
 
         The pilot may select another mode during the hold. If an earlier failsafe is active, enter the mode at
         once.

@@ -1,4 +1,4 @@
-"""Events of the built-in autopilot: what it reports to ground stations in the MAVLink event protocol.
+"""Events that the built-in autopilot reports to ground stations by the MAVLink event protocol.
 
 Names, arguments and log levels are those of PX4 v1.16, so that a client knows the events with the metadata of
 either autopilot. The id of an event is computed from its name. Pure: no vehicle, no messages.
@@ -69,7 +69,7 @@ ENUMS: dict[str, dict[int, tuple[str, str]]] = {
 
 
 class Event(NamedTuple):
-    """Event that has no number yet.
+    """Event of the MAVLink event protocol, before `EventServer` gives it a sequence number.
 
     levels: log level in logs (upper 4 bits) and for ground stations (lower 4 bits)
     arguments: the encoded arguments, at most 40 bytes
@@ -84,13 +84,16 @@ class Event(NamedTuple):
     text: str = ""
 
     def with_text(self, text: str) -> Event:
-        """Return the event with the text that is sent with it, if the text says no more than the event."""
+        """Return the event with its STATUSTEXT, if this text contains no more information than the event.
+
+        Otherwise return the event unchanged.
+        """
         return self._replace(text=text) if self.says_all else self
 
 
 @dataclass(frozen=True, slots=True)
 class EventType:
-    """Kind of event. Call it with the values of the arguments to make an event.
+    """Type of MAVLink event, such as arming. Call it with the values of its arguments to create an `Event`.
 
     external, internal: log levels for ground stations and in logs
     arguments: type of each argument: a number or a name in ENUMS

@@ -1,4 +1,4 @@
-"""Rules of the failsafes of the commander: their order, their exceptions, and the modes that they enter. Pure."""
+"""Tables of the failsafes: modes by severity, exceptions (COM_DLL_EXCEPT, COM_RCL_EXCEPT), actions. Pure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flight modes of the built-in autopilot: PX4's numbers, names and groups. Pure."""
+"""Flight modes of the built-in autopilot, with PX4's numbers and names, and sets such as the manual modes. Pure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Creation of the vehicles of the built-in autopilots from the settings of the world."""
+"""Creates the parameters and `Vehicle` objects of the built-in autopilots from the settings of the world."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from arena.vehicle_models import vehicle_model
 
 
 def load_params(vehicles: list[Any]) -> tuple[Params, list[str]]:
-    """Return the parameters of all vehicles, and one line for each refused value.
+    """Return the parameters of all vehicles, and one message for each parameter value that is refused.
 
     vehicles: the list `vehicles` of the settings
     """
@@ -29,7 +29,7 @@ def load_params(vehicles: list[Any]) -> tuple[Params, list[str]]:
 
 
 def make_vehicles(settings: Mapping[str, Any], params: Params, est: Estimator) -> list[Vehicle]:
-    """Return the vehicles, in the order of the list `vehicles` of the settings."""
+    """Create a `Vehicle` for each entry of the list `vehicles` in the settings, in the same order."""
     return [
         Vehicle(
             i,

@@ -1,4 +1,4 @@
-"""Rules of the manual modes: conditions to enter one and to arm in it, and takeover by moved sticks. Pure.
+"""Rules of the manual modes: when they can be entered, when they allow arming, when moved sticks take over. Pure.
 
 The rules are those of PX4 v1.16.
 """
@@ -35,7 +35,7 @@ def stick_problem(mode: Mode, s: CommanderInputs) -> str:
 
 
 def possible_mode(intended: Mode, s: CommanderInputs, params: CommanderParams) -> Mode:
-    """Return the mode to fly if a pilot has selected POSCTL or ALTCTL: lower if the estimate is not valid.
+    """Return the mode to fly after a pilot has selected POSCTL or ALTCTL: a simpler mode without a valid estimate.
 
     POSCTL without a valid position becomes ALTCTL with COM_POSCTL_NAVL 0, and a descent (DESCEND) with COM_POSCTL_NAVL 1.
     ALTCTL without a valid height or heading becomes STABILIZED.

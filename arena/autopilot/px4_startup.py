@@ -1,4 +1,4 @@
-"""Reader of PX4 startup scripts, for the PX4 stand-in.
+"""Reader of PX4 startup scripts, for the PX4 stand-in (built-in autopilot in place of PX4 SITL).
 
 Only the lines that the stand-in needs are supported.
 
@@ -80,7 +80,7 @@ def _lines(script: Path) -> Iterator[list[str]]:
     try:
         text = script.read_text()
     except OSError as error:
-        raise InputError(f"{script}: {error.strerror}") from error
+        raise InputError(f"{script}: cannot be read: {error.strerror}") from error
     for line in text.splitlines():
         words = shlex.split(line, comments=True)
         if words[:1] == ["."]:

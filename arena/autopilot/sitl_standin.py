@@ -47,7 +47,7 @@ _BYTES = 65536
 
 
 class StandIn:
-    """The PX4 stand-in of one vehicle, without sockets.
+    """Core of the PX4 stand-in of one vehicle: built-in autopilot behind the interfaces of PX4 SITL, without sockets.
 
     The caller passes received bytes in and sends the replies.
 
@@ -95,11 +95,11 @@ class StandIn:
         return self._pack(request) + self._pack(heartbeat)
 
     def events(self) -> list[str]:
-        """Return the lines for the event log, such as mode changes and failsafes, since the last call."""
+        """Return the lines for the event log since the last call, for example about mode changes and failsafes."""
         return self._autopilot.events() if self._autopilot is not None else []
 
     def receive(self, link: str, data: bytes) -> None:
-        """Process a datagram that arrived on a link.
+        """Process a MAVLink datagram that arrived on a link of the PX4 stand-in.
 
         link: `router`, `vision`, `panic` or `ground`
         """
@@ -107,7 +107,7 @@ class StandIn:
             self._autopilot.receive(0, link, data)
 
     def transmit(self) -> list[tuple[str, bytes]]:
-        """Return the datagrams to send on the links after a step, as (link, datagram)."""
+        """Return the MAVLink datagrams to send after a step, as (name of the link, datagram)."""
         return (
             [(link, data) for _, link, data in self._autopilot.transmit()]
             if self._autopilot is not None
@@ -154,10 +154,7 @@ class StandIn:
         return Autopilots({"vehicles": [vehicle]}, dt)
 
     def _hold(self, m: Any) -> None:
-        """Store the readings of magnetometer and barometer.
-
-        HIL_SENSOR does not contain them in every sample.
-        """
+        """Store the newest magnetometer and barometer readings, which only some HIL_SENSOR messages contain."""
         if m.fields_updated & _MAG == _MAG:
             self._held["mag_b"] = np.array([[m.xmag, m.ymag, m.zmag]])
         if m.fields_updated & _BARO == _BARO:
@@ -192,7 +189,7 @@ class StandIn:
 
 
 class Shell:
-    """Sockets of the stand-in: TCP to the simulator, and one UDP socket per MAVLink link.
+    """Sockets of the PX4 stand-in: TCP to the simulator, and one UDP socket per MAVLink link.
 
     The sensor samples are the only clock of the stand-in.
     """

@@ -1,4 +1,4 @@
-"""Interface to the log files of the vehicles. Files are read in the background."""
+"""Interface to the stored ULog files of the vehicles, which a background thread reads from the disk."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 
 class Content(Protocol):
-    """Content of a file that is being read in the background.
+    """Content of a file for a download over MAVLink, which a background thread reads from the disk.
 
     ready: True if reading has ended.  data: the bytes, None before that or if the file could not be read
     """
@@ -19,7 +19,7 @@ class Content(Protocol):
 
 
 class LogEntry(NamedTuple):
-    """Log of a vehicle.
+    """Entry in the list of the logs of a vehicle: file name, size and start of the log.
 
     name: file name.  size: [bytes].  begun_s: start of the log, time since boot [s]
     """
@@ -30,12 +30,12 @@ class LogEntry(NamedTuple):
 
 
 class LogLibrary(Protocol):
-    """Logs of all vehicles, such as `UlogFiles`. No method waits for a disk."""
+    """Interface to the stored logs of all vehicles, such as `UlogFiles`. No method waits for a disk."""
 
     def logs(self, vehicle: str) -> list[LogEntry]:
         """Return the logs of a vehicle, the oldest first."""
         ...
 
     def read(self, name: str) -> Content | None:
-        """Begin to read a log. Return None if it does not exist."""
+        """Start to read the log with this file name. Return its `Content`; None if the log does not exist."""
         ...

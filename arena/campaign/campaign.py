@@ -33,12 +33,12 @@ class Progress(Protocol):
         """Show the result of one flight."""
 
     def refresh(self) -> None:
-        """Draw the display again. Called several times per second."""
+        """Draw the progress display again. This method is called several times per second."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finished:
-    """Result of a complete campaign.
+    """Result of `fly_campaign`: records of the flights, paths of the table and plots, and exit code.
 
     records: all flights with a result, in the order of the list of flights
     """
@@ -51,7 +51,7 @@ class Finished:
 def fly_campaign(
     store: Store, listing: Listing, flights: Sequence[Flight], fly_all: FlyAll, progress: Progress
 ) -> Finished:
-    """Fly the flights that have no result yet in this folder, and write table and plots.
+    """Fly the flights of a campaign that have no result yet, and write the table and plots of all results.
 
     Ctrl-C ends the flights in the air; the results so far are kept, and the exit code is 130.
     Raises InputError if the folder belongs to other files, RunError if another campaign flies in it.

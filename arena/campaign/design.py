@@ -23,7 +23,7 @@ _DIGITS = 6  # significant digits of drawn values, so that a value on the comman
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """A flight of a campaign.
+    """One flight of a campaign: its arena or scenario, its seed, and its values of the varied settings.
 
     id: hexadecimal digits computed from overrides and seed, so that a flight keeps its id when the sweep gets more flights.
     number: position in the campaign, from 1.
@@ -48,7 +48,7 @@ class Flight:
 
 
 def flights(sweep: Sweep) -> list[Flight]:
-    """Return all flights: each combination of settings with each seed.
+    """Return all flights of a campaign: each combination of settings is flown with each seed.
 
     Raises InputError if there are too many flights.
     """
@@ -63,7 +63,7 @@ def flights(sweep: Sweep) -> list[Flight]:
 
 
 def points(sweep: Sweep) -> list[dict[str, Value]]:
-    """Return all combinations of the settings that vary.
+    """Return all combinations of the values of the settings that vary.
 
     Each combination of listed values is combined with each random sample.
     """
@@ -91,7 +91,7 @@ def listed_values(setting: Setting) -> list[Value]:
 
 
 def drawn_values(sweep: Sweep) -> list[tuple[Value, ...]]:
-    """Return one tuple per random sample: a random value for each setting that has a range.
+    """Return one tuple per random sample, with one value for each setting that is drawn from a range.
 
     If no setting is drawn, return one empty tuple.
     """
@@ -113,7 +113,9 @@ def _column(setting: Setting, share: Any) -> list[Value]:
 
 def _range(setting: Setting) -> tuple[float, float]:
     if setting.min is None or setting.max is None:
-        raise ValueError("got a setting without `values`, expected `min` and `max`")
+        raise ValueError(
+            "a setting of the sweep file has no `values`, and `min` or `max` is missing: add `values`, or `min` and `max`"
+        )
     return setting.min, setting.max
 
 

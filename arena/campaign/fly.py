@@ -27,7 +27,7 @@ END_TIMEOUT_S = 180.0
 
 
 def fly(flight: Flight, folder: Path) -> Record:
-    """Fly one flight of a campaign and return its record. When this function returns, its arena has ended.
+    """Fly one flight of a campaign, wait until its arena has ended, and return the record of the result.
 
     folder: folder of the campaign. The run folder is created in `flights/ID` below it.
     """
@@ -54,7 +54,7 @@ def fly(flight: Flight, folder: Path) -> Record:
 
 
 def _fly_arena(flight: Flight, folder: Path) -> tuple[str, list[str]]:
-    """Fly an arena until its programs have ended.
+    """Run the arena of one flight until its user programs have ended.
 
     Return the path of the run folder, and the reasons of a failure.
     """
@@ -79,7 +79,7 @@ def _fly_arena(flight: Flight, folder: Path) -> tuple[str, list[str]]:
 
 
 def _fly_scenario(flight: Flight, folder: Path) -> tuple[str, list[str]]:
-    """Fly a scenario.
+    """Fly the scenario of one flight of a campaign.
 
     Return the path of the run folder, and the reasons of a failure, each with file and line.
     """

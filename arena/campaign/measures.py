@@ -14,7 +14,7 @@ Numbers = Mapping[str, float | None]
 
 @dataclass(frozen=True, kw_only=True)
 class Measure:
-    """A measure of one flight.
+    """Measure of a flight, such as the largest tracking error: name, unit, meaning and function.
 
     of_flight: function that computes the value of the flight from the known values of its vehicles.
     """

@@ -18,7 +18,7 @@ from arena.smoke.language.scenario import load_scenarios
 
 
 def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None] = lambda: None) -> Arena:
-    """Load the arena or scenario with every combination of settings. Return the first flight's arena.
+    """Check that every combination of settings gives a valid arena. Return the arena of the first flight.
 
     on_checked: function that is called after each point.
     Raises InputError with all problems. A problem with a varied value has the file and line of the sweep file.
@@ -65,7 +65,7 @@ def load(flight: Flight) -> Arena:
 
 
 def at_sweep(sweep: Sweep, flight: Flight, problem: Problem) -> Problem:
-    """Return a problem with the file and line of the sweep file if a value in the sweep file has caused it.
+    """Return a problem with the file and line of the value in the sweep file that has caused the problem.
 
     A problem of another file is returned unchanged.
     """
@@ -90,7 +90,7 @@ def _may_come_from(default: str, field: str) -> bool:
 
 
 def _overrides_with_paths(sweep: Sweep, settings: Mapping[str, object]) -> Iterator[tuple[YamlPath, str]]:
-    """Yield (keys of a value in the sweep file, YAML override from this value) for all overrides of a flight.
+    """Yield (keys of a value in the sweep file, YAML override with this value) for each override of a flight.
 
     settings: setting -> its value in this flight.
     """

@@ -60,7 +60,7 @@ def duration(seconds: float) -> str:
 
 
 class ProgressLines:
-    """Display of one line per flight, for a log file."""
+    """Progress of a campaign as one line per ended flight, for output to a log file."""
 
     def __init__(self, pace: Pace, say: Callable[[str], None]) -> None:
         self._pace, self._say = pace, say
@@ -87,7 +87,7 @@ class ProgressLines:
 
 
 class ProgressBar:
-    """Bar with the number of flights and failures, and the time left.
+    """Progress bar of a campaign on a terminal: number of flights and failures, and the time left.
 
     Failed flights are printed above the bar.
 

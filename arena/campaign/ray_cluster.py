@@ -83,7 +83,7 @@ class _Campaign:
     pending: dict[Any, Flight]
 
     def poll(self) -> None:
-        """Record the flights that have ended, and show the progress.
+        """Record the results of the flights that have ended on the cluster, and show the progress.
 
         Wait up to POLL_S for the end of a flight.
         """
@@ -108,7 +108,7 @@ class _Campaign:
             self.on_record(delivery.record)
 
     def cancel(self, *, kill: bool) -> None:
-        """Interrupt the flights in the air, and remove the flights that wait for a worker.
+        """Interrupt the flights that run on the cluster, and cancel the flights that wait for a worker.
 
         kill: True to end the workers at once
         """
@@ -117,7 +117,7 @@ class _Campaign:
 
 
 def _collect(campaign: _Campaign, stops: Sequence[int]) -> None:
-    """Record the flights until all have ended.
+    """Record the result of each flight on the cluster, until all flights have ended.
 
     At the first Ctrl-C the flights land. At the second Ctrl-C their workers are killed.
     """
@@ -207,7 +207,7 @@ def _read(path: Path) -> str:
 
 
 def _check_computers(ray: Any, inputs: Mapping[str, str]) -> None:
-    """Raise InputError with the problems of all computers of the cluster, such as a missing file."""
+    """Check every computer of the cluster. Raise InputError with all problems, such as a missing file."""
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
     problems = []
@@ -241,7 +241,7 @@ def _last_line(error: BaseException) -> str:
 
 
 def _absolute(flight: Flight) -> Flight:
-    """Return the flight with an absolute path of its file.
+    """Return a copy of the flight in which the path of its arena or scenario file is absolute.
 
     A Ray worker has another working directory.
     """

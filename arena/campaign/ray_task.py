@@ -22,7 +22,7 @@ Files = Mapping[str, bytes]
 
 @dataclass(frozen=True, kw_only=True)
 class Delivery:
-    """The result of a flight on another computer.
+    """Result and files of a flight, sent from a Ray worker to the computer that started the campaign.
 
     files: path relative to the folder of the campaign -> compressed content.
     """
@@ -48,7 +48,7 @@ def fly_here(flight: Flight, inputs: Mapping[str, str], flown_by: Fly) -> Delive
 
 
 def problems_here(inputs: Mapping[str, str]) -> list[str]:
-    """Return the differences between this computer and the computer that started the campaign.
+    """Return which files are missing or different here, compared with the computer that started the campaign.
 
     inputs: path -> SHA-256 of each file, as `digest_of` returns it.
     """

@@ -33,7 +33,7 @@ def in_campaign(listing: Listing, records: Iterable[Record]) -> list[Record]:
 
 
 def headline(listing: Listing, records: Sequence[Record]) -> str:
-    """Return one line with the numbers of passed, failed, lost and missing flights."""
+    """Return one line with the numbers of flights that passed, failed, were lost (no result) or are not flown yet."""
     passed = sum(r.passed for r in records)
     lost = sum(r.lost for r in records)
     parts = {
@@ -77,7 +77,7 @@ def _measures(records: Sequence[Record]) -> Table:
 
 
 def _points(listing: Listing, records: Sequence[Record]) -> Table | None:
-    """Return a table of medians with one row per combination of settings.
+    """Return a table with the median of each measure, one row per combination of settings.
 
     Return None if each combination was flown only once, or if the table would be too long.
     """

@@ -31,7 +31,7 @@ def fly_all(
     flown_by: Fly = fly,
     forks: ForkClient | None = None,
 ) -> None:
-    """Fly all flights, `jobs` of them at the same time.
+    """Fly all flights in worker processes, `jobs` of them at the same time.
 
     on_record: function that is called with the record of each flight when the flight ends.
     on_poll: function that is called several times per second, for example to draw the progress.

@@ -69,7 +69,7 @@ class Listing:
 
 
 class Store:
-    """Folder of one campaign.
+    """Folder of one campaign, with the files results.jsonl and campaign.json.
 
     Only the process that holds the lock (`locked`) may write.
 
@@ -81,7 +81,7 @@ class Store:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Lock the folder during a `with` block.
+        """Lock the folder during a `with` block, so that no other campaign can write to it.
 
         Raises RunError if another campaign holds the lock, InputError if the folder cannot be made.
 
@@ -133,7 +133,7 @@ class Store:
 
     @contextmanager
     def appending(self) -> Iterator[Appender]:
-        """Open results.jsonl for appending during a `with` block."""
+        """Open results.jsonl during a `with` block, to append the records of new flights."""
         with (self.folder / RESULTS).open("ab") as file:
             yield Appender(file)
 

@@ -122,7 +122,7 @@ class Sweep:
 
     @property
     def drawn(self) -> tuple[str, ...]:
-        """Names of the settings whose values are drawn from a range."""
+        """Names of the settings whose values are drawn at random from a range."""
         return tuple(name for name, s in self.settings.items() if is_drawn(s))
 
 
@@ -164,7 +164,7 @@ def load_sweep(path: str | Path) -> Sweep:
 
 
 def _problems(model: SweepFile, source: Source, pruned: set[YamlPath]) -> Iterator[Problem]:
-    """Yield the problems of a sweep file that involve several keys.
+    """Yield the problems of a sweep file that come from a combination of keys, such as `samples` without a range.
 
     pruned: paths of the wrong values that were removed, and whose problems are already known. They cause no second problem.
     """

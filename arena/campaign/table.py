@@ -1,4 +1,4 @@
-"""The results of a campaign as one Parquet table and as plots. One row per flight."""
+"""The results of a campaign as a Parquet table with one row per flight, and as plots."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def has_pyarrow() -> bool:
 
 
 def columns(listing: Listing, records: Sequence[Record]) -> dict[str, list[Any]]:
-    """Return column -> values, one value per flight.
+    """Return the table of results as column -> values, with one value per flight.
 
     A setting with values other than numbers becomes text.
 

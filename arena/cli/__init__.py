@@ -178,9 +178,9 @@ def _emergency(arguments: list[str]) -> int:
 
 @contextlib.contextmanager
 def _fork_server(arguments: Sequence[str]) -> Iterator[ForkClient | None]:
-    """Start the fork server for a command that starts arenas, yield its client, and end the server after the `with` block.
+    """Run the fork server, which starts processes quickly, during a `with` block. Yield its client, or None.
 
-    The fork server imports packages while this process reads the YAML. For other commands, yield None.
+    The fork server imports packages while this process reads the YAML. For commands that start no arena, yield None.
 
     A detached run has no fork server, because its supervisor is another process.
     """

@@ -111,7 +111,7 @@ def without_effect(arena: Arena) -> list[str]:
 
 
 def clock_notes(arena: Arena) -> list[str]:
-    """Return a note if a program that uses the wall clock forces simulation speed 1 against the user's setting.
+    """Return a note if `sim.speed` of the YAML is ignored, because a user program uses the wall clock.
 
     The list is empty if the user asked for no other speed.
     """

@@ -39,7 +39,7 @@ _RESUME_OR_DELETE = (
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
-    """Return whether `arena params diff` hides a parameter that normally exists in only one of the sets `a`, `b`.
+    """Return whether `arena params diff` hides a parameter that one of the sets `a`, `b` normally does not contain.
 
     - The set from the YAML has no value, because the YAML does not require every parameter.
     - Only PX4's defaults have a value, because they contain the parameters of all vehicles.
@@ -50,7 +50,7 @@ def not_applicable(row: Difference, a: str, b: str) -> bool:
 
 
 def selected_vehicles(arena: Arena, names: Sequence[str] | None) -> list[Vehicle]:
-    """Return the vehicles with these names, or all without names. Raises InputError for an unknown name."""
+    """Return the vehicles with these names, or all vehicles if no name is given. Raises InputError for an unknown name."""
     known = {v.name: v for v in arena.vehicles}
     for name in names or ():
         if name not in known:

@@ -92,7 +92,7 @@ def push_report_lines(name: str, report: PushReport) -> list[str]:
 
 
 def measured_lines(vehicle: Vehicle, unmeasured: Mapping[str, float]) -> list[str]:
-    """Return the lines of `arena params measured` for one vehicle.
+    """Return the output of `arena params measured` for one vehicle, as lines of text.
 
     They list the measured parameters, and the parameters that nobody has set or measured.
 

@@ -1,4 +1,4 @@
-"""`arena arm-permit VEHICLE...`: allow real vehicles to arm that were connected after the start of the arena.
+"""`arena arm-permit VEHICLE...`: allow arming of real vehicles that were connected after the start of the arena.
 
 This includes vehicles that rebooted or reconnected.
 """

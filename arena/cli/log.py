@@ -38,7 +38,7 @@ class Kind(StrEnum):
 
 
 class Align(StrEnum):
-    """Moments of a flight at which `arena log compare` sets time 0 of both flights."""
+    """Moments of a flight, such as the take-off, by which `arena log compare` aligns two flights in time."""
 
     STEP = "step"
     OFFBOARD = "offboard"
@@ -144,7 +144,7 @@ def compare(
         Align | None,
         typer.Option(
             "--align",
-            help="moment by which the flights are aligned; default: the first one that both contain",
+            help="moment that becomes time 0 of both flights; default: the first of these moments that both flights contain",
         ),
     ] = None,
     vehicle: Vehicles = None,

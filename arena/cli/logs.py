@@ -53,7 +53,7 @@ def _log(folder: Path, name: str) -> Path:
 
 
 def _process_of(folder: Path, name: str) -> str:
-    """Return the name of the process in which the part `name` of the arena runs.
+    """Return the process that runs `name`. The router, for example, can run inside the process `world`.
 
     A simulated arena can run its router, pose forwarders and recorder in the process `world`: `router` -> `world`.
     Programs can share a process `group.NAME`. The name of a process is returned unchanged.

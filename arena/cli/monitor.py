@@ -30,7 +30,7 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--host",
                 metavar="ADDRESS",
-                help="address of the page; other computers can open it only with 0.0.0.0 or an address of their network, and a token",
+                help="address of the page; for other computers: 0.0.0.0 or an address of their network (the page then requires a token)",
             ),
         ] = HOST,
         port: Annotated[
@@ -39,14 +39,14 @@ def register(app: typer.Typer) -> None:
                 "--port",
                 min=1,
                 max=65535,
-                help="TCP port of the page; if this port is in use, the next free port",
+                help="TCP port of the page; if this port is in use, the page uses the next free port",
             ),
         ] = MONITOR_PORT,
         token: Annotated[
             bool,
             typer.Option(
                 "--token",
-                help="browsers on this computer also need the token of the printed URL: for a browser of another user or in a container",
+                help="require the token of the printed URL on this computer, too; needed for a browser of another user or in a container",
             ),
         ] = False,
     ) -> None:

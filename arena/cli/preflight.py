@@ -45,7 +45,7 @@ def register(app: typer.Typer) -> None:
             print(f"Leave the room, then run `arena arm-permit {' '.join(passed)}`", flush=True)
         failed = [vehicle for vehicle, good in results.items() if not good]
         if failed:
-            raise RunError(f"{', '.join(failed)}: the check has failed")
+            raise RunError(f"{', '.join(failed)}: the identity and axes check has failed")
 
 
 def _check(arena: Control, vehicle: str) -> bool:
@@ -81,7 +81,7 @@ def _started(arena: Control, vehicle: str, before: object) -> Mapping[str, Any]:
             return status
         time.sleep(_PERIOD_S)
     raise RunError(
-        f"{vehicle}: link.{vehicle} has not started the check within {_ANSWER_S:g} s: look at `arena ps`"
+        f"{vehicle}: the process link.{vehicle} has not started the check within {_ANSWER_S:g} s: look at `arena ps`"
     )
 
 
@@ -94,13 +94,13 @@ def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[s
             print(f"{vehicle}: {shown}", flush=True)
         if time.monotonic() - since > _UNCHANGED_S:
             raise RunError(
-                f"{vehicle}: link.{vehicle} has reported nothing new for {_UNCHANGED_S:g} s: look at `arena ps`"
+                f"{vehicle}: the process link.{vehicle} has reported nothing new for {_UNCHANGED_S:g} s: look at `arena ps`"
             )
         time.sleep(_PERIOD_S)
         status = _status(arena, vehicle)
         if status.get("number") != number:
             raise RunError(
-                f"{vehicle}: the check was lost, because link.{vehicle} was restarted or another check was started. "
+                f"{vehicle}: the check was lost, because the process link.{vehicle} was restarted or another check was started. "
                 f"Run `arena preflight {vehicle}` again"
             )
     return status

@@ -39,7 +39,7 @@ _EXAMPLE = "vehicles: {uav1: {autopilot: builtin, program: hover.py}}\n"
 
 
 def pages() -> dict[str, str]:
-    """Return file name -> text of every generated page."""
+    """Return the text of every generated reference page, by file name."""
     made = {
         "yaml.md": yaml_page(),
         "placeholders.md": placeholders_page(table),
@@ -159,7 +159,7 @@ def _range(schema: dict[str, Any]) -> str:
 
 
 def ports_page() -> str:
-    """Return the reference page of all ports."""
+    """Return the reference page of all UDP and TCP ports that an arena opens."""
     rows = [(port.rule, port.owner, port.use, _accepted_senders(port)) for port in PORTS]
     for vendor in VENDORS:
         for key, use in vendor_settings(vendor).PORTS.items():
@@ -181,7 +181,7 @@ def ports_page() -> str:
 
 
 def _accepted_senders(port: Port) -> str:
-    """Return a cell of the table of ports: from which senders the port accepts datagrams.
+    """Return the text of one table cell: the senders from which a port accepts datagrams.
 
     Example: `router`: any sender. There is one entry per kind of process that can open the port.
     """
@@ -192,7 +192,7 @@ def _accepted_senders(port: Port) -> str:
 
 
 def processes_page() -> str:
-    """Return the reference page of processes: all kinds of process, and the example of an arena with one vehicle."""
+    """Return the reference page of processes: all kinds, and the processes of an example with one vehicle."""
     head = ("process", "module", "purpose", "CPU, memory budget", "restart", "ports")
     text = "# Processes\n\nThe table lists every kind of process, in start order. `ps` shows a process as `arena:NAME`.\n"
     text += "Each vehicle has a separate process of the kinds with `.VEHICLE`, each group of programs one of the kind `group.NAME`.\n\n"
@@ -247,7 +247,7 @@ def _process(spec: ProcessSpec) -> list[str]:
 
 
 def log_columns_page() -> str:
-    """Return the reference page of all columns of a vehicle's log, with an example program that reads a log."""
+    """Return the reference page of all columns of a vehicle's log, with an example program that reads the log."""
 
     def rows(groups: Iterable[columns.Group]) -> Iterator[tuple[str, ...]]:
         for group in groups:

@@ -1,4 +1,4 @@
-"""Page of the MAVLink ids of arena's own programs, for `arena.cli.reference`."""
+"""Reference page of the MAVLink system and component ids that arena's own programs use."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ fixed, because such a vehicle accepts at most 16 senders until its next start. *
 
 
 def mavlink_ids_page(table: Callable[[Iterable[str], Iterable[Iterable[str]]], str]) -> str:
-    """Return the page. table: makes a table in Markdown from its head and its rows."""
+    """Return the reference page of the MAVLink ids as Markdown.
+
+    table: function that makes a table in Markdown from its head and its rows.
+    """
     vehicles = ((str(number), *texts) for number, texts in sorted(VEHICLE_COMPONENTS.items()))
     return (
         _HEAD

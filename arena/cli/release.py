@@ -24,7 +24,10 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def release(
         vehicles: Annotated[
-            list[str], typer.Argument(metavar="VEHICLE...", help="vehicles that programs may fly again")
+            list[str],
+            typer.Argument(
+                metavar="VEHICLE...", help="names of the vehicles that programs are allowed to fly again"
+            ),
         ],
         run: RunOption = None,
     ) -> None:

@@ -52,12 +52,13 @@ def register(app: typer.Typer) -> None:
         ] = False,
         pause: Annotated[
             bool,
-            typer.Option("--pause", help="begin paused; the time bar of the monitor continues the replay"),
+            typer.Option("--pause", help="begin paused; continue with the time bar of `arena monitor`"),
         ] = False,
         stay: Annotated[
             bool,
             typer.Option(
-                "--stay", help="continue to run at the end of the record, so that a viewer can go back"
+                "--stay",
+                help="keep the replay running at the end of the record, so that a viewer can go back",
             ),
         ] = False,
         gcs: Annotated[
@@ -95,7 +96,7 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--runs",
                 metavar="DIR",
-                help="folder for the run folder; default: beside the run, or `runs` in this folder for logs",
+                help="folder in which the run folder is created; default: next to the replayed run, or ./runs for logs",
             ),
         ] = None,
         quiet: Quiet = False,
@@ -130,7 +131,7 @@ def register(app: typer.Typer) -> None:
 
 
 def settings_of(paths: Sequence[Path]) -> ReplaySettings:
-    """Return the settings of a replay of these logs, with default options.
+    """Read the logs to replay, and return the settings of the replay with default options.
 
     Raises InputError if a file cannot be read.
     """
@@ -152,7 +153,7 @@ def settings_of(paths: Sequence[Path]) -> ReplaySettings:
 
 
 def _plan(settings: ReplaySettings, address: str | None) -> Plan:
-    """Return the plan of a replay at the given address.
+    """Return the plan (list of all processes) of a replay that uses the given IPv4 address.
 
     address: None means the first free loopback address. Raises InputError if the address is in use.
     """

@@ -26,7 +26,7 @@ def register(app: typer.Typer) -> None:
                 metavar="[RUN2]",
                 show_default=False,
                 help="second flight, to compare with the first. Each can be a run folder or a log (CSV, ULog, flight.mcap). PATH:VEHICLE "
-                "takes one vehicle of a run",
+                "selects one vehicle of a run",
             ),
         ] = "",
         output: Annotated[
@@ -43,7 +43,7 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--align",
                 metavar="MOMENT",
-                help="time 0 of both flights: step (first setpoint away from the start), offboard or takeoff; default: the "
+                help="event at time 0 of both flights: step (first setpoint away from the start), offboard or takeoff; default: the "
                 "first of them that both logs contain",
             ),
         ] = "",

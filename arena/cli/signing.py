@@ -74,7 +74,7 @@ def setup(
 
 
 def serial_connection(vehicle: Vehicle, url: str) -> ConnectionUrl:
-    """Return the serial connection to a vehicle.
+    """Return the serial connection to a vehicle: from the option --url, else from the YAML.
 
     Raises InputError for UDP, because the message SETUP_SIGNING contains the key as plain text.
     """

@@ -15,7 +15,7 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def top(
         run: RunOption = None,
-        once: Annotated[bool, typer.Option("--once", help="print one frame as text and exit")] = False,
+        once: Annotated[bool, typer.Option("--once", help="print the view once as text and exit")] = False,
     ) -> None:
         """Show the vehicles, processes and events of a running arena live in the terminal. The key q quits."""
         from arena.top.screen import print_once, watch

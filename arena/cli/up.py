@@ -282,7 +282,7 @@ def run_plan(
 
 
 def _print_result(run: Path, code: int, show: Lines) -> None:
-    """Print the verdict and the short table of a run.
+    """Print the result of a run: the verdict (passed or failed), and a short table.
 
     With -q, print the verdict only; with -v, print the full summary, too.
     """
@@ -308,7 +308,7 @@ def _print_result(run: Path, code: int, show: Lines) -> None:
 
 
 class _Piped(Lines):
-    """Output of a run with `--detach`: writes to the log, and reports start or end through a pipe.
+    """Output of `arena up --detach`: writes to the supervisor's log, and reports start or end through a pipe.
 
     The parent process, `arena up --detach`, reads the pipe.
     """
@@ -318,7 +318,7 @@ class _Piped(Lines):
         self._pipe = pipe
 
     def report(self, **packet: Any) -> None:
-        """Send one JSON object to the parent process and close the pipe.
+        """Send one JSON object (start or end of the run) to the parent process, and close the pipe to it.
 
         Later calls do nothing.
         """

@@ -1,4 +1,4 @@
-"""Groups of data for programs of the ISR Flying Arena thesis: vectors are columns (n, 1).
+"""Data of a vehicle for programs of the ISR Flying Arena thesis: vectors are columns (n, 1).
 
 A value stays the last one that arrived, however old it is.
 """
@@ -14,7 +14,7 @@ from arena.errors import StaleDataError
 
 
 class Columns:
-    """Read access to a group of data of `arena.UAV`, such as `uav.ekf`, with vectors as columns.
+    """Read access to one data group of `arena.UAV`, such as `uav.ekf`, with vectors as columns (n, 1).
 
     A vector (n,) is a column (n, 1), and an array (n, 3) is (n, 3, 1). A value is None before its first arrival. It never raises
     StaleDataError, but a value of `fresh` that is too old is stored in `reads`.
@@ -44,7 +44,7 @@ class Columns:
             return None
 
     def _value(self, name: str) -> Any:
-        """Return the last value of a quantity. If it is too old, remember the name of the quantity.
+        """Return the last received value of a quantity. If the value is too old, record its name in `reads`.
 
         Raises StaleDataError if no value has arrived.
         """

@@ -1,4 +1,4 @@
-"""Command line of programs of the ISR Flying Arena thesis.
+"""Conversion of the command line of `arena up` to that of programs of the ISR Flying Arena thesis.
 
 The arguments are `ns mass radius height num_rotors thrust_curve`, then those of the program.
 """
@@ -29,7 +29,7 @@ def translate() -> None:
 
 
 def uav_options(name: str) -> list[str]:
-    """Return the command line for `arena.UAV.from_args`.
+    """Return the command-line arguments to pass to `arena.UAV.from_args`.
 
     name: of the vehicle, for a program that was started by hand.
     """
@@ -37,12 +37,12 @@ def uav_options(name: str) -> list[str]:
 
 
 def vehicle_name() -> str | None:
-    """Return the vehicle that `arena up` has selected; None for a program that was started by hand."""
+    """Return the vehicle for which `arena up` has started this program; None if it was started by hand."""
     return _settings()["vehicle"] if _settings_file else None
 
 
 def clock_path() -> str | None:
-    """Return the path of the simulation clock, without suffix; None if the program uses the wall clock."""
+    """Return the path of the simulation clock's files, without suffix; None if the program uses the wall clock."""
     return _settings().get("clock") if _settings_file else None
 
 

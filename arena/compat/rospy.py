@@ -34,11 +34,11 @@ class Time:
 
     @classmethod
     def from_sec(cls, secs: float) -> Time:
-        """Return the `Time` of a number of seconds."""
+        """Return the instant `secs` [s] as a `Time`."""
         return cls(secs)
 
     def to_sec(self) -> float:
-        """Return the time [s]."""
+        """Return the instant as a number [s]."""
         return self._s
 
     @property
@@ -62,7 +62,7 @@ class Rate:
         self._rate = thread_clocks.clock().rate(float(hz))
 
     def sleep(self) -> None:
-        """Sleep until the end of the present period."""
+        """Sleep until the end of the current period of the loop."""
         self._rate.sleep()
 
 
@@ -78,7 +78,7 @@ class Publisher:
         vehicle, topic, rest = name.strip("/").partition(REFERENCE_TOPIC)
         if not topic or rest or data_class is not PoseStamped:
             raise InputError(
-                f"rospy.Publisher: the topic {name!r} does not exist here. Only NAME{REFERENCE_TOPIC} exists, with PoseStamped"
+                f"rospy.Publisher: the topic {name!r} cannot be published without ROS. Expected NAME{REFERENCE_TOPIC} with PoseStamped"
             )
         self._vehicle = vehicle
 
@@ -94,12 +94,12 @@ class Publisher:
 
 
 def Subscriber(name: str, *_arguments: Any, **_options: Any) -> None:
-    """Raise InputError, because topics cannot be read here.
+    """Raise InputError, because a program without ROS cannot subscribe to topics.
 
     The data are in the groups of `UAV`, such as `ekf.pos`.
     """
     raise InputError(
-        f"rospy.Subscriber: the topic {name!r} cannot be read here. Use the groups of UAV, such as ekf.pos"
+        f"rospy.Subscriber: the topic {name!r} cannot be read without ROS. Read the data of the UAV object, such as uav.ekf.pos"
     )
 
 
@@ -124,7 +124,7 @@ def is_shutdown() -> bool:
 
 
 def loginfo(text: str, *arguments: Any) -> None:
-    """Print a line.
+    """Print a formatted line to standard output, because there is no ROS log.
 
     text: format for the operator `%`. arguments: its values.
     """

@@ -1,4 +1,4 @@
-"""Check that a program computes its setpoints from new values.
+"""Check of a user program: it must not compute its setpoints from outdated telemetry.
 
 A value that is too old must not move a vehicle.
 """
@@ -14,7 +14,7 @@ LIMIT_S = 1.0
 
 
 class StaleReads(threading.local):
-    """Record of the values that were too old when the program read them.
+    """Record of the telemetry values that were too old when the user program read them.
 
     Each thread has its own record, because a log thread may read old values.
     """
@@ -23,7 +23,7 @@ class StaleReads(threading.local):
         self._found: dict[str, str] = {}
 
     def note(self, name: str, why: str) -> None:
-        """Record that the program has read a value.
+        """Record whether a value was too old when the program read it.
 
         name: such as `ekf.pos`. why: the age, as text; "" if the value was not too old.
         """
@@ -32,7 +32,7 @@ class StaleReads(threading.local):
             self._found[name] = why
 
     def clear(self) -> None:
-        """Delete the record of all reads."""
+        """Delete the record of the values that were too old."""
         self._found.clear()
 
     def check(self) -> None:

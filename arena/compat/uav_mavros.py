@@ -22,7 +22,7 @@ VEHICLES: dict[str, arena_uav.UAV] = {}
 
 
 class UAV:
-    """Vehicle that a program of the ISR Flying Arena thesis flies.
+    """Vehicle with the methods that programs of the ISR Flying Arena thesis (MAVROS) use to fly it.
 
     drone_ns: name of the vehicle.
     mass: [kg]. radius, height: [m]. num_rotors: number. All of them may be text, as on the command line.
@@ -139,7 +139,7 @@ class UAV:
         self._uav.set_vel_yaw(vel, yaw, freq)
 
     def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint in vehicle axes once, then wait 1/freq.
+        """Send a velocity setpoint in vehicle axes (forward, right, down) once, then wait for 1/freq.
 
         vel_body: forward, right, down [m/s] (3, 1). yaw_rate: [rad/s]. freq: [Hz].
         """
@@ -149,7 +149,7 @@ class UAV:
     def set_att_thrust(
         self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
     ) -> None:
-        """Send an attitude setpoint once, then wait 1/freq.
+        """Send an attitude and thrust setpoint once, then wait for 1/freq.
 
         att: roll, pitch, yaw [rad] (3, 1) for att_type "euler", q_nb wxyz (4, 1) for "quaternion". thrust: [N]. freq: [Hz].
         """
@@ -157,7 +157,7 @@ class UAV:
         self._uav.set_att_thrust(att, att_type, thrust, freq)
 
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a rate setpoint once, then wait for 1/freq.
+        """Send a setpoint of angular rates and thrust once, then wait for 1/freq.
 
         ang_vel: [rad/s] [FRD] (3, 1). thrust: [N]. freq: [Hz].
         """

@@ -17,7 +17,7 @@ from arena.uav.setpoints import AttitudeKind
 
 
 class UAV:
-    """Vehicle that a program of the ISR Flying Arena thesis flies with coroutines.
+    """Vehicle with the coroutines that programs of the ISR Flying Arena thesis (MAVSDK) use to fly it.
 
     drone_ns: name of the vehicle. In the thesis this argument is the UDP port. Both come from `sys.argv[1]`, which is the name here.
     The other arguments, the data groups and the exceptions are those of `arena.compat.uav_mavros.UAV`.
@@ -95,7 +95,7 @@ class UAV:
         await self._set(self._uav.set_vel_yaw, vel, yaw, freq)
 
     async def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint in vehicle axes once, then wait 1/freq.
+        """Send a velocity setpoint in vehicle axes (forward, right, down) once, then wait for 1/freq.
 
         vel_body: forward, right, down [m/s] (3, 1). yaw_rate: [rad/s]. freq: [Hz].
         """
@@ -104,14 +104,14 @@ class UAV:
     async def set_att_thrust(
         self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
     ) -> None:
-        """Send an attitude setpoint once, then wait 1/freq.
+        """Send an attitude and thrust setpoint once, then wait for 1/freq.
 
         att: roll, pitch, yaw [rad] (3, 1) for att_type "euler", q_nb wxyz (4, 1) for "quaternion". thrust: [N]. freq: [Hz].
         """
         await self._set(self._uav.set_att_thrust, att, att_type, thrust, freq)
 
     async def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a rate setpoint once, then wait for 1/freq.
+        """Send a setpoint of angular rates and thrust once, then wait for 1/freq.
 
         ang_vel: [rad/s] [FRD] (3, 1). thrust: [N]. freq: [Hz].
         """
@@ -125,7 +125,7 @@ class UAV:
         await self._set(self._uav.set_act, group, output, freq)
 
     async def _set(self, call: Callable[..., None], *arguments: Any) -> None:
-        """Send a setpoint.
+        """Send a setpoint with a setter of `arena.compat.uav_mavros.UAV`, if it was computed from recent values.
 
         Raises StaleDataError if a coroutine has computed the setpoint from a value that is too old.
         """

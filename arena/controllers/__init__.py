@@ -1,4 +1,4 @@
-"""Controllers for user programs: pure functions and small classes without a clock. They send nothing."""
+"""Controllers for user programs: functions and classes that compute setpoints, and do not send them."""
 
 from arena.controllers.formation import FormationLaw, formation_reference
 from arena.controllers.position_pid import AttitudeThrust, Gains, PositionPid, attitude_thrust

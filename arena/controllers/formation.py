@@ -1,4 +1,4 @@
-"""Formation control: followers keep their places by relative positions and velocities of their neighbours.
+"""Formation control: each follower keeps its place relative to its neighbours.
 
 For vehicle i with n neighbours j:
 
@@ -72,7 +72,7 @@ def formation_reference(
     acc: ArrayLike,
     yaw: float = 0.0,
 ) -> Reference:
-    """Return the reference of a follower for `PositionPid`, relative to the vehicle.
+    """Return the reference with which `PositionPid` keeps a follower in its place, relative to the follower.
 
     Call `PositionPid.update` with zeros as position and velocity.
 

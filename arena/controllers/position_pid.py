@@ -97,7 +97,7 @@ class PositionPid:
         return found
 
     def _limited(self, acc: Array, yaw: float) -> tuple[AttitudeThrust, bool]:
-        """Return the setpoint for an acceleration, and whether tilt or thrust was limited.
+        """Return the attitude and thrust for a wanted acceleration, and whether tilt or thrust was limited.
 
         acc: [m/s2] [NED] (3,)
         """

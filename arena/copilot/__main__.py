@@ -41,7 +41,7 @@ class _StepTimer:
         self._requested = False
 
     def wait(self, timeout_s: float) -> float | None:
-        """Wait for the next deadline and return its time [s]; None after a timeout.
+        """Wait until the next step of the copilot is due, and return its time [s]; None after a timeout.
 
         timeout_s: limit of wall time [s]
         """

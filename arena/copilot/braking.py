@@ -27,7 +27,7 @@ DISTANCE_FACTOR = 1.10
 
 @dataclass(frozen=True, kw_only=True)
 class BrakingLimits:
-    """Braking limits of N vehicles, arrays of shape (N,).
+    """Limits of the deceleration and jerk with which N vehicles can stop, as arrays (N,).
 
     accel, jerk: limits of a horizontal stop [m/s2], [m/s3].
     up, down: deceleration when a climb or a descent is stopped [m/s2].
@@ -66,7 +66,7 @@ class Stop:
 
     @property
     def way(self) -> Array:
-        """Displacement from `start` to standstill [m] [NED] (N, 3)."""
+        """Predicted displacement of N stopping vehicles from `start` to standstill [m] [NED] (N, 3)."""
         ways: Array = self.v_n * (self.react_s[:, None] + DISTANCE_FACTOR * 0.5 * self._took)
         return ways
 

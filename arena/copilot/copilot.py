@@ -1,4 +1,4 @@
-"""Core of the copilot, without sockets or clocks.
+"""Core of the copilot: checks the safety rules and selects commands, without sockets or clocks.
 
 It receives datagrams, poses and the time, and returns datagrams and events.
 """
@@ -91,14 +91,14 @@ class Copilot:
                     self.tracks.on_pose(pose.body, pose.p_n, pose.q_nb, frame.time_s, now, late)
 
     def on_datagram(self, row: int | None, data: Buffer, now: float) -> None:
-        """Store the vehicle states and program heartbeats in a received datagram.
+        """Store the vehicle states and the heartbeats of user programs that a received datagram contains.
 
         row: vehicle from whose tools port the datagram came, None for any other sender.
         """
         self.states.on_datagram(row, data, now)
 
     def heartbeat(self) -> bytes:
-        """Return the heartbeat to send once a second to the tools port of each vehicle.
+        """Return the copilot's HEARTBEAT, to send once a second to each vehicle's tools port of the router.
 
         A tools port is the UDP port of the MAVLink router for clients. The router drops clients that are silent.
         """
@@ -136,10 +136,7 @@ class Copilot:
         )
 
     def any_armed(self, *, simulated: bool) -> bool:
-        """Return whether any simulated vehicle is armed.
-
-        With `simulated=False`: whether any real vehicle is armed
-        """
+        """Return whether any simulated vehicle is armed; with `simulated=False`, any real vehicle."""
         return any(
             a is True
             for a, v in zip(self.states.armed, self.vehicles, strict=True)

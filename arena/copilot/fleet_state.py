@@ -54,7 +54,7 @@ class FleetState:
 
 @dataclass(frozen=True, kw_only=True)
 class Violation:
-    """Violation of a rule by one vehicle.
+    """Violation of one of the copilot's rules by one vehicle.
 
     row: index of the vehicle. why: the reason, for the event log.
     enough: step after which the copilot does not escalate further, even if the violation continues;

@@ -21,7 +21,7 @@ _SIDES = (("south", "north"), ("west", "east"), ("ceiling", "floor"))
 
 
 class RuleChecker:
-    """Checks all rules of the copilot.
+    """Checks all rules of the copilot, such as geofence, separation and speed, at each step.
 
     For a rule with a duration it stores when the condition began. Call `violations` once per step.
     """
@@ -127,7 +127,7 @@ class RuleChecker:
             yield Violation(row=int(row), rule="program", why=why)
 
     def _lasting(self, m: FleetState, rule: str, now_so: Mask) -> list[int]:
-        """Return the rows of the flying vehicles whose condition has lasted for the rule's `for_s`.
+        """Return the rows of the flying vehicles that have violated a rule for at least its duration `for_s`.
 
         now_so: whether it is true now.
         """

@@ -27,7 +27,7 @@ _MEMORY_S = 0.5
 
 
 class Tracks:
-    """Recent poses of all bodies.
+    """Recent captured poses of the rigid bodies of all vehicles.
 
     bodies: names of the bodies; row i of each returned array belongs to bodies[i].
     """
@@ -52,7 +52,7 @@ class Tracks:
         now: float,
         late_s: float = 0.0,
     ) -> None:
-        """Store the pose of a tracked body.
+        """Store a captured pose of a rigid body that the cameras track.
 
         time_s: exposure, by the cameras' clock [s]. now: time of arrival [s].
         late_s: lateness of the pose [s]; a late pose is as old as one that arrived earlier
@@ -94,7 +94,7 @@ class Tracks:
         return found
 
     def velocities(self) -> tuple[Array, Mask]:
-        """Return the velocities [m/s] [NED] (N, 3), and a mask (N,) of the known ones.
+        """Return the velocities [m/s] [NED] (N, 3), and a mask (N,): true where the velocity is known.
 
         An unknown velocity is zero.
         """

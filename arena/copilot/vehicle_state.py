@@ -110,7 +110,7 @@ class VehicleStates:
 
 
 def _xyz(data: Buffer, frame: Frame, offset: int) -> Array:
-    """Return three floats of a MAVLink payload.
+    """Return three consecutive floats, such as a position, of a MAVLink payload.
 
     offset: of the first float [bytes]
 

@@ -1,4 +1,4 @@
-"""Search for active runs of this user and of other users.
+"""Search for active runs (with a process that still exists) of this user and of other users.
 
 The search reads files only, and needs no running process.
 """
@@ -46,7 +46,7 @@ def active_runs() -> list[ActiveRun]:
 
 
 def active_runs_of_others() -> dict[int, list[ActiveRun]]:
-    """Return user id -> active runs of this other user, oldest first.
+    """Return the active runs of other users: user id -> runs of that user, oldest first.
 
     Only users whose runtime folders this user may read are included.
     """

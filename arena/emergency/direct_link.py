@@ -27,7 +27,7 @@ _CHECK_S, _RETRY_S = 0.1, 0.5
 
 
 class DirectLink:
-    """Direct connection to one real vehicle, used while its link process does not work.
+    """Direct connection to one real vehicle, used while its process `link.<vehicle>` does not work.
 
     The link process `link.<v>` is the process that normally owns the connection to the vehicle.
 

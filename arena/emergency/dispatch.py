@@ -1,4 +1,4 @@
-"""Sockets and loop of `land-all` and `kill-all`.
+"""Sockets and main loop of `land-all` and `kill-all`.
 
 Every vehicle is commanded until it is confirmed as landed (or stopped).
 
@@ -108,7 +108,7 @@ class TargetConnections:
                 self.router.sendto(frame, self.target.tools)
 
     def readers(self) -> dict[int, Callable[[], None]]:
-        """Return file descriptor -> function that reads the data of the vehicle from it."""
+        """Return the open sockets to the vehicle: file descriptor -> function that reads its data."""
         found: dict[int, Callable[[], None]] = {
             sock.fileno(): partial(self._read, sock) for sock in (self.router, self.panic) if sock is not None
         }
@@ -189,7 +189,7 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
 
 
 class _OnceEach:
-    """Function object that prints a text for the user only once."""
+    """Function object that prints each different text for the user only once."""
 
     def __init__(self, say: Say) -> None:
         self._say, self._printed = say, set[str]()

@@ -1,9 +1,7 @@
-"""First command of `land-all` and `kill-all` to all vehicles.
+"""Sends the first landing or kill command to all vehicles, before most modules of land-all are loaded.
 
-It is sent before the modules that check the landing are loaded.
-
-Loading these modules takes tens of milliseconds, and much longer on a busy computer. `dispatch` repeats the commands and
-reads the telemetry. It imports few modules, so that it starts fast.
+Loading the modules that check the landing takes tens of milliseconds, and much longer on a busy computer. This
+module imports few modules, so that it starts fast. `dispatch` repeats the commands and reads the telemetry.
 """
 
 from __future__ import annotations
@@ -24,10 +22,10 @@ def component_for(target: Target) -> int:
 
 
 def send_first_commands(targets: Sequence[Target], action: Action) -> None:
-    """Send the first landing or kill command to each vehicle, on two connections at once.
+    """Send the first landing or kill command to each vehicle, on its panic link and through its router.
 
-    One is the panic link: a separate MAVLink connection of each vehicle that is reserved for emergencies. The other is the MAVLink
-    router. Errors are ignored, because `dispatch` repeats the commands.
+    The panic link is a separate MAVLink connection of each vehicle that is reserved for emergencies. Errors are ignored,
+    because `dispatch` repeats the commands.
     """
     sockets: dict[str, socket.socket] = {}
     now = time.monotonic()

@@ -113,7 +113,7 @@ class IdentityCheck:
         return [source for source in known if self._may_command(source, now)]
 
     def requests(self, now: float) -> list[tuple[Source, bytes]]:
-        """Return the uid requests to send now, as (source, frame)."""
+        """Return the requests for the hardware uid to send now, as (source, MAVLink frame)."""
         found = []
         for source, state in self._sources.items():
             active = source == self._recorded or now - state.received_at < SILENT_S

@@ -52,7 +52,7 @@ def land_all(
     spared: Sequence[str] = (),
     timeout_s: float = LAND_TIMEOUT_S,
 ) -> int:
-    """Land all vehicles that are found, and print a line for each. Return the exit code.
+    """Land all vehicles of the active runs or of the YAML. Print a line for each, and return the exit code.
 
     Raises InputError if no vehicle is found.
     """
@@ -82,7 +82,7 @@ def kill_all(
 
 
 def _command_all(action: Action, selection: Selection) -> int:
-    """Land (or stop) the vehicles of this user; for root also those of the other users."""
+    """Land (or stop) the vehicles of this user's runs; as root, also the vehicles of other users."""
     others = []
     if selection.run is None:
         others = start_for_others(partial(_command_of_user, action, selection))

@@ -100,7 +100,10 @@ class LandingSequence:
         return self.reported.was_up or now - self._confirmed_at >= WATCH_S
 
     def due(self, now: float) -> list[bytes]:
-        """Return the frames to send to the vehicle now, on every connection."""
+        """Return the MAVLink frames to send to the vehicle now: heartbeats, landing or kill commands, requests.
+
+        They are for every connection to the vehicle.
+        """
         frames = []
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + _HEARTBEAT_S
@@ -122,7 +125,7 @@ class LandingSequence:
         return self._pilot.may_bypass
 
     def on_refusal(self, data: bytes | memoryview) -> None:
-        """Handle a datagram that possibly contains a refusal of a command by the router or the link process.
+        """Detect in a datagram that the router or link process refuses commands, because a pilot has control.
 
         Refusals for another reason than that a pilot has control are ignored.
         """
@@ -133,7 +136,7 @@ class LandingSequence:
                     self._pilot.on_refusal()
 
     def take_events(self) -> list[str]:
-        """Return the texts for the user since the last call: the pilot took or left manual control."""
+        """Return the texts since the last call for the user: a pilot took or left manual control."""
         found, self._pilot.events = self._pilot.events, []
         return found
 
@@ -187,7 +190,7 @@ class LandingSequence:
         return frames
 
     def _missing_telemetry(self, now: float) -> list[bytes]:
-        """Return requests for the missing messages that confirm a landing."""
+        """Return requests for HEARTBEAT and EXTENDED_SYS_STATE, which confirm a landing, if they do not arrive."""
         if now - self._began < REQUEST_AFTER_S:
             return []
         missing = {mav.HEARTBEAT: self.reported.armed, mav.EXTENDED_SYS_STATE: self.reported.landed}

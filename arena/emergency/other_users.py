@@ -38,7 +38,7 @@ class UserProcess:
     _has_runs: bool | None = None
 
     def has_runs(self) -> bool:
-        """Return whether the user has an active run with a selected vehicle.
+        """Return whether this other user has an active run with a vehicle that land-all or kill-all selects.
 
         Waits FOUND_TIMEOUT_S at most.
         """
@@ -48,7 +48,7 @@ class UserProcess:
         return self._has_runs
 
     def wait(self, timeout_s: float, say: Callable[[str], None]) -> int:
-        """Wait for the end of the process and return its exit code.
+        """Wait until the process for the other user has ended, and return its exit code.
 
         The process is killed after `timeout_s` [s].
         """
@@ -71,7 +71,7 @@ with whether the user has an active run.
 
 
 def start_for_others(work: Work) -> list[UserProcess]:
-    """Start one process for each other user with a runtime folder.
+    """Start a process for each other user who has a runtime folder, to land (or stop) that user's vehicles.
 
     Return an empty list if this user is not root.
     """

@@ -59,7 +59,7 @@ class PilotWatch:
         self._input_at = now
 
     def on_refusal(self) -> None:
-        """Handle a refusal of a command by the router or the link process because a pilot has control."""
+        """Record that the router or the link process refused a command because a pilot has control."""
         self.may_bypass = False
 
     def has_control(self, now: float, mode: str | None) -> bool:

@@ -120,7 +120,7 @@ def has_given_up(name: str, run: Path) -> bool:
 
 
 def recorded_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
-    """Return vehicle -> reason why it is on the floor: it crashed, or its PX4 has ended."""
+    """Return vehicle name -> reason, for the vehicles that have crashed or whose PX4 has ended."""
     found: dict[str, str] = {}
     names = set(vehicles)
     for event in _events(run / "events.jsonl"):
@@ -152,7 +152,7 @@ def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
 
 
 def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:
-    """Update which vehicles are on the floor after a change of a vehicle's PX4 process.
+    """Add a vehicle whose PX4 has ended to the vehicles on the floor; remove it when its PX4 is ready again.
 
     The vehicle is added if its PX4 has ended, and removed if its PX4 is ready again.
     found: vehicle -> reason why the vehicle is on the floor
@@ -165,7 +165,7 @@ def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -
 
 
 def _events(file: Path, last_bytes: int | None = None) -> Iterator[dict[str, Any]]:
-    """Yield the events in a file.
+    """Yield the events in a file events.jsonl of a run folder, as dicts.
 
     last_bytes: read only this many bytes at the end of the file; None for the whole file
     """
@@ -202,7 +202,7 @@ def valid_uid(raw: Any) -> str:
 
 
 def _address(raw: Any) -> Address:
-    """Convert [host, port] to an address.
+    """Convert [host, port], as read from a JSON file, to a UDP address.
 
     Raises ValueError for a port out of range or a host name. Host names are refused, because name resolution needs a working
     network.

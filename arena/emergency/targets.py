@@ -117,7 +117,7 @@ def _find_in(
 
 
 def of_runs(runs: Sequence[ActiveRun], arena: Path | None) -> Found | None:
-    """Return the vehicles of the active runs of one YAML, or of all active runs.
+    """Return the vehicles of the active runs that were started from one YAML, or of all active runs.
 
     If no run was started from this YAML, the newest run on its address is used. Returns None if there is no run, or none
     can be read.

@@ -36,7 +36,7 @@ class VehicleEntry:
 
 
 def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
-    """Return the content of a YAML file. A block with errors becomes None.
+    """Return the parsed content of a YAML text. A block with errors becomes None.
 
     depth: levels of nested blocks that are read separately
     """
@@ -77,7 +77,7 @@ def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
 
 
 def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
-    """Return a real vehicle's connection from its keys or from `defaults`; None for a simulated vehicle."""
+    """Return a real vehicle's connection from its YAML keys or from `defaults`; None without a valid one."""
     own = _merged(root, keys)
     if own.get("autopilot", "hardware") != "hardware":
         return None
@@ -91,7 +91,7 @@ def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
 
 
 def _merged(root: dict[str, Any], keys: Any) -> dict[str, Any]:
-    """Return the keys of a vehicle, completed with the `defaults` of the arena."""
+    """Return the YAML keys of a vehicle, completed with the arena's `defaults`."""
     defaults = root.get("defaults")
     return {**(defaults if isinstance(defaults, dict) else {}), **(keys if isinstance(keys, dict) else {})}
 
@@ -122,7 +122,7 @@ def _address(raw: Any) -> str:
 
 
 def _blocks(text: str, depth: int) -> dict[str, Any]:
-    """Parse each `key: ...` block of the outermost indentation separately."""
+    """Parse each outermost `key: ...` block of a YAML separately, so that an error loses one block only."""
     every = text.lstrip("\ufeff").expandtabs().splitlines()
     lines = [line for line in every if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
@@ -142,7 +142,7 @@ def _blocks(text: str, depth: int) -> dict[str, Any]:
 
 
 def _value(rest: str, inner: list[str], depth: int) -> Any:
-    """Return the value of a key.
+    """Return the value of a YAML key, from the text after the key and the lines below it.
 
     The value is on the line of the key, or on the lines below the key.
 

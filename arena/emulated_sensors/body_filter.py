@@ -44,7 +44,7 @@ class Gains(NamedTuple):
 
 @cache
 def steady_gains(noise_m: float, period_s: float) -> Gains:
-    """Return the filter gains to which a Kalman filter converges.
+    """Return the constant filter gains: those to which a Kalman filter converges for this noise and period.
 
     noise_m: noise of one position, rms per axis [m].  period_s: time between two frames [s].
     """
@@ -73,7 +73,7 @@ class BodyFilter:
         self._time_s, self._frames = 0.0, 0
 
     def add(self, p_n: Triple, time_s: float) -> Motion | None:
-        """Add a captured position [m] [NED]. Return the motion of the body.
+        """Add a captured position [m] [NED] of the body. Return it together with the estimated velocity.
 
         Return None until the velocity can be used.
 

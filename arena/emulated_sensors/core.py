@@ -52,7 +52,7 @@ class EmulatedSensors:
         self._states.captured.on_frame(frame, simulated, now)
 
     def on_datagram(self, row: int, data: bytes, now: float) -> None:
-        """Read the estimates of position, velocity and attitude from an autopilot's datagram, and keep them.
+        """Store the estimates of position, velocity and attitude in a datagram of an autopilot.
 
         row: index of the vehicle.  now: time of arrival [s].
         """
@@ -80,7 +80,7 @@ class EmulatedSensors:
         return found
 
     def stats(self) -> dict[str, Any]:
-        """Return the numbers of measurements and of unused poses, for the statistics of the process."""
+        """Return the numbers of sent measurements and of unused poses, for the statistics of the process."""
         refused = {f"dropped {why}": n for why, n in self._states.captured.counts.items()}
         return {**{f"{name} measurements": n for name, n in self.sent.items()}, **refused}
 

@@ -55,7 +55,7 @@ class BeaconSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """Vehicle that has emulated sensors, or that is a neighbour of such a vehicle.
+    """Settings of one vehicle that has emulated sensors, or is measured by them as a neighbour.
 
     id: MAV_SYS_ID.  body: name of its rigid body.  simulated: True if the motion capture emulator measures it, False for the cameras.
     router: address of the router that accepts the measurements of this vehicle; None: it has no sensors.

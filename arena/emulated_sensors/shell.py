@@ -31,7 +31,7 @@ _REPORT_PERIOD_S = 1.0
 
 
 class SensorsShell:
-    """Process of the emulated sensors."""
+    """Sockets and main loop of the process `sensors`, which emulates relative sensors."""
 
     def __init__(self, process: ProcessContext) -> None:
         s = process.settings

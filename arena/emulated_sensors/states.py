@@ -123,5 +123,5 @@ class States:
         self.captured, self.estimated = CapturedStates(settings), EstimatedStates(settings.vehicles)
 
     def get(self, source: Source, row: int, now: float) -> State | None:
-        """Return the newest state of a vehicle from one source; None if it is missing or too old."""
+        """Return the newest state of a vehicle from motion capture or its autopilot; None if missing or too old."""
         return (self.captured if source == "mocap" else self.estimated).get(row, now)

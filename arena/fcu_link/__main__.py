@@ -216,7 +216,7 @@ class FcuLinkShell:
             self._process.confirm(request)
 
     def _set_time(self, now: float) -> None:
-        """Pass date, boot id of this computer and its time in suspend to the axes check."""
+        """Set the date, the computer's boot id and its time in suspend, for the record of the axes check."""
         suspended_s = time.clock_gettime(time.CLOCK_BOOTTIME) - now
         self._core.axes.set_time(
             self._computer, suspended_s, time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())

@@ -45,7 +45,7 @@ class ArmPermit:
         self.events.append(f"arm permit granted by {by}")
 
     def on_heartbeat(self, armed: bool) -> None:
-        """Process the arming state in a heartbeat of the vehicle's autopilot."""
+        """Store the arming state of a heartbeat. If disarmed after an interruption, withdraw the arm permit."""
         self._armed = armed
         why, self._interruption = self._interruption, ""
         if why and not armed:

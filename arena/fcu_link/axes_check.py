@@ -97,7 +97,7 @@ class AxesCheck:
     def on_request(
         self, request: Mapping[str, Any], now: float, refusal: str, uid: str, *, armed: bool
     ) -> None:
-        """Process a request of the supervisor: start or stop an axes check, or set the body's definition.
+        """Process a request of the supervisor: start or stop an axes check, or store the rigid body's definition.
 
         refusal: why no check may start now; "" if it may. uid: hardware uid of the autopilot.
         """
@@ -186,12 +186,12 @@ class AxesCheck:
             self._delay_param = value
 
     def on_pose(self, m: Any, now: float) -> None:
-        """Process a captured pose that is sent to the vehicle as ODOMETRY."""
+        """Add a captured pose that is sent to the vehicle as ODOMETRY to a running axes check."""
         if self._check is not None:
             self._check.on_pose(m.q, (m.x, m.y, m.z), now)
 
     def on_frames(self, frames: Sequence[CapturedFrame], now: float) -> None:
-        """Process captured frames with all bodies of the room.
+        """Add captured frames with all bodies of the room to a running axes check.
 
         now: time of arrival [s]
         """
@@ -206,7 +206,7 @@ class AxesCheck:
     # -- periodic
 
     def tick(self, now: float) -> None:
-        """Advance the axes check.
+        """Advance a running axes check: evaluate its data, and end the check when it has passed or failed.
 
         Call this method about twenty times a second.
         """
@@ -236,7 +236,7 @@ class AxesCheck:
 
     @property
     def _missing(self) -> str:
-        """Return the name of the data that the record of a check still needs; "" for none."""
+        """Return which data for the record of an axes check are still missing, as text; "" for none."""
         if not self._definition:
             return "the pose forwarder has not reported the definition of the rigid body"
         return "the autopilot has not sent its time since boot (SYSTEM_TIME)" if self._boot is None else ""

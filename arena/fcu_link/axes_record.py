@@ -29,7 +29,7 @@ class BootTime:
     at_s: float
 
     def same_as(self, other: BootTime) -> bool:
-        """Return whether two times are of the same start of the autopilot.
+        """Return whether two recorded boot times belong to the same start of the autopilot.
 
         They differ by 5 s at most, on the same computer without a reboot of it.
         """

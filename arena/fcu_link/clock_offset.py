@@ -43,7 +43,7 @@ class ClockOffset:
         return mavlink.MAVLink_timesync_message(0, number)
 
     def on_timesync(self, m: Any, now: float) -> None:
-        """Process a TIMESYNC message of the autopilot.
+        """Update the clock offset from the autopilot's reply to a TIMESYNC request.
 
         Requests, and replies to requests of other programs, are ignored.
         """

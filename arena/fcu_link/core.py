@@ -52,7 +52,7 @@ Out = list[tuple[str, bytes]]
 
 
 class FcuLink:
-    """Connection to one flight controller, without sockets.
+    """Core of the link to one flight controller: filters, queues and routes frames, without sockets.
 
     Pass in received data with `from_vehicle`, `from_link` and `from_simulator`, call `tick`, and send the
     frames that `own.uid_requests` and `next_out` return.
@@ -237,7 +237,7 @@ class FcuLink:
         self._streams.restart()
 
     def _restart_setup(self) -> None:
-        """Read the parameters and test kill switch and captured tilt again: the vehicle may have changed."""
+        """Require parameters, kill switch test and captured tilt again, because the vehicle may have changed."""
         self.params.restart()
         self.radio.reset()
         self.checks.restart_motion()
@@ -303,7 +303,7 @@ class FcuLink:
         return queued.frame
 
     def _pass(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
-        """Queue a frame for the vehicle. Return nothing, or the refusal as (link, datagram)."""
+        """Queue a frame for the vehicle, or return its refusal for the sender as (link, datagram)."""
         if self.identity.source is None:
             self.counts[f"to the vehicle: not connected ({link})"] += 1
             return []

@@ -44,7 +44,7 @@ class OwnRequests:
         self._heartbeat_at = -math.inf
 
     def due(self, now: float, *, connected: bool) -> Iterator[tuple[int, bytes]]:
-        """Yield message id and frame of each message to send now.
+        """Yield message id and frame of each heartbeat or request to send to the vehicle now.
 
         connected: the vehicle is identified and has sent data recently.
         """

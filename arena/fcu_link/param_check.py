@@ -124,7 +124,7 @@ class ParamCheck:
             p.value, p.kind, p.unknown, p.due, p.tries = received.value, received.kind, False, False, 0
 
     def on_error(self, name: str, error: int) -> None:
-        """Process a PARAM_ERROR: the vehicle does not give the parameter.
+        """Mark a parameter as missing in the vehicle if a PARAM_ERROR reports that it does not exist.
 
         Only newer autopilots send this message.
         """
@@ -134,7 +134,7 @@ class ParamCheck:
             p.unknown, p.due, p.value = True, False, None
 
     def reasons(self) -> list[str]:
-        """Return why wrong parameters forbid arming: the first three reasons, and the number of others."""
+        """Return why wrong or unread parameters forbid arming: three reasons, and the number of further reasons."""
         found = list(self._differences())
         unread = sum(p.value is None and not p.unknown for p in self._params.values())
         if unread:
@@ -170,7 +170,7 @@ class ParamCheck:
                 p.due, p.tries, p.asked = True, 0, -math.inf
 
     def _report(self, now: float) -> None:
-        """Add an event when all parameters are read.
+        """Report to the user whether all required parameters are correct, when all have been read.
 
         Add another event whenever the list of parameters with wrong values changes.
         """

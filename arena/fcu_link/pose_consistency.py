@@ -137,7 +137,7 @@ class PoseConsistency:
 
 
 def _verdict(found: Comparison, before: str) -> str:
-    """Return the problem of the captured rotation as text for the user; "" if there is none.
+    """Return how the captured rotation differs from the gyroscope's, as text for the user; "" if it agrees.
 
     before: result of the comparison before this one. It is returned if this comparison is not clear.
     """

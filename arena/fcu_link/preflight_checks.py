@@ -68,7 +68,7 @@ class PreflightChecks:
         self._consistency.reset()
 
     def on_autopilot(self, m: Any, now: float) -> None:
-        """Store the values of a message of the autopilot that the checks need."""
+        """Store the values that the preflight checks need from a message of the autopilot."""
         kind = m.get_type()
         if kind == "HEARTBEAT":
             self.heartbeat_at, self.armed = now, bool(m.base_mode & 128)
@@ -135,7 +135,7 @@ class PreflightChecks:
         return found + (self._estimate(now) or self._agreement(p_n, yaw))
 
     def _agreement(self, p_n: Vector, yaw: float) -> list[str]:
-        """Compare position and yaw of the pose with the autopilot's estimate.
+        """Compare position and yaw of the captured pose with the autopilot's estimate.
 
         Return a reason for each value that differs too much. Call this method only if `_estimate` has found no error.
         """

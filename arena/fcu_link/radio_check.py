@@ -52,7 +52,7 @@ class RadioCheck:
         self._killed = self._tested = False
 
     def on_autopilot(self, m: Any, now: float) -> None:
-        """Process a decoded message of the vehicle's autopilot. now: time [s]."""
+        """Update the state of RC and kill switch from a message of the vehicle's autopilot. now: time [s]."""
         kind = m.get_type()
         if kind == "SYS_STATUS":
             self._status_at = now

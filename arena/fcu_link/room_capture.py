@@ -10,7 +10,7 @@ from arena.mocap.client import CapturedFrame, MocapClient, open_client
 
 
 class RoomCapture:
-    """Motion-capture client of a link process that is open only while an axes check runs.
+    """Motion-capture client of a link process. The client is open only while an axes check runs.
 
     settings: settings of the client (key `capture` of the process's JSON configuration); None without motion capture
     error: why the client cannot be opened; "" if it can
@@ -22,7 +22,7 @@ class RoomCapture:
         self.error = ""
 
     def set_open(self, wanted: bool) -> None:
-        """Open or close the client.
+        """Open or close the motion-capture client.
 
         After an error, the client is opened again when the next axes check starts.
         """
@@ -36,7 +36,7 @@ class RoomCapture:
                 self.error = str(error)
 
     def fileno(self) -> int | None:
-        """Return the file descriptor to wait for; None while the client is closed."""
+        """Return the client's file descriptor, for `poll`; None while the client is closed."""
         return None if self._client is None else self._client.fileno()
 
     def poll(self, now: float) -> list[CapturedFrame]:

@@ -14,7 +14,7 @@ from arena.transport import Address, ConnectionUrl, url_from_json
 
 @dataclass(frozen=True, kw_only=True)
 class LinkAddresses:
-    """Both ends of a UDP link of the link process.
+    """Local and remote address of one UDP link of the link process.
 
     local: address of this process. remote: only accepted sender
     """
@@ -164,7 +164,7 @@ def _above(name: str, value: Any) -> float:
 
 
 def _finite(name: str, value: Any) -> float:
-    """Return a number. Raises InputError if it is not finite.
+    """Return a number of the configuration. Raises InputError if the value is not a finite number.
 
     An int stays an int.
     """

@@ -79,7 +79,9 @@ class LinkSigning:
         return found._replace(frames=frames)
 
     def timestamp_heartbeats(self) -> list[tuple[Source, bytes]]:
-        """Return (receiver, heartbeat) for each sender without a valid signature, at most once a second.
+        """Return heartbeats that bring the current signing timestamp to sources without a valid signature.
+
+        Each item is (receiver, heartbeat). A source gets at most one heartbeat a second.
 
         receiver: UDP address or serial device
 

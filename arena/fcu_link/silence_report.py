@@ -11,7 +11,7 @@ _REPORT_S = 10.0
 
 
 class SilenceReport:
-    """Counter of the data on a connection. It reports what arrives while the vehicle is not received.
+    """Report of the data that arrive on a vehicle's connection while no messages of the vehicle arrive.
 
     connection: URL of the vehicle
     system: MAVLink id of the vehicle

@@ -49,7 +49,7 @@ class FcuTransport(Protocol):
     events: list[str]
 
     def fileno(self) -> int | None:
-        """Return the file descriptor to wait for; None if the device is absent."""
+        """Return the file descriptor of the connection, for `poll`; None if the device is absent."""
 
     def read(self, now: float) -> Iterator[tuple[Source, Buffer, ParsedFrames]]:
         """Yield the data that have arrived, with the source of each item. Never waits."""
@@ -147,7 +147,7 @@ class UdpTransport:
         return False
 
     def tick(self, now: float) -> None:
-        """Do nothing: a UDP socket stays open after an error."""
+        """Do nothing: a UDP socket, unlike a serial device, is never opened again."""
 
     def peer(self) -> str:
         return source_text(self._fixed or self._core.identity.source)

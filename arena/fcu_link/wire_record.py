@@ -48,7 +48,7 @@ class WireRecord:
         return self._path is not None and address != before
 
     def write(self, address: dict[str, Any]) -> None:
-        """Write the record of the vehicle.
+        """Write the vehicle's last address and its hardware uid to the file.
 
         Raises OSError if the file cannot be written.
         """

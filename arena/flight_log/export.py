@@ -72,7 +72,7 @@ def _check_names(source: Path, vehicles: Sequence[str], names: Sequence[str]) ->
 def _each(
     write: Callable[[Path, Flight], None], suffix: str
 ) -> Callable[[Path, Path, Sequence[str]], list[Path]]:
-    """Return a function that exports each vehicle to a file of its own.
+    """Return a function that writes the log of each vehicle to a separate file, for `Format.write`.
 
     write: function that writes the log of one vehicle. suffix: end of the file names.
     """
@@ -95,7 +95,7 @@ def _each(
 def _all(
     write: Callable[[Path, Sequence[Flight]], int],
 ) -> Callable[[Path, Path, Sequence[str]], list[Path]]:
-    """Return a function that exports all vehicles to one file or folder.
+    """Return a function that writes the logs of all vehicles to one file or folder, for `Format.write`.
 
     write: function that writes the logs of several vehicles.
     """
@@ -115,7 +115,7 @@ def _tlogs(source: Path, folder: Path, vehicles: Sequence[str]) -> list[Path]:
     record = source / FILE_NAME if source.is_dir() else source
     if not _is_mcap(record):
         raise InputError(
-            f"{source}: cannot be exported as tlog, because this log is without MAVLink messages. "
+            f"{source}: cannot be exported as tlog, because this log contains no MAVLink messages. "
             f"Expected a {FILE_NAME}, or a run folder that contains one"
         )
     recording = Recording(record)

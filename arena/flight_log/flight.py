@@ -40,7 +40,7 @@ class Flight:
     landed: NDArray[np.bool_]
 
     def group(self, name: str, parts: Sequence[str] = NED) -> Array:
-        """Return the columns `name.part` of a quantity as one array (n, len(parts)).
+        """Return the columns of a quantity, such as `ekf.pos.north`, as one array (n, len(parts)).
 
         Columns that the log does not have are NaN. parts: components, such as north, east, down.
         """

@@ -57,7 +57,7 @@ class Stream:
 
     @property
     def gaps(self) -> int:
-        """Number of gaps: intervals longer than `GAP_S` and than five usual intervals."""
+        """Number of gaps: intervals that are longer than `GAP_S` and longer than five mean intervals."""
         usual = 1.0 / self.rate_hz if math.isfinite(self.rate_hz) else math.inf
         return sum(between > 5.0 * usual for between in self._long)
 

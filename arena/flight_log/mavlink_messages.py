@@ -74,14 +74,14 @@ class Messages:
         return sender_times(self._fields[stamp] * unit_s, self.received)
 
     def values(self, names: str) -> Array:
-        """Return the given fields as one array (m, k) of floats.
+        """Return the given fields of all messages as one array (m, k) of floats.
 
         names: field names, separated by spaces. An array field gives one column per element.
         """
         return np.asarray(structured_to_unstructured(self._fields[names.split()], dtype=np.float64))
 
     def numbers(self, name: str) -> NDArray[Any]:
-        """Return one field without conversion to float, for example as integers (m,)."""
+        """Return one field of all messages without conversion to float, for example as integers (m,)."""
         return np.asarray(self._fields[name])
 
 

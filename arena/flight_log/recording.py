@@ -87,7 +87,7 @@ class RecordedEvent(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Text of the event; "" if the line is no event but, for example, a change of a process state."""
+        """Text of the event; "" for a line without text, such as a change of a process state."""
         return str(self.fields.get("event", ""))
 
 
@@ -294,7 +294,7 @@ def _records_of(file: IO[bytes], size: int) -> Iterator[tuple[int, int, bytes]]:
 def _messages_in(
     records: bytes, topics: Collection[str] | None, wanted: dict[int, str]
 ) -> Iterator[RecordedMessage]:
-    """Yield the messages among MCAP records.
+    """Yield the messages of selected topics in a block of MCAP records.
 
     wanted: {channel id: topic}. The function adds the channels of `topics` (None: all topics) when it finds
     them.

@@ -44,7 +44,7 @@ def sender_times(stamps: Array, received: Array) -> Array:
 
 
 def _smallest_delays(delay: Array, received: Array) -> Array:
-    """Return, for each message, the smallest delay of all messages so far, with clock drift added [s] (m,).
+    """Return the smallest delay from sending to reception up to each message, with clock drift added [s] (m,).
 
     delay: time of reception minus time stamp [s] (m,). received: times of reception [s] (m,).
     """
@@ -150,7 +150,7 @@ def attitude(times: Array, values: Array, at: Array) -> Array:
 
 
 def held(times: Array, at: Array, max_age_s: float) -> tuple[Indices, NDArray[np.bool_]]:
-    """Find, for each row, the sample that was valid: the last received one that is not newer than the row.
+    """Find the valid sample for each row of a log: the last received one that is not newer than the row.
 
     Return its index (n,) and a mask (n,), which is false if there is no such value or it is older than `max_age_s`.
     times: [s] (m,), in the order of reception; they need not increase.  at: [s] (n,).  max_age_s: [s].
@@ -164,7 +164,7 @@ def held(times: Array, at: Array, max_age_s: float) -> tuple[Indices, NDArray[np
 
 
 def held_values(times: Array, values: Array, at: Array, max_age_s: float) -> Array:
-    """Return, for each row, the value that was valid (n, k); NaN without a valid value.
+    """Return the last received valid value for each row of a log (n, k); NaN without a valid value.
 
     values: (m, k). The function `held` explains the other arguments.
     """

@@ -299,7 +299,7 @@ class _Messages:
         return self._new("std_msgs/msg/String", data=self._flight.mode[row])
 
     def flag(self, name: str) -> RosTopic:
-        """Return the topic of a flag, with one message per change of the flag.
+        """Return the topic of a flag such as `info.is_armed`, with one Bool message per change of the flag.
 
         name: column of the log, such as `info.is_armed`.
         """

@@ -217,7 +217,7 @@ def _health(down: MessageSeries, at: Array) -> dict[str, Array]:
 
 
 def _of_ulog(path: Path, down: MessageSeries, at: Array) -> dict[str, Array]:
-    """Return the quantities about the estimator in a ULog, at the times of the rows.
+    """Return the health of PX4's estimator (innovations, biases ...) from a ULog, at the times of the rows.
 
     The ULog has the same clock as the autopilot's MAVLink messages.
     """

@@ -60,7 +60,7 @@ class HandFlight:
         self.result: int | None = None
 
     def on_keys(self, data: bytes, now: float) -> None:
-        """Process bytes from the terminal.
+        """Process the keys that the person has pressed, as bytes from the terminal.
 
         No bytes mean that the terminal is lost. The flight by hand then ends without a command.
         """

@@ -21,7 +21,7 @@ _OFFBOARD = "OFFBOARD"
 
 
 class FollowedClock:
-    """Simulation clock for a person: the world continues while the person waits or sleeps.
+    """Simulation clock of an interactive session: the world does not wait while the person waits or sleeps.
 
     path: path of the simulation clock without suffix
     """

@@ -37,7 +37,7 @@ Say = Callable[[str], None]
 
 
 def check_flight(vehicle: RunningVehicle, trajectory: Trajectory) -> FlightLimits:
-    """Check a trajectory, and return the limits of the flight.
+    """Check a trajectory against the limits of the vehicle and its room, and return these limits.
 
     Raises InputError with every reason not to fly the trajectory.
     """
@@ -112,7 +112,7 @@ def _fly(uav: UAV, trajectory: Trajectory, limits: FlightLimits, say: Say) -> No
 
 
 def check_way(p: Array, limits: FlightLimits) -> None:
-    """Check that no obstacle is too near to the straight, level way to the start.
+    """Check that no obstacle is too near to the straight, level path to the start of the trajectory.
 
     Raises VehicleError.
 
@@ -126,7 +126,7 @@ def check_way(p: Array, limits: FlightLimits) -> None:
 
 
 def _arrive(uav: UAV, pos: object, yaw: float) -> None:
-    """Hold a position setpoint until the vehicle has arrived.
+    """Send a position setpoint repeatedly until the vehicle has arrived at the position.
 
     Raises NotConfirmedError after 10 s.
     """

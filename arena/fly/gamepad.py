@@ -1,4 +1,6 @@
-"""Stick positions and actions from a gamepad, with pygame (SDL).
+"""Reads a gamepad for `arena fly`: stick positions, and the actions of its buttons, such as arm and land.
+
+The gamepad is read with pygame (SDL).
 
 The module is imported only if a gamepad is used.
 
@@ -36,7 +38,7 @@ def sticks_of_axes(left_x: int, left_y: int, right_x: int, right_y: int) -> Stic
 
 
 class Gamepad:
-    """First gamepad of the computer.
+    """Gamepad of the person who flies a vehicle by hand: the first gamepad that is connected to this computer.
 
     Raises InputError if pygame is missing or no gamepad is connected.
     """
@@ -60,7 +62,7 @@ class Gamepad:
         self._pressed: set[str] = set()
 
     def poll(self) -> tuple[Sticks | None, list[str]]:
-        """Return the stick positions and the newly requested actions.
+        """Return the stick positions, and the actions (such as `arm`) of the buttons pressed since the last call.
 
         The positions are None if the gamepad is disconnected.
         """

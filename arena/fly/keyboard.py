@@ -1,4 +1,4 @@
-"""Stick positions and actions from the keys of a terminal. Pure.
+"""Converts keys that are pressed in a terminal to stick positions and actions, for `arena fly`. Pure.
 
 A terminal reports pressed keys, but not released keys. A key therefore deflects its stick until it is not repeated any more.
 """
@@ -51,7 +51,7 @@ HELP = """\
 
 
 def parse_keys(data: bytes) -> list[str]:
-    """Return the names of the keys in bytes from a terminal: characters, `up`, `down`, `left`, `right`.
+    """Convert bytes from a terminal to names of pressed keys: characters, `up`, `down`, `left`, `right`.
 
     Other escape codes are left out.
     """
@@ -69,7 +69,7 @@ def parse_keys(data: bytes) -> list[str]:
 
 @dataclass(slots=True)
 class Keyboard:
-    """Stick positions from pressed keys.
+    """Sticks of `arena fly` without a gamepad: each pressed key deflects a stick for a short time.
 
     deflection: deflection of the right stick and of the yaw stick while a key is pressed 0..1. The keys + and - do not change the
         deflection of the throttle stick
@@ -79,7 +79,7 @@ class Keyboard:
     _pressed: dict[str, tuple[float, float]] = field(default_factory=dict)  # axis -> position, end [s]
 
     def press(self, key: str, now: float) -> str:
-        """Process a pressed key. Return the action that it requests (see `ACTIONS`); "" for none.
+        """Process a pressed key. Return the requested action, such as `arm` (see `ACTIONS`); "" for none.
 
         now: monotonic [s].
         """

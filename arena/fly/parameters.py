@@ -23,7 +23,7 @@ _TIMEOUT_S, _RETRY_S = 10.0, 0.5
 
 
 def read_parameters(vehicle: RunningVehicle, names: Sequence[str]) -> dict[str, float]:
-    """Return parameters of a vehicle by name.
+    """Request parameters of a vehicle over MAVLink, and return {parameter name: value}.
 
     Raises RunError if the vehicle does not report all of them within 10 s.
     """
@@ -56,7 +56,7 @@ def read_parameters(vehicle: RunningVehicle, names: Sequence[str]) -> dict[str, 
 
 
 def parameter_value(value: float, kind: int) -> float:
-    """Return the value in a PARAM_VALUE message, where integers are encoded byte-wise.
+    """Decode the value of a PARAM_VALUE message, in which an INT32 is sent as the four bytes of a float.
 
     kind: MAV_PARAM_TYPE.
     """

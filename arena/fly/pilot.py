@@ -37,7 +37,7 @@ _RECEIVED = {
 
 
 class Pilot:
-    """Person who flies one vehicle by hand: stick positions to send, and reported state of the vehicle.
+    """Manual flight of one vehicle by a person: the frames to send, and the vehicle's reported state.
 
     name: name of the vehicle. system: its MAVLink system id. All times `now` are monotonic [s].
     source: value of COM_RC_IN_MODE, None before the vehicle has reported it
@@ -57,7 +57,7 @@ class Pilot:
     # -- what the vehicle reports ----------------------------------------------------------------------------
 
     def on_datagram(self, data: bytes, now: float) -> None:
-        """Process telemetry of the vehicle."""
+        """Update the reported state of the vehicle from a received datagram."""
         self._telemetry.on_datagram(data, now)
         if self.source is None:
             for m in self._codec.parse(data, {mavlink.MAVLINK_MSG_ID_PARAM_VALUE}):
@@ -97,7 +97,7 @@ class Pilot:
     # -- what the person wants -------------------------------------------------------------------------------
 
     def frames(self, sticks: Sticks | None, now: float) -> list[bytes]:
-        """Return the MAVLink frames to send now.
+        """Return the MAVLink frames to send now: the stick positions, and a request that has no reply yet.
 
         sticks: stick positions; None sends no positions, so that the failsafe acts.
         """
@@ -114,12 +114,12 @@ class Pilot:
         return found
 
     def source_request(self) -> bytes:
-        """Return the frame that requests COM_RC_IN_MODE."""
+        """Return the PARAM_REQUEST_READ frame for COM_RC_IN_MODE, which selects the sticks that PX4 obeys."""
         name = SOURCE_PARAMETER.encode()
         return self._codec.pack(mavlink.MAVLink_param_request_read_message(self._system, 1, name, -1))
 
     def request(self, action: str, now: float) -> None:
-        """Request a mode, `arm` or `disarm` repeatedly until the vehicle replies.
+        """Request a mode, `arm` or `disarm`. The request is sent up to four times, until the vehicle replies.
 
         A new request replaces the last one.
         """
@@ -169,5 +169,5 @@ class Pilot:
 
 
 def _integer_of(value: float) -> int:
-    """Return the integer whose four bytes are those of a float parameter value."""
+    """Decode an INT32 parameter, which PX4 sends in PARAM_VALUE as the four bytes of a float."""
     return int.from_bytes(struct.pack("<f", value), "little", signed=True)

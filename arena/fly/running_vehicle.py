@@ -1,4 +1,4 @@
-"""Search for a vehicle of a running arena, and for the settings to fly it.
+"""Finds a vehicle of the running arenas by its name, and reads the settings to fly it.
 
 Only files of the run are read.
 """
@@ -19,7 +19,7 @@ from arena.supervisor import Control, RunState, active_runs, open_run
 
 @dataclass(frozen=True, kw_only=True)
 class RunningVehicle:
-    """Vehicle of a running arena.
+    """Vehicle of a running arena, with all that `arena fly` and `arena shell` need to connect to it.
 
     run: the run to which it belongs
     room: room and geofence of the arena
@@ -43,7 +43,7 @@ class RunningVehicle:
         return self.settings.kind == "real"
 
     def facts(self) -> Mapping[str, Any]:
-        """Return the supervisor's facts about the vehicle: `armed`, `mode`, `control`, `blocked`.
+        """Return the supervisor's report on the vehicle: `armed`, `mode`, `control` (who commands it), `blocked`.
 
         Each fact may be missing.
 
@@ -113,7 +113,7 @@ def _vehicles_of(state: RunState) -> list[RunningVehicle]:
 
 
 def lock_pilot(vehicle: RunningVehicle) -> TextIO:
-    """Reserve a vehicle for this process, because only one person may fly it.
+    """Lock a vehicle, so that no second `arena fly` or `arena shell` can fly it at the same time.
 
     The lock ends with the process or with `close`.
 
@@ -124,5 +124,7 @@ def lock_pilot(vehicle: RunningVehicle) -> TextIO:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         file.close()
-        raise RunError(f"{vehicle.name}: another `arena fly` or `arena shell` flies this vehicle") from error
+        raise RunError(
+            f"{vehicle.name}: another `arena fly` or `arena shell` flies this vehicle: end that command first"
+        ) from error
     return file

@@ -1,4 +1,4 @@
-"""Python shell with a connected vehicle.
+"""Interactive Python shell of `arena shell`, in which `uav` is the connected vehicle.
 
 The shell is IPython if it is installed, else that of Python.
 """
@@ -23,7 +23,7 @@ Ctrl-D leaves the shell, and lands a vehicle that this shell flies."""
 
 
 def interact(session: Session) -> None:
-    """Run a Python shell in this terminal until the user leaves it.
+    """Run an interactive Python shell with `uav`, the connected vehicle, until the user leaves it.
 
     The caller ends the session.
     """

@@ -1,4 +1,4 @@
-"""Reader of trajectory files for `arena fly`: CSV with times, or a list of setpoints.
+"""Reads a CSV file for `arena fly`: a trajectory with a column of times, or a list of setpoints.
 
 Pure, except for reading the file.
 """
@@ -16,7 +16,7 @@ _POS = (("north", "east", "down"), ("x", "y", "z"))
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """Return the trajectory in a CSV file.
+    """Read a trajectory, or a list of setpoints, from a CSV file.
 
     A file with a column of times (`t`) is a trajectory, see `arena.trajectories.read_csv`. A file with a column `hold_s` is a list of
     setpoints: north, east, down [m] [NED], hold_s [s], and if present yaw [rad]. Raises InputError.

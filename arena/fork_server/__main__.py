@@ -1,4 +1,6 @@
-"""Process `arena:fork-server`: `python -m arena.fork_server FD PACKAGES`, started by `arena.supervisor.fork_client`.
+"""Process of the fork server, which starts an arena's processes by forking itself.
+
+Command line: `python -m arena.fork_server FD PACKAGES`, from `arena.supervisor.fork_client`. Process title: `arena:fork-server`.
 
 FD is a local packet socket to the client, for example the supervisor. PACKAGES is a key of PRELOADED. Packets, each one JSON object:
     server -> client   {"ready": true}   the packages are imported
@@ -59,7 +61,7 @@ _FEW_COLLECTIONS = 50_000
 
 
 def main(argv: list[str]) -> int:
-    """Serve requests until the client closes the socket.
+    """Run the fork server until its client, for example the supervisor, closes the socket.
 
     Return an exit code: that of the server, or in a forked process that of its work.
     """
@@ -75,7 +77,7 @@ def main(argv: list[str]) -> int:
 
 
 def preload(names: Iterable[str]) -> None:
-    """Import modules.
+    """Import modules once in the fork server, so that the forked processes need not import them.
 
     A module that cannot be imported is left out: its process reports the error.
     """
@@ -91,7 +93,7 @@ def preload(names: Iterable[str]) -> None:
 
 
 def serve(channel: socket.socket) -> Callable[[], int] | None:
-    """Fork processes as the client requests.
+    """Fork a process for each request of the client, until the client closes the socket.
 
     Return None at the end. In a forked process, return the function that does its work.
     """
@@ -114,9 +116,9 @@ def serve(channel: socket.socket) -> Callable[[], int] | None:
 
 
 def _fork_twice() -> int:
-    """Fork a process whose parent ends at once. Return the pid of the process; 0 in the process itself.
+    """Fork a process that becomes a child of the client. Return its pid; 0 in the process itself.
 
-    The process then becomes a child of the supervisor.
+    An intermediate process forks it and ends at once.
     """
     reading, writing = os.pipe2(os.O_CLOEXEC)
     if (between := os.fork()) == 0:

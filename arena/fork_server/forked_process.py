@@ -1,4 +1,4 @@
-"""Work of a forked process, which replaces a new Python interpreter with the same command line.
+"""Runs a program in a process that the fork server has forked, as a new Python interpreter would run it.
 
 The process has the session, priority, output, environment, `sys.argv`, `sys.path[0]` and `__main__` that an interpreter would have.
 If the packages that the fork server has imported could change what the program does, the process executes the interpreter instead.
@@ -32,7 +32,9 @@ _THRESHOLDS = gc.get_threshold()
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """Request of a client, such as the supervisor, to fork a process.
+    """Request to the fork server to start a program in a forked process.
+
+    It comes from a client, such as the supervisor.
 
     argv: command line: the interpreter, then `-m MODULE` or the file of a program, then arguments.
     cwd: working folder.
@@ -57,7 +59,7 @@ _ENVIRONMENT: dict[str, str] = {}
 
 
 def remember_environment() -> None:
-    """Store the environment of the fork server, before it imports packages.
+    """Store the environment variables of the fork server, before packages that read them are imported.
 
     Copies of the server have it, too.
     """
@@ -65,7 +67,7 @@ def remember_environment() -> None:
 
 
 def start_work(request: Request, output: int, go: int, channel: int | None = None) -> Callable[[], int]:
-    """Set up a forked process. Return the function that runs its program and returns the exit code.
+    """Prepare a forked process for its program. Return the function that runs the program.
 
     The program starts only after the client has sent `go`.
 
@@ -102,12 +104,12 @@ def start_work(request: Request, output: int, go: int, channel: int | None = Non
 
 
 def _visible(argv: list[str]) -> list[str]:
-    """Return the command line that /proc shows for the process, or [] for a process of arena, which sets a title."""
+    """Return the command line to show in /proc; [] for a process of arena, which sets a process title instead."""
     return [] if argv[1] == "-m" and "setproctitle" in sys.modules else argv
 
 
 def _set_priority(nice: int) -> None:
-    """Add a number to the nice value of this process and of its session.
+    """Change the CPU priority of this process and of its session: add a number to their nice value.
 
     With autogroups the kernel gives every session an equal share of the CPU: nice values have no effect between sessions.
     """
@@ -119,7 +121,7 @@ def _set_priority(nice: int) -> None:
 
 
 def needs_interpreter(argv: list[str], env: Mapping[str, str], own: Mapping[str, str]) -> bool:
-    """Return whether a program needs a new interpreter, because it cannot run in a forked process.
+    """Return whether a program must run in a new Python interpreter, and not in a forked process.
 
     This is so if its environment differs from that of the fork server in more than arena's variables, because packages read the
     environment when they are imported; or if a file beside the program would be imported instead of a module that is already imported.
@@ -153,7 +155,7 @@ def _imported() -> set[str]:
 
 
 def _program(argv: list[str]) -> tuple[CodeType, ModuleType] | None:
-    """Return the code of a program and its module `__main__`; None if it cannot be loaded.
+    """Load a program: return its compiled code and its module `__main__`; None if it cannot be loaded.
 
     A new interpreter then reports the error.
     """

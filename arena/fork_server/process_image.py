@@ -19,7 +19,7 @@ _COMMAND_BYTES = 15
 
 
 def show(argv: Sequence[str], env: Mapping[str, str]) -> None:
-    """Write a command line and an environment to /proc for other processes.
+    """Make /proc show a command line and an environment as those of this process.
 
     Texts that do not fit are left out, arena's own variables last.
 
@@ -38,7 +38,7 @@ def show(argv: Sequence[str], env: Mapping[str, str]) -> None:
 
 
 def packed(texts: Sequence[bytes], size: int) -> bytes:
-    """Return texts as bytes, each with a zero byte at its end, filled with zero bytes to `size` bytes.
+    """Encode texts for /proc: a zero byte ends each text, and more zero bytes fill the result to `size` bytes.
 
     A text that does not fit is left out.
     """

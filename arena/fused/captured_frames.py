@@ -1,4 +1,4 @@
-"""Conversion of the emulator's frames to those of a motion-capture client, without a network. Pure."""
+"""Converts frames of the motion capture emulator to those that a client would receive from it. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _COMPARE_CLOCKS_S = 0.2  # as a client does
 
 
 class FrameConverter:
-    """Converts frames of the motion capture emulator to frames of a client, with poses in NED.
+    """Converter from frames of the motion capture emulator to frames of its client, with poses in NED.
 
     bodies: rigid bodies of the emulator's configuration, each with `number` and `name`.
     """
@@ -23,7 +23,7 @@ class FrameConverter:
         self._echo = Echo(sent=-inf, received=-inf, answered_s=-inf)
 
     def convert(self, frame: MeasuredFrame, now: float) -> CapturedFrame:
-        """Return the frame that a motion-capture client would return for a frame of the emulator.
+        """Convert a frame of the emulator to the frame that a motion-capture client would make of it.
 
         Server and client have the same clock and no network between them, so all times in `echo` are equal. Like a client, the
         converter compares the clocks five times a second.

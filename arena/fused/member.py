@@ -1,4 +1,4 @@
-"""Process context of a member of the fused arena: its configuration and its reports.
+"""Context of a member (part, such as the router) of the fused arena: its configuration and reports.
 
 A member is a part of the arena, such as the router or the recorder. Normally, each of these parts is a process of its own. In the
 fused arena (`arena.fused`), all members run in one process.
@@ -12,7 +12,7 @@ from arena.process_context import ProcessContext
 
 
 class MemberContext(ProcessContext):
-    """Process context of one member of the fused arena: its configuration, and reports to the supervisor.
+    """Context of one member (part) of the fused arena: its configuration, and reports to the supervisor.
 
     Each report carries the member's name, because the members share one connection to the supervisor.
 
@@ -27,14 +27,14 @@ class MemberContext(ProcessContext):
 
     @property
     def orphaned(self) -> bool:
-        """Always False for a member.
+        """Whether the supervisor has died: always False, because the process of the members checks this itself.
 
         The process that runs the members detects itself that the supervisor has died, and ends them all.
         """
         return False
 
     def ready(self, **facts: Any) -> None:
-        """Report to the supervisor that the member is ready.
+        """Report to the supervisor that this member (part of the fused arena) is ready.
 
         Only the first call sends a packet.
 

@@ -1,4 +1,4 @@
-"""Members of the fused arena: router, motion capture, pose forwarders, recorder and sensors.
+"""Members (parts) of the fused arena: router, motion capture, pose forwarders, recorder and sensors.
 
 In each step of the world they run in a fixed order, so the same inputs give the same messages.
 """
@@ -34,7 +34,9 @@ _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in bin
 
 
 class Members:
-    """All members of the fused arena: router, motion capture, pose forwarders and recorder.
+    """All members (parts in one process) of the fused arena, such as the router and the recorder.
+
+    These are router, motion capture, pose forwarders, sensors and recorder.
 
     The world is not a member: it calls the members in each step.
 
@@ -96,11 +98,11 @@ class Members:
 
     @property
     def ready(self) -> bool:
-        """True if all members have reported that they are ready."""
+        """True if all members (router, recorder and so on) have reported that they are ready."""
         return all(context.is_ready for context in self._contexts.values())
 
     def drain(self, receive: Receive) -> None:
-        """Pass the datagrams that have arrived to the autopilots."""
+        """Read the sockets and links that have data, and pass the datagrams for autopilots to `receive`."""
         if self._watch.has_data(self._panic.fileno()):
             self._panic.drain(receive)
         if self._watch.has_data(self._router.fileno()):
@@ -118,7 +120,7 @@ class Members:
         return self._panic.drain_panic(receive)
 
     def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
-        """Deliver the datagrams of the autopilots, and run all members for one step.
+        """Deliver the datagrams that autopilots have sent, and run all members (router, ...) for one step.
 
         now: simulation time [s].
         """
@@ -149,7 +151,7 @@ class Members:
         self._recorder.step(now, references=self._watch.has_data(self._recorder.link.fileno()))
 
     def on_request(self, request: Mapping[str, Any]) -> None:
-        """Pass a request of the supervisor to the router."""
+        """Pass a request of the supervisor, such as `release`, to the router."""
         self._router.on_request(request, self._time.now())
 
     def stats(self) -> dict[str, int]:
@@ -188,7 +190,7 @@ class Members:
 
 
 class _Forwarder:
-    """Pose forwarder of one vehicle in the fused arena.
+    """Pose forwarder of one vehicle, as a part of the fused arena instead of a process of its own.
 
     vehicle: index in the world.  inbox: list that receives the datagrams for its autopilot; None: PX4, whose link is a socket.
     """
@@ -209,7 +211,7 @@ class _Forwarder:
             self._link.waiting.append(data)
 
     def step(self, now: float) -> None:
-        """Send a pose if it is time, and read the messages of the autopilot.
+        """Run the pose forwarder for one step: send new poses to the autopilot, and read its messages.
 
         now: simulation time [s].
         """
@@ -240,7 +242,7 @@ class _Forwarder:
 
 
 class _Sensors:
-    """Emulated sensors of the fused arena.
+    """Emulated sensors, as a part of the fused arena instead of a process of their own.
 
     They receive telemetry as copies of the router's datagrams.
     """
@@ -259,7 +261,7 @@ class _Sensors:
         self._core.on_frame(frame, True, now)
 
     def on_copy(self, socket: int, data: bytes) -> None:
-        """Read the estimates of position, velocity and attitude from an autopilot's datagram, and keep them.
+        """Store the estimates (position, velocity, attitude) in a copied datagram of an autopilot.
 
         socket: index of the router's socket that sends it.
         """
@@ -267,7 +269,7 @@ class _Sensors:
             self._core.on_datagram(row, data, self._time.now())
 
     def step(self, now: float) -> None:
-        """Send the measurements of the emulated sensors in one step.
+        """Compute the measurements of the emulated sensors in one step, and send them through the router.
 
         now: simulation time [s].
         """
@@ -279,7 +281,7 @@ class _Sensors:
 
 
 class _Recorder:
-    """Recorder of the fused arena.
+    """Recorder, as a part of the fused arena instead of a process of its own.
 
     sockets: addresses of the router's sockets, in their order.
     """
@@ -299,7 +301,7 @@ class _Recorder:
         self._recorder.on_frame(frame, True, now)
 
     def step(self, now: float, *, references: bool = True) -> None:
-        """Record the datagrams and the true state of one step.
+        """Record the datagrams and the true state of all vehicles of one step.
 
         now: simulation time [s].  references: read the references of user programs from the socket.
         """
@@ -310,7 +312,7 @@ class _Recorder:
         self._recorder.tick(now, wall_time.monotonic())
 
     def close(self) -> None:
-        """Record the last data, and complete the file."""
+        """Record the last data, and close the recording."""
         self.step(self._time.now())
         self._recorder.close(self._time.now())
         self.link.close()
@@ -323,7 +325,7 @@ _CANNOT_SLEEP = (
 
 
 class StepTime:
-    """Clock of the members of the fused arena: returns the simulation time of the present step.
+    """Clock of the members (parts) of the fused arena: returns the simulation time of the present step.
 
     The simulation calls these parts of the process `world` in each step. A part that slept would stop the simulation, so this
     clock cannot sleep.

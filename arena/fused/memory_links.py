@@ -15,7 +15,7 @@ Inbox = list[tuple[int, str, bytes]]
 
 
 class VisionLink:
-    """Vision link of one vehicle in memory, from its pose forwarder to the built-in autopilot.
+    """Connection in memory between a pose forwarder and a built-in autopilot.
 
     It replaces the pose forwarder's UDP socket, and has the same methods.
 
@@ -49,7 +49,9 @@ class VisionLink:
 
 
 class RecorderLink:
-    """Source of the recorder's datagrams: copies of the router (in memory) and references of programs.
+    """Input of the recorder: the router's copies of datagrams, and references (wanted states) of programs.
+
+    The copies are passed in memory. References arrive on a socket.
 
     listen: address of the socket.  sockets: addresses of the router's sockets, in their order.
     vehicles: as for `CopySenders`.
@@ -71,15 +73,13 @@ class RecorderLink:
             self._waiting.append((*owner, data))
 
     def fileno(self) -> int:
-        """Return the file descriptor of the socket on which references of user programs arrive."""
+        """Return the file descriptor of the socket on which user programs send their references (wanted states)."""
         return self._copies.fileno()
 
     def receive(self, references: bool = True) -> Iterator[tuple[str, bool, bytes]]:
-        """Yield (vehicle, True for data to the autopilot, data) for each datagram that has arrived.
+        """Yield (vehicle, up, data) for each datagram to record. up: True for a datagram to the vehicle.
 
-        The datagrams that the router has copied come first. up: True for a datagram to the vehicle
-
-        references: read the socket, too
+        The datagrams that the router has copied come first. references: read the socket, too
         """
         waiting, self._waiting = self._waiting, []
         yield from waiting
@@ -92,7 +92,7 @@ class RecorderLink:
 
 
 class MemoryCapture:
-    """Motion-capture client in memory: its frames come from the emulator in the same process."""
+    """Motion-capture client without a network: the emulator in the same process stores its frames here."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -112,9 +112,9 @@ class MemoryCapture:
         """Do nothing: the frames contain all bodies."""
 
     def definition(self, body: str) -> str:
-        """Return the name of a rigid body as its definition, because the definition never changes here.
+        """Return the body's name as the text that identifies its definition: the emulator never redefines a body.
 
-        The interface requires a text that changes when the rigid body is defined again. In the emulator this never happens.
+        The interface requires a text that changes when the rigid body is defined again.
         """
         return body
 
@@ -136,7 +136,7 @@ def _take(waiting: deque[bytes]) -> bytes:
 
 
 def address(raw: Mapping[str, Any], key: str) -> Address:
-    """Return the address [host, port] in the configuration of a link.
+    """Read an address [host, port] from the JSON configuration of a link.
 
     key: key of the address in `raw`
     """

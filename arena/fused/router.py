@@ -1,4 +1,4 @@
-"""MAVLink router of the fused arena.
+"""MAVLink router of the fused arena, in which all parts of a simulated arena run in one process.
 
 Built-in autopilots and the recorder are in the same process. PX4 and other clients use sockets.
 """
@@ -27,7 +27,7 @@ _MAX_DATAGRAMS = 2000  # read from one socket in one step: a flood must not stop
 
 
 class FusedRouter:
-    """MAVLink router that calls the built-in autopilots of the same process directly.
+    """MAVLink router that exchanges datagrams with the built-in autopilots of the same process in memory.
 
     All times are simulation time [s].
 
@@ -79,7 +79,7 @@ class FusedRouter:
         self._began, self._ready = time.monotonic(), False
 
     def from_vehicle(self, vehicle: int, data: bytes, now: float, link: str = "router") -> None:
-        """Route a datagram of an autopilot.
+        """Route a datagram that an autopilot in this process has sent.
 
         vehicle: index in the world. link: `router` or `ground`
         """
@@ -87,7 +87,7 @@ class FusedRouter:
             self._route(*end, data, now)
 
     def from_sensors(self, vehicle: str, data: bytes, now: float) -> None:
-        """Route the measurements of a vehicle's emulated sensors.
+        """Route a datagram with measurements of a vehicle's emulated sensors.
 
         vehicle: name of the vehicle.
         """
@@ -95,7 +95,7 @@ class FusedRouter:
         self._route(self._sensor_keys[vehicle], self._sensors, data, now)
 
     def drain(self, now: float) -> None:
-        """Route all datagrams that have arrived at the sockets.
+        """Read and route all datagrams that wait in the router's sockets.
 
         The order of the sockets is fixed.
         """
@@ -108,7 +108,7 @@ class FusedRouter:
         return self._poll.fileno()
 
     def step(self, now: float, *, faults: bool = True) -> None:
-        """Do the regular work of the router. Call this once per step of the world.
+        """Do the periodic work of the router, such as heartbeats. Call this once per step of the world.
 
         Apply injected faults, send delayed datagrams and heartbeats, and report warnings and events to the supervisor.
         faults: read the socket of the injected faults.
@@ -123,7 +123,7 @@ class FusedRouter:
             self._tick(now)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request of the supervisor."""
+        """Process a request of the supervisor, such as `release`: programs may command a vehicle again."""
         self._router.commands.on_request(request, now)
 
     def stats(self) -> dict[str, Any]:

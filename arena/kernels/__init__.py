@@ -23,7 +23,7 @@ _FOLDER = Path(__file__).parent
 
 
 def why_interpreted(folder: Path = _FOLDER) -> str | None:
-    """Return why the kernels in a folder run as Python source; None if they are compiled.
+    """Return why the kernels in a folder run as slow Python source; None if they run compiled.
 
     The text is a message for people: it names the reason and what to do.
     """
@@ -46,7 +46,7 @@ def why_interpreted(folder: Path = _FOLDER) -> str | None:
 
 
 class _SourceFinder:
-    """Import hook that makes Python import the source of each kernel.
+    """Import hook that makes Python load kernels from their source, and not from a compiled file.
 
     Its base class would import `importlib.abc`, which takes 5 ms.
 

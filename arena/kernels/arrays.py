@@ -25,7 +25,7 @@ def floats(*shape: int, fill: float = 0.0) -> Floats:
 
 
 def view(array: Array) -> Floats:
-    """Return a view of a float64 array.
+    """Return a memoryview of a float64 array, for use by a kernel.
 
     For most kernels the array must be contiguous in memory.
     """
@@ -33,7 +33,7 @@ def view(array: Array) -> Floats:
 
 
 def integers(array: NDArray[np.int64]) -> Integers:
-    """Return a view of an int64 array.
+    """Return a memoryview of an int64 array, for use by a kernel.
 
     The array must be contiguous in memory.
     """
@@ -41,7 +41,7 @@ def integers(array: NDArray[np.int64]) -> Integers:
 
 
 def flags(array: NDArray[np.bool_]) -> Flags:
-    """Return a view of a bool array.
+    """Return a memoryview of a bool array, for use by a kernel.
 
     The array must be contiguous in memory.
     """
@@ -49,7 +49,7 @@ def flags(array: NDArray[np.bool_]) -> Flags:
 
 
 def array(values: Floats) -> Array:
-    """Return the numpy array of a view.
+    """Return the numpy array that a memoryview shows.
 
     Both share the memory.
     """

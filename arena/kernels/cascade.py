@@ -45,7 +45,7 @@ class CascadeLaw:
         yaw_rate: Floats,
         yaw_rate_ff: Floats,
     ) -> None:
-        """Use some arrays as the setpoints of attitude, body rates and thrust in each later step."""
+        """Store the arrays from which `step` reads the setpoints of attitude, body rates and thrust."""
         self.level, self.q_nb, self.omega_b, self.thrust = level, q_nb, omega_b, thrust
         self.yaw_rate, self.yaw_rate_ff = yaw_rate, yaw_rate_ff
 
@@ -69,7 +69,7 @@ class CascadeLaw:
         self.rate.step()
 
     def _select_attitude(self, i: int) -> None:
-        """Set the attitude and thrust setpoint of vehicle i.
+        """Select attitude and thrust setpoint of vehicle i: from the position controller, or as commanded.
 
         They are the output of the position controller if the vehicle has a position setpoint. Otherwise they
         are `q_nb` and `thrust`.

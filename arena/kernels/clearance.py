@@ -1,4 +1,4 @@
-"""Clearance: finds the bodies that nothing can touch in the next sensor period.
+"""Finds the bodies with so much free space around them that they cannot collide in the next sensor period.
 
 Each body is a sphere about its origin. The room consists of a floor at height 0 and of boxes along the axes.
 """
@@ -25,7 +25,7 @@ _SPEED_CHANGE = 1.0
 
 
 class Clearance:
-    """Finds which of V bodies have so much free space that nothing can touch them.
+    """Finder of those of V bodies that have so much free space around them that they cannot touch anything.
 
     The distances are those between spheres around the bodies, boxes and the floor.
 
@@ -50,14 +50,14 @@ class Clearance:
         self._need, self._spare = floats(len(free)), 0.0
 
     def reset(self) -> None:
-        """Make the next `check` measure all distances.
+        """Make the next `check` measure all distances again.
 
         Call this after a body was placed elsewhere.
         """
         self._spare = 0.0
 
     def check(self) -> bool:
-        """Update which bodies are free in the next period. Return False if nothing has changed.
+        """Decide which bodies cannot touch anything in the next period (`free`). Return True if `free` was updated.
 
         The distances are measured only if the bodies may have moved so far that the smallest spare distance is used up.
         """
@@ -74,7 +74,7 @@ class Clearance:
         return True
 
     def _measure(self) -> None:
-        """Measure all distances, and set `free`.
+        """Measure the distances between all bodies, and to boxes and floor. Set `free` and `_spare` by them.
 
         `_spare` is the smallest distance minus the space that its bodies need.
         """
@@ -92,7 +92,7 @@ class Clearance:
                     self.free[j] = False
 
     def _use(self, i: int, spare: float) -> None:
-        """Update `_spare` with one distance of body i.
+        """Update the smallest spare distance `_spare` with one spare distance of body i.
 
         A body without spare distance is not free.
 
@@ -103,13 +103,13 @@ class Clearance:
             self.free[i] = False
 
     def _apart(self, i: int, j: int) -> float:
-        """Return the distance between two bodies [m]."""
+        """Return the distance between the origins of two bodies [m]."""
         p = self.place_w
         x, y, z = p[i, 0] - p[j, 0], p[i, 1] - p[j, 1], p[i, 2] - p[j, 2]
         return math.sqrt(x * x + y * y + z * z)
 
     def _room(self, i: int) -> float:
-        """Return the distance from body i to the floor or the nearest box [m], or a smaller distance."""
+        """Return a lower limit of the distance from the origin of body i to the floor and to all boxes [m]."""
         p, boxes = self.place_w, self.boxes
         least = p[i, 2]
         for b in range(len(boxes)):

@@ -110,7 +110,7 @@ class ErrorCovariance:
         return total
 
     def begin(self) -> None:
-        """Set the estimated error to zero before the first measurement of a vehicle."""
+        """Reset the estimated error to zero, before measurements of another vehicle are fused."""
         for k in range(15):
             self.error[k] = 0.0
 

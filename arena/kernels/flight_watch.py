@@ -39,7 +39,7 @@ class FlightWatch:
         self.speed, self.recent = floats(v), view(np.zeros((v, 3)))
 
     def step(self) -> bool:
-        """Update all records. Return whether a vehicle has touched down, lifted off or tilted too far.
+        """Update all extreme values. Return whether a vehicle has touched down, lifted off or tilted too far.
 
         The caller finds these vehicles by comparing `floor` with `was_on_floor`, and the tilt with `min_cos_tilt`. After that
         the caller calls `finish`.
@@ -60,10 +60,10 @@ class FlightWatch:
         return news
 
     def speed_before(self, i: int) -> float:
-        """Return the largest speed of vehicle i after the three steps before this one [m/s]."""
+        """Return the largest speed of vehicle i in the three steps before the present step [m/s]."""
         return max(self.recent[i, 0], self.recent[i, 1], self.recent[i, 2])
 
     def finish(self) -> None:
-        """Store which vehicles touch the floor, so that the next step detects a change."""
+        """Store which vehicles touch the floor now, so that the next `step` can detect a change."""
         for i in range(len(self.floor)):
             self.was_on_floor[i] = self.floor[i]

@@ -35,7 +35,7 @@ _HALF_ROOT = math.sqrt(0.5)
 
 
 class FreeFlight:
-    """Motion of V rigid bodies.
+    """Motion of V rigid bodies in free flight, computed as pybullet does.
 
     `step` moves only the bodies in free flight, which touch nothing.
 
@@ -95,7 +95,7 @@ class FreeFlight:
             self._set_air(i)
 
     def publish(self, i: int) -> None:
-        """Compute the outputs in NED and FRD of body i from its state."""
+        """Compute the outputs of body i (in NED and FRD) from its state in pybullet's axes."""
         place, speed, rate, r = self.place_w, self.speed_w, self.rate_w, self._r_wf
         self._set_matrix(i)
         self.p_n[i, 0], self.p_n[i, 1], self.p_n[i, 2] = place[i, 1], place[i, 0], -place[i, 2]
@@ -140,7 +140,7 @@ class FreeFlight:
         )
 
     def _add(self, i: int, velocity: Floats, accel: Triple) -> None:
-        """Add the change of one step, caused by an acceleration, to the velocity of body i.
+        """Apply an acceleration to the velocity of body i for the duration of one step.
 
         velocity: velocities or angular velocities of all bodies, in the world with z up (V, 3)
         accel: acceleration or angular acceleration in body axes FLU
@@ -189,7 +189,7 @@ class FreeFlight:
         return self._column_times(i, 0, v), self._column_times(i, 1, v), self._column_times(i, 2, v)
 
     def _row_times(self, i: int, k: int, v: Triple) -> float:
-        """Return the product of a vector and row k of the rotation matrix of body i."""
+        """Return the product of row k of the rotation matrix of body i and a vector."""
         return self._r_wf[i, k, 0] * v[0] + self._r_wf[i, k, 1] * v[1] + self._r_wf[i, k, 2] * v[2]
 
     def _column_times(self, i: int, k: int, v: Triple) -> float:
@@ -211,7 +211,7 @@ def cross(a: Triple, b: Triple) -> Triple:
 
 
 def sine_share(rate: float, h: float) -> float:
-    """Return sin(rate * h / 2) / rate [s].
+    """Return sin(rate * h / 2) / rate [s], with which an angular velocity is converted to a quaternion.
 
     An angular velocity times this factor is the vector part of the quaternion of its rotation.
 

@@ -140,7 +140,7 @@ class RampLaw:
                 self.flying[i] = spooled and done and self.climbing[i]
 
     def limit(self, now: float) -> None:
-        """Compute the limit of the climb rate of all vehicles.
+        """Compute the largest climb rate that the take-off ramp now allows each vehicle.
 
         now: time since boot [s]
         """

@@ -28,7 +28,7 @@ def shortened(x: float, y: float, most: float) -> Pair:
 
 
 def sum_within(x: float, y: float, dx: float, dy: float, most: float) -> Pair:
-    """Return the sum of (x, y) and (dx, dy), limited in length to `most`.
+    """Return (x, y) + (dx, dy), with the second vector shortened if the sum is longer than `most`.
 
     The first vector has priority: it is kept up to the limit, and the second vector is shortened. The sum ends
     where the ray from the first vector along the second leaves the circle of radius `most`.

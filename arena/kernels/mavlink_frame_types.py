@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class Frame(NamedTuple):
-    """Position of a frame in its buffer, with its sender and its target.
+    """A MAVLink frame in a buffer: its byte range, message id, sender and target.
 
     start, end: byte range with magic, CRC and signature
     payload, size: offset and length of the payload as sent
@@ -29,7 +29,7 @@ class Frame(NamedTuple):
 
 
 class ParsedFrames(NamedTuple):
-    """All frames of a datagram.
+    """Result of parsing a datagram: its MAVLink frames, and counts of garbage, CRC errors and unknown messages.
 
     garbage: number of bytes that belong to no frame
     bad_crc: number of frames of a known message with a wrong CRC

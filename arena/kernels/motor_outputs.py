@@ -54,7 +54,7 @@ class MotorOutputs:
                 self.motors[i, k] = allocation.motors[i, k] if up else self.idle[i, k]
 
     def read_estimates(self, with_position: bool) -> None:
-        """Copy the estimates to the inputs of the controllers.
+        """Copy the estimator's outputs (attitude, body rates, position) to the inputs of the controllers.
 
         with_position: also to those of the position controller
         """

@@ -116,7 +116,9 @@ class PayloadReader:
         """
         end = self.data.find(b"\0", self.at)
         if end < 0:
-            raise WireError(f"NatNet name at byte {self.at} is not ended by a zero byte")
+            raise WireError(
+                f"NatNet payload: the name that begins at byte {self.at} has no zero byte at its end"
+            )
         found = self.data[self.at : end]
         self.at = end + 1
         return found.decode(errors="replace")

@@ -31,7 +31,7 @@ _Z = 12  # payload offset of z in LOCAL_POSITION_NED
 
 
 def _integers(count: int, value: int = 0) -> Integers:
-    """Return a new array of integers without numpy.
+    """Return a new array of integers, made without numpy.
 
     numpy would double the memory of the router's process.
     """
@@ -39,13 +39,13 @@ def _integers(count: int, value: int = 0) -> Integers:
 
 
 def address_number(host: str, port: int) -> int:
-    """Convert an IPv4 address and a UDP port to one number."""
+    """Convert an IPv4 address and a UDP port to one integer."""
     a, b, c, d = (int(part) for part in host.split("."))
     return a << 40 | b << 32 | c << 24 | d << 16 | port
 
 
 class OrdinaryDatagrams:
-    """Finds the receivers of ordinary datagrams between V vehicles and their clients.
+    """Finder of the receivers of ordinary datagrams (telemetry, setpoints) of V vehicles and their clients.
 
     A set of receivers has a number: v for all receivers of vehicle v's telemetry, V + v for its autopilot.
     receivers: the sets of receivers that the router has found; () for a set that it must still find (2 V)
@@ -109,7 +109,9 @@ class OrdinaryDatagrams:
         self._sysid = self._compid = self._msgid = self._target = self._payload = self._length = 0
 
     def set_receivers(self, number: int, receivers: tuple[Any, ...]) -> None:
-        """Store the receivers in a numbered set.
+        """Replace the receivers of a vehicle's telemetry, or of the messages to its autopilot.
+
+        number: number of this set of receivers, see the class.
 
         Datagrams to no receiver, or to more than `MAX_RECEIVERS`, are not ordinary.
         """
@@ -119,7 +121,7 @@ class OrdinaryDatagrams:
         self.versions[number] += 1
 
     def set_senders(self, client: int, senders: Collection[int]) -> None:
-        """Store the known senders (system << 8 | component) behind a client's address.
+        """Store the MAVLink senders (system << 8 | component) that are known to send from a client's address.
 
         At most `MAX_SENDERS`.
         """
@@ -128,7 +130,7 @@ class OrdinaryDatagrams:
             self._senders[client * MAX_SENDERS + i] = known[i]
 
     def take_z_bits(self, v: int) -> int:
-        """Return z of the vehicle's last LOCAL_POSITION_NED as the bits of a float32; -1 for none.
+        """Return z of the last LOCAL_POSITION_NED since the last call, as bits of a float32; -1 without one.
 
         Only messages since the last call count.
         """
@@ -136,7 +138,7 @@ class OrdinaryDatagrams:
         return bits
 
     def find(self, socket: int, sender: int, data: Buffer, start: int, end: int, now: float) -> int:
-        """Return the number of a datagram's set of receivers; `NOT_ORDINARY` if there is none.
+        """Return the number of the set that receives a datagram; `NOT_ORDINARY` if Python must route the datagram.
 
         An ordinary datagram is counted as sent to all its receivers; of others nothing is remembered.
         socket: index of the socket that received it. sender: number of the sender's address
@@ -206,7 +208,7 @@ class OrdinaryDatagrams:
         return False
 
     def _read_frame(self, data: Buffer, at: int, end: int) -> int:
-        """Read the frame at an offset. Return its end; -1 if it is broken or its message is unknown."""
+        """Read the MAVLink frame at an offset. Return the offset of its end; -1 if it is broken or unknown."""
         magic, signature = data[at], 0
         if magic == _V2 and at + _V2_HEAD + _CRC <= end:
             if data[at + 2] > _SIGNED:  # a frame with an unknown flag must not be read
@@ -248,7 +250,7 @@ class OrdinaryDatagrams:
         return crc
 
     def _number_at(self, data: Buffer, offset: int) -> int:
-        """Return four bytes of the payload as a number.
+        """Return four bytes of the present frame's payload as an unsigned integer.
 
         Bytes beyond the end of the payload are 0.
         """

@@ -63,7 +63,7 @@ class PositionLaw:
         self._error = floats(3)
 
     def read_setpoints_from(self, p_n: Floats, v_n: Floats, a_n: Floats, yaw: Floats) -> None:
-        """Use some arrays as setpoints (position, velocity, acceleration, heading) in each later step."""
+        """Store the arrays from which `step` reads setpoints of position, velocity, acceleration and heading."""
         self.sp_p_n, self.sp_v_n, self.sp_a_n, self.sp_yaw = p_n, v_n, a_n, yaw
 
     def step(self) -> None:
@@ -102,7 +102,7 @@ class PositionLaw:
         return wanted if math.isfinite(wanted) else 0.0
 
     def _feed_forward(self, i: int, axis: int) -> float:
-        """Return the velocity setpoint that was given for an axis [m/s]; 0 if none was given."""
+        """Return the commanded velocity setpoint of an axis [m/s]; 0 without one."""
         return self.sp_v_n[i, axis] if math.isfinite(self.sp_v_n[i, axis]) else 0.0
 
     def _is_controlled(self, i: int, axis: int) -> bool:

@@ -1,4 +1,4 @@
-"""Rotations of one vehicle in plain floats.
+"""Functions for the attitude of one vehicle (quaternions, angles), with plain floats instead of arrays.
 
 Quaternions are Hamilton, wxyz. `arena.geometry` explains the frames.
 """

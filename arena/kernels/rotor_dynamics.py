@@ -99,7 +99,7 @@ class RotorDynamics:
         return self._at(self.ground_table, i, place, self.ground_cells)
 
     def _at(self, table: Floats, i: int, place: float, cells: int) -> float:
-        """Return a value from row i of a table, interpolated linearly between two cells.
+        """Return the value at position `place` in row i of a table, by linear interpolation.
 
         place: index of the value in the row, 0..cells, with a fraction
         """

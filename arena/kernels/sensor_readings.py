@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def add_inertial(noise: Floats, accel_b: Floats, omega_b: Floats) -> None:
-    """Add the true specific force [m/s2] and angular velocity [rad/s] to noise [FRD] (V, 6).
+    """Add the true specific force [m/s2] and angular velocity [rad/s] to the IMU's noise, in place [FRD] (V, 6).
 
     Specific force is in the columns 0 to 2, angular velocity in the columns 3 to 5.
     """
@@ -27,7 +27,7 @@ def add_inertial(noise: Floats, accel_b: Floats, omega_b: Floats) -> None:
 
 
 def add_field(noise: Floats, field_n: Floats, r_nb: Floats) -> None:
-    """Add the true magnetic field, rotated to body axes, to the columns 0 to 2 of the noise.
+    """Add the true magnetic field, rotated to body axes, to the magnetometer's noise (columns 0 to 2), in place.
 
     field_n: magnetic field [gauss] [NED] (3,)
     r_nb: rotation from body to NED [-] (V, 3, 3)
@@ -50,7 +50,7 @@ def add_altitude(noise: Floats, origin_m: float, p_n: Floats) -> None:
 
 
 def limit(readings: Floats, most: Floats, width: int) -> None:
-    """Limit each sensor reading to -most .. most. NaN stays NaN.
+    """Limit each sensor reading to the range of the sensor, -most .. most. NaN stays NaN.
 
     readings, most: (V, width)
     """

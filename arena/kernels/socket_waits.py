@@ -1,4 +1,4 @@
-"""Longest time for which datagrams in a socket can have waited, from the results of polls. Pure.
+"""Computes how long datagrams can have waited in a socket, from the time at which it was last empty. Pure.
 
 A poll reports the sockets that contain data; the others are empty. A datagram cannot have waited longer than the time since its
 socket was last empty.
@@ -42,7 +42,7 @@ class SocketWaits:
         self._world_now = self._last_world = world_s[0]
 
     def before_poll(self, now: float) -> None:
-        """Record that the next poll of the sockets begins.
+        """Store the time at which the next poll of the sockets begins.
 
         now: monotonic [s].
         """
@@ -51,10 +51,9 @@ class SocketWaits:
         self._now, self._world_now = now, self.world_s[0]
 
     def may_be_old(self, i: int, now: float) -> bool:
-        """Return whether the datagrams of socket i may have waited longer than `limit_s`.
+        """Store that the poll reported socket i. Return whether its datagrams may have waited over `limit_s`.
 
-        Call this once for each socket that
-        the poll has reported. now: monotonic [s].
+        Call this once for each socket that the poll has reported. now: monotonic [s].
         """
         if self._reported[i] != self._poll - 1:  # the last poll did not report the socket, so it was empty
             self.empty_at[i], self.empty_world_s[i] = self._last, self._last_world
@@ -62,7 +61,7 @@ class SocketWaits:
         return self.is_old(i, now)
 
     def is_old(self, i: int, now: float) -> bool:
-        """Return whether the datagrams of socket i may now have waited longer than `limit_s`.
+        """Return whether datagrams that are in socket i at `now` may have waited longer than `limit_s`.
 
         Call `may_be_old` first. now: monotonic [s].
         """

@@ -1,4 +1,4 @@
-"""Digest (SHA-256) of the kernel sources.
+"""Digest (SHA-256) of the kernel sources, which shows whether the compiled kernels are up to date.
 
 Each compiled kernel contains the digest of the sources from which it was compiled.
 
@@ -15,7 +15,7 @@ _MARK = "arena-kernel-sources:"
 
 
 def kernel_names(folder: Path) -> list[str]:
-    """Return the names of the modules in a folder that are compiled.
+    """Return the names of the kernels in a folder: Python modules that are compiled.
 
     They have a .pxd file beside the .py file.
     """

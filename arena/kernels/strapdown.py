@@ -115,7 +115,7 @@ class Strapdown:
             self.v_n[i, k] += change
 
     def find_past(self, i: int, age_s: float) -> rotations.Quaternion:
-        """Return the attitude of vehicle i at a past time, and store its position then in `past_p`.
+        """Return the attitude of vehicle i at a past time, and store its position at that time in `past_p`.
 
         Both are interpolated. age_s: time before now [s]
         """
@@ -136,7 +136,7 @@ class Strapdown:
         )
 
     def correct(self, i: int, error: Floats, past_states: int) -> None:
-        """Correct the present state and the newest past states of vehicle i.
+        """Correct the present state and the newest past states of vehicle i by an estimated error.
 
         error: estimated error: position, velocity, attitude [rad] [FRD], gyroscope and accelerometer bias (15,)
         past_states: number of past states to correct; they were estimated with the same error

@@ -15,7 +15,7 @@ _ROUNDING_S = 1e-6
 
 
 class StreamSchedule:
-    """Schedule of the message streams of L links.
+    """Schedule of the periodic messages (streams) on L MAVLink links.
 
     A stream is one message that one link sends periodically.
 
@@ -40,22 +40,22 @@ class StreamSchedule:
         self.next_s[link] = self.due_s[link, self.first(link)]
 
     def is_due(self, link: int, now: float) -> bool:
-        """Return whether any message of a link is due at `now` [s]."""
+        """Return whether any message of a link must be sent at `now` [s]."""
         return self.next_s[link] <= now + _ROUNDING_S
 
     def is_any_due(self, now: float) -> bool:
-        """Return whether any message of any link is due at `now` [s]."""
+        """Return whether any message of any link must be sent at `now` [s]."""
         first = _NEVER
         for link in range(len(self.next_s)):
             first = min(first, self.next_s[link])
         return first <= now + _ROUNDING_S
 
     def is_stream_due(self, link: int, column: int, now: float) -> bool:
-        """Return whether one given message of a link is due at `now` [s]."""
+        """Return whether one given message of a link must be sent at `now` [s]."""
         return self.due_s[link, column] <= now + _ROUNDING_S
 
     def first(self, link: int) -> int:
-        """Return the column of the message that is due first.
+        """Return the column (index in `ids`) of the message that the link must send first.
 
         Of two messages with equal times it is the one with the smaller id.
         """
@@ -66,7 +66,7 @@ class StreamSchedule:
         return earliest
 
     def take_due(self, link: int, now: float) -> list[int]:
-        """Return the columns of the messages that are due at `now` [s], and schedule each again.
+        """Return the columns (indices in `ids`) of the messages that are due at `now` [s], and set their next times.
 
         The earliest is first.
         """

@@ -1,4 +1,4 @@
-"""Sender of the streams of built-in autopilots: packs all messages that are due in a step. Pure."""
+"""Packs the periodic messages (streams) of built-in autopilots that are due in a step. Pure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class StreamSender:
-    """Packs the streams of V vehicles with K links each; S messages can be streamed.
+    """Packer of the periodic messages of V vehicles, each with K MAVLink links, from S kinds of messages.
 
     schedule: of all links; link k of vehicle i has the row i * K + k
     packing: packs the frequent messages
@@ -55,7 +55,7 @@ class StreamSender:
         return first <= now or self.schedule.is_any_due(now)
 
     def step(self, now: float) -> list[tuple[int, str, bytes]]:
-        """Return (vehicle, link, datagram) for the streams that are due at `now` [s].
+        """Return (vehicle, link, datagram) for the periodic messages that are due at `now` [s].
 
         A vehicle for which Python must send is (vehicle, "", b""), and its streams stay due.
         """
@@ -73,7 +73,7 @@ class StreamSender:
         return found
 
     def has_content(self, i: int, column: int) -> bool:
-        """Return whether vehicle i has valid content for a message.
+        """Return whether vehicle i has valid data for a message, so that the message can be sent.
 
         Messages that are built in Python may still have none.
         """
@@ -82,7 +82,7 @@ class StreamSender:
         return not self.needs_position[column] or bool(self.packing.xy_valid[i])
 
     def _has_rare(self, i: int, now: float) -> bool:
-        """Return whether a message that Python builds is due on a link of vehicle i."""
+        """Return whether vehicle i must now send a message that Python code builds, instead of this kernel."""
         count, schedule = len(self.links), self.schedule
         for row in range(i * count, (i + 1) * count):
             if schedule.is_due(row, now):
@@ -93,7 +93,7 @@ class StreamSender:
         return False
 
     def _datagram(self, i: int, row: int, now: float) -> bytes:
-        """Return the frames of vehicle i that are due on a link; b"" if there are none.
+        """Return a datagram with all messages of vehicle i that are due on a link; b"" if there are none.
 
         row: of the link in the schedule
         """

@@ -106,7 +106,7 @@ def rounded(x: float) -> float:
 
 
 class PayloadWriter:
-    """Writes the payload of one message type, always into the same buffer.
+    """Writer of the payload of one MAVLink message type, always into the same buffer.
 
     number, seed: message id and its seed byte CRC_EXTRA
     fields: for each number in the payload: its position in the values, its type as position in `KINDS`, and its offset in
@@ -118,7 +118,7 @@ class PayloadWriter:
     def __init__(
         self, number: int, size: int, seed: bytes, fields: Integers, ranges: Floats, by_escs: bool
     ) -> None:
-        """Prepare the buffer for the payload.
+        """Create the writer for one message type, with a buffer for the payload.
 
         size: number of bytes of the payload
         """
@@ -130,7 +130,7 @@ class PayloadWriter:
         self.u64, self.i64, self.f32 = raw.cast("Q"), raw.cast("q"), raw.cast("f")
 
     def write(self, values: Floats) -> bytes:
-        """Return the encoded payload.
+        """Encode the values of a vehicle as the payload of this message, and return it.
 
         values: values of a vehicle
         """
@@ -190,7 +190,7 @@ class TelemetryPacking:
         writers: Sequence[PayloadWriter],
         earth_m: float,
     ) -> None:
-        """Prepare the arrays for the vehicles and the messages.
+        """Create the packer, with arrays for all vehicles and messages.
 
         constants: constant values of all messages
         writers: one for each message
@@ -220,7 +220,7 @@ class TelemetryPacking:
         resets: Integers,
         xy_valid: Flags,
     ) -> None:
-        """Use some arrays of the estimator in each later step.
+        """Store the estimator's arrays, from which `pack` reads position, attitude and other estimates.
 
         xy_valid: True for a valid horizontal position (V,)
         """
@@ -238,7 +238,7 @@ class TelemetryPacking:
         q_sp: Floats,
         omega_sp: Floats,
     ) -> None:
-        """Use some arrays of the setpoints and the controllers in each later step."""
+        """Store the arrays from which `pack` reads setpoints and the outputs of the controllers."""
         self.level, self.sp_p_n, self.sp_yaw, self.sp_yaw_rate = level, p_n, yaw, yaw_rate
         self.v_sp_n, self.a_sp_n, self.q_sp, self.omega_sp = v_sp_n, a_sp_n, q_sp, omega_sp
 
@@ -253,14 +253,14 @@ class TelemetryPacking:
         self.values[_ESC_COUNTER] = rounded(time_ns * 1e-8) % 65536.0  # ten messages a second
 
     def frame_count(self, i: int, message_ids: list[int]) -> int:
-        """Return how many frames `pack` returns for several messages of vehicle i."""
+        """Return how many MAVLink frames `pack` makes of the given messages of vehicle i."""
         count = 0
         for number in message_ids:
             count += self._parts(i, self.writers[number])
         return count
 
     def pack(self, i: int, message_ids: list[int], seq: int, sysid: int, compid: int) -> bytes:
-        """Return the encoded frames of several messages of vehicle i.
+        """Encode the given messages of vehicle i as MAVLink frames, and return them as one datagram.
 
         seq: sequence number of the first frame; the other frames have the next ones
         sysid, compid: sender
@@ -278,7 +278,7 @@ class TelemetryPacking:
         return b"".join(frames)
 
     def _parts(self, i: int, writer: PayloadWriter) -> int:
-        """Return the number of frames of one message of vehicle i."""
+        """Return in how many frames vehicle i sends a message: one, or one per four ESCs for ESC messages."""
         return int((self.escs[i] + (_ESCS - 1)) // _ESCS) if writer.by_escs else 1
 
     def _compute(self, i: int) -> None:
@@ -330,7 +330,7 @@ class TelemetryPacking:
                 out[_SERVOS + k] = 1000.0 + 1000.0 * self.motors[i, k]
 
     def _compute_escs(self, i: int, first: int) -> None:
-        """Compute the values of four ESCs. The battery's current is divided by the motor commands.
+        """Compute the values of four ESCs. The battery current is split in proportion to the motor commands.
 
         first: number of the first ESC
         """
@@ -357,7 +357,7 @@ class TelemetryPacking:
         out[_THROTTLE] = 100.0 * self.thrust[i]
 
     def _compute_global(self, i: int) -> None:
-        """Compute the global position and velocity; NaN without an origin."""
+        """Compute the global position and velocity; NaN if the vehicle has no origin (latitude, longitude)."""
         out, heading = self.values, self.values[_HEADING]
         out[_LAT], out[_LON] = global_position(
             out[_P], out[_P + 1], heading, out[_LAT0], out[_LON0], self.earth_m

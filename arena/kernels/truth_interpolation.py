@@ -1,4 +1,4 @@
-"""True state of all vehicles between two samples of the truth page.
+"""Interpolation of the true vehicle states that the world publishes in shared memory (the truth page).
 
 `arena.wire.truth_page` describes the page.
 """
@@ -21,7 +21,7 @@ _ATTITUDE = 3
 def sample_before(
     page: Floats, begin: int, width: int, ring: int, oldest: int, newest: int, time_s: float
 ) -> int:
-    """Return the number of the last sample of the truth page that is not after `time_s`, or `oldest - 1` if there is none.
+    """Return the number of the newest sample of true states not after `time_s`; `oldest - 1` if there is none.
 
     page: the whole page.  begin: place of its first row.  width: numbers per row, of which the first is the time [s].
     ring: rows in the page. Sample k is in row k modulo `ring`.
@@ -39,7 +39,7 @@ def sample_before(
 
 
 def interpolate(before: Floats, after: Floats, time_s: float, width: int, out: Floats) -> None:
-    """Interpolate between two rows of the truth page.
+    """Interpolate the true states of all vehicles between two samples (rows of the truth page).
 
     Attitudes are interpolated on the sphere, all other numbers linearly.
 

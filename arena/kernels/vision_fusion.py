@@ -135,7 +135,7 @@ class VisionFusion:
         self.state.correct(i, self.covariance.error, past_states)
 
     def _ratio(self, i: int, k: int) -> float:
-        """Return one squared innovation of vehicle i divided by its variance [-]; infinite if not finite.
+        """Return one squared innovation of vehicle i divided by its variance [-]; infinite if it is NaN.
 
         k: index of the innovation
 
@@ -146,7 +146,7 @@ class VisionFusion:
         return ratio if math.isfinite(ratio) else _INFINITE
 
     def _move_gate(self, i: int, k: int, passed: bool) -> None:
-        """Update the limit of the gate test of one innovation of vehicle i.
+        """Update the largest variance that the gate test may use for one innovation of vehicle i.
 
         passed: the innovation was accepted
 

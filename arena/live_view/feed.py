@@ -1,4 +1,6 @@
-"""Live feed of a running arena for viewers. After the end of the arena, the feed waits for the next arena.
+"""Live state of a running arena for viewers, such as `arena monitor`.
+
+After the end of the arena, the feed waits for the next arena.
 
 The feed only receives. It opens no port of the arena, is no client of the simulation clock, and sends nothing to a vehicle.
 """
@@ -91,7 +93,7 @@ class LiveFeed:
 
 
 class _OpenRun:
-    """Connections of a viewer to one running arena."""
+    """Connections of a viewer to one running arena: telemetry, status, true states, captured poses, events."""
 
     def __init__(self, state: RunState) -> None:
         self._state, self._run = state, Path(state.run)
@@ -179,7 +181,7 @@ def _is_up(state: RunState | None) -> bool:
 
 
 class _Tail:
-    """Reader of the lines that are added to a file.
+    """Reader of the lines that another process adds to a file, such as events.jsonl.
 
     path: the file, which may not exist yet. The first call of `read` starts near the end of the file.
     """

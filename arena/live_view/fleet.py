@@ -124,7 +124,7 @@ class FleetTracker:
                     self._posed_at[row] = now
 
     def on_status(self, status: Mapping[str, Any]) -> None:
-        """Store the facts and pose ages that the supervisor has reported.
+        """Store the vehicle states (such as `armed`) and pose ages that the supervisor has reported.
 
         status: reply of the supervisor to the request `view`.
         """

@@ -15,7 +15,7 @@ NO_PATH: Array = np.zeros((0, 3))
 
 
 class PlannedPaths:
-    """Reader of the planned paths of all vehicles.
+    """Reader of the planned paths of all vehicles, which the recorder writes to one file per vehicle.
 
     folder: contains a file `<vehicle>.json` per vehicle. None: the arena records no planned paths.
 

@@ -1,4 +1,4 @@
-"""Description of an arena for viewers: room, geofence and vehicles. Pure.
+"""Description of an arena for viewers (programs that show it): room, geofence and vehicles. Pure.
 
 It is known before the first message arrives. The slice `view.json` of the run folder contains it.
 """

@@ -59,7 +59,7 @@ class Event:
 
 @dataclass(frozen=True, kw_only=True)
 class Playback:
-    """Position of a replay in its record: time, length and pause.
+    """Position of a replay in the recorded flight: present time, duration, and whether it is paused.
 
     time_s: [s] from the begin of the record.  duration_s: length of the record [s].
     """
@@ -97,7 +97,7 @@ class Snapshot:
 
 
 def process_rows(status: Mapping[str, Any]) -> tuple[ProcessRow, ...]:
-    """Return one row per process, from the supervisor's reply to the request `view`."""
+    """Return one row per process of the arena, from the supervisor's reply to the request `view`."""
     return tuple(
         ProcessRow(
             name=name,
@@ -132,7 +132,7 @@ def real_time_factor(status: Mapping[str, Any]) -> float | None:
 
 
 def playback_of(status: Mapping[str, Any]) -> Playback | None:
-    """Return the position of a replay in its record, or None if the arena is not a replay.
+    """Return the position of a replay in the recorded flight, or None if the arena is not a replay.
 
     status: reply of the supervisor to the request `view`.
     """

@@ -1,4 +1,4 @@
-"""Receiver of the telemetry of all vehicles, from the tools ports of the MAVLink router.
+"""Receiver of the telemetry of all vehicles, from the router's UDP ports for tools.
 
 The router sends the telemetry of a vehicle to each program that has sent a frame to its tools port within the last 10 s.
 This receiver sends PING, addressed to the router itself. The router forwards no such frame, so no vehicle receives anything:
@@ -58,7 +58,7 @@ class ToolsPorts:
                 self._on_datagram(row, data, now)
 
     def close(self) -> None:
-        """Close all sockets. The router stops to send telemetry 10 s later."""
+        """Close all sockets. The router stops sending telemetry to them 10 s later."""
         for _, sock in self._sockets:
             sock.close()
 

@@ -25,7 +25,7 @@ _MOST_REQUESTS = 10  # in a row without an answer
 
 @dataclass(frozen=True, kw_only=True)
 class Interrupted:
-    """State of an interrupted download.
+    """State of an interrupted log download: the log, and the bytes that are still missing.
 
     entry: the log on the vehicle. missing: ranges of bytes that were not received.
     """
@@ -88,7 +88,7 @@ class LogDownload(Transfer):
         return found
 
     def stop_request(self) -> bytes:
-        """Return the MAVLink frame that requests the vehicle to stop sending a log."""
+        """Return the LOG_REQUEST_END frame, which makes the vehicle stop sending a log."""
         return self._codec.frame(*mavlink_logs.request_end(self.system))
 
     # -- requests ----------------------------------------------------------------------------------------------

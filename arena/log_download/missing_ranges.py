@@ -32,7 +32,7 @@ class MissingRanges:
         return sum(b - a for a, b in self._ranges)
 
     def first(self, most: int) -> Range | None:
-        """Return the first missing range, shortened to `most` bytes; None if nothing is missing."""
+        """Return the first missing range, cut to at most `most` bytes; None if nothing is missing."""
         if not self._ranges:
             return None
         a, b = self._ranges[0]

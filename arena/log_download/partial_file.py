@@ -12,7 +12,7 @@ from arena.wire.mavlink_logs import LogEntry
 
 
 class PartialFile:
-    """File of a log whose download is not complete.
+    """File of a log whose download is not complete: `NAME.ulg.part`.
 
     Every method raises OSError if the disk is full or the folder is not writable.
 
@@ -48,7 +48,7 @@ class PartialFile:
             os.pwrite(self._fd, data, offset)
 
     def save(self, entry: LogEntry, missing: tuple[Range, ...]) -> None:
-        """Save the list of missing ranges next to the file.
+        """Save the list of missing byte ranges in `NAME.ulg.part.json`, next to the file.
 
         The received bytes are written to the disk first. So the list never lacks a range that is missing in
         the file.

@@ -84,7 +84,7 @@ class _Connection:
                 self.download.receive(data, frame, time.monotonic())
 
     def step(self) -> None:
-        """Write the received bytes to the file, and send the requests that are due."""
+        """Continue a download: write received bytes to the file, and send the requests that are due."""
         download, was_done = self.download, self.download.done
         frames = download.due(time.monotonic())
         try:

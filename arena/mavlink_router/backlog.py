@@ -48,7 +48,7 @@ class Backlog:
         self.dropped = 0
 
     def tick(self, now: float) -> None:
-        """Measure the offset between the wall clock and the monotonic clock.
+        """Measure the offset from the wall clock, by which the kernel stamps datagrams, to the monotonic clock.
 
         The kernel stamps received datagrams by the wall clock, which may jump. Call this method a few times a
         second. now: monotonic [s].

@@ -34,7 +34,7 @@ class CommandFilter:
         self._news = set(self._gates)
 
     def allows(self, vehicle: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> bool:
-        """Return whether a client's frame may be sent to a vehicle now.
+        """Return whether a MAVLink frame of a client, such as a command, may be sent to a vehicle now.
 
         vehicle: system id. now: monotonic [s].
         """
@@ -67,7 +67,7 @@ class CommandFilter:
         return found
 
     def on_heartbeat(self, vehicle: int, armed: bool, mode: str, now: float) -> None:
-        """Update the arming state and mode of a vehicle after its heartbeat.
+        """Update the arming state and mode of a vehicle from its HEARTBEAT.
 
         vehicle: system id. now: monotonic [s].
         """

@@ -1,4 +1,4 @@
-"""Data of the router about vehicles and clients: addresses, MAVLink senders, stored receivers, counters."""
+"""Data of the router about vehicles and clients: addresses, MAVLink senders, receivers of messages, counters."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class AutopilotLink:
 
     @property
     def up(self) -> Destinations:
-        """Return the autopilot's address, in the form in which the router stores receivers."""
+        """Return the autopilot as the only receiver of a message: ((socket index, address),)."""
         return ((self.socket, self.remote),)
 
 
@@ -104,7 +104,7 @@ class VehicleRoutes:
 
     @property
     def main(self) -> AutopilotLink:
-        """Router link of the vehicle. Only this link sets the status of the vehicle."""
+        """Router link of the vehicle. Only messages on this link update the vehicle's status."""
         return self.links[0]
 
     @property
@@ -129,7 +129,7 @@ class VehicleRoutes:
 
 @dataclass(kw_only=True)
 class Counts:
-    """Numbers of frames and bytes that the router has received, sent and dropped since its start.
+    """Counts of the frames and bytes that the router has received, sent and dropped since its start.
 
     A frame that is sent to n receivers counts n times. The copies of frames to vehicles, which the recorder receives, count
     only in `bytes_out`.

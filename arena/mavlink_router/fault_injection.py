@@ -27,7 +27,7 @@ from arena.wire.mavlink_frame import Buffer
 
 
 class FaultInjectionShell(RouterShell):
-    """Router process (`RouterShell`) whose links can lose and delay datagrams.
+    """Router process whose links can lose and delay datagrams, for fault injection.
 
     faults: path of the socket that receives faults
     impaired: the router with impaired links
@@ -93,7 +93,7 @@ class FaultInjectionShell(RouterShell):
         return now if self._clock is None else self._clock.now()
 
     def _join_clock(self) -> None:
-        """Connect to the simulation clock when a link delays datagrams.
+        """Connect to the simulation clock as soon as a link delays datagrams.
 
         Delays are measured in simulation time.
 

@@ -52,7 +52,7 @@ class _ImpairedLink:
 
 
 class ImpairedRouter:
-    """Router for use while a fault is active: it loses or delays datagrams on the links to autopilots.
+    """Router with active faults: it loses or delays datagrams on the links to autopilots.
 
     at, in every method: time for measuring delays [s], by any clock that never goes backwards
     now, in every method: monotonic [s], as in `Router`
@@ -94,7 +94,7 @@ class ImpairedRouter:
 
     @property
     def active(self) -> bool:
-        """True while a link has a fault, or delayed datagrams wait to be sent."""
+        """True while a link has a fault, or delayed datagrams still wait to be sent."""
         return any(
             link.share or link.delay_s or link.up.waiting or link.down.waiting for link in self._impaired
         )
@@ -189,7 +189,7 @@ class ImpairedRouter:
         return f"the ground station's heartbeat {'is sent again' if on else 'is not sent'}"
 
     def _links_of(self, fault: Fault) -> tuple[str, list[_ImpairedLink]]:
-        """Return the name and all links of the vehicle in a fault. The links represent one radio."""
+        """Return the name of the vehicle that a fault concerns, and its links, which represent one radio."""
         router = self._router
         name = word(fault, "vehicle", router.links)
         links = [self._links[of[name]] for of in (router.links, router.ground_links) if name in of]

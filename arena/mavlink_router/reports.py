@@ -9,7 +9,7 @@ READY_TIMEOUT_S = 10.0  # a vehicle without a heartbeat for this time is no long
 
 
 def report_changes(process: ProcessContext, router: Router) -> None:
-    """Report to the supervisor what has changed since the last call: autopilot warnings, facts and events."""
+    """Report to the supervisor the warnings, facts (such as `armed`) and events that are new since the last call."""
     for warning in router.warnings():  # first, so that a failsafe is shown before the mode that it enters
         process.event(warning)
     events, control = router.commands.changes()
@@ -20,7 +20,7 @@ def report_changes(process: ProcessContext, router: Router) -> None:
 
 
 def report_ready(process: ProcessContext, router: Router, waited_s: float) -> bool:
-    """Report to the supervisor when the router is ready, and return True then.
+    """If the router is ready, report this to the supervisor. Return whether it is ready.
 
     The router is ready if all simulated vehicles are connected, or after `READY_TIMEOUT_S`.
 

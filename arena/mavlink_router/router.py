@@ -127,12 +127,12 @@ class Router:
         return self.on_other_datagram(socket, sender, data, now)
 
     def on_other_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
-        """Route a datagram without the compiled shortcut, as `on_datagram` does."""
+        """Route a datagram without the compiled shortcut. The receivers are the same as with the shortcut."""
         self._counts.bytes_in += len(data)
         return self._socket_table.handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
-        """Remove silent tools from the receivers, and mark vehicles without heartbeat as not connected.
+        """Remove tools that send nothing any more, and mark vehicles without heartbeat as not connected.
 
         A tool is any program on this computer that sends to the `tools` address of a vehicle. now: monotonic [s].
         """
@@ -342,7 +342,7 @@ class Router:
     def _receivers_key(
         self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
     ) -> int:
-        """Return the key of a set of vehicles (`VehicleSets`): those to which a client's MAVLink frame is sent."""
+        """Return to which vehicles a client's MAVLink frame is sent, as the key of a set in `VehicleSets`."""
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
             self._counts.dropped["a vehicle's message, returned by a client"] += 1
@@ -360,7 +360,7 @@ class Router:
         return self._allowed_key(target, endpoint, data, frame, now) if msgid in MESSAGES else target
 
     def _allowed_key(self, target: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> int:
-        """Return the key in `VehicleSets` of the target vehicles that this client may command now.
+        """Return which target vehicles this client may command now, as the key of a set in `VehicleSets`.
 
         target: system id of the command's target, 0 for all vehicles.
         """

@@ -121,7 +121,7 @@ def _link(raw: Mapping[str, Any]) -> Link:
 
 
 def _address(raw: Any) -> Address:
-    """Check and return an address.
+    """Convert an address in the router's configuration to (IPv4 address, port), and check it.
 
     Raises InputError for a host name, because each send would then wait for name resolution.
     """

@@ -1,4 +1,4 @@
-"""Sockets, clock and heartbeat of the router process."""
+"""The router process: its sockets, its loop, and the ground station's heartbeat that it sends."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class RouterShell:
             s.close()
 
     def _make_loop(self) -> DatagramLoop:
-        """Create the compiled loop, which receives and routes ordinary datagrams (telemetry, setpoints).
+        """Create the compiled loop that receives datagrams and routes ordinary ones (telemetry, setpoints).
 
         For all other datagrams, the loop calls methods of this object.
         """
@@ -148,7 +148,7 @@ class RouterShell:
         self._send(self._route(key, sender, self._backlog.young(key, data, now), now))
 
     def _on_event(self, fd: int) -> None:
-        """Read a socket or file that has data but that the compiled loop does not read.
+        """Read a socket or file descriptor that the compiled loop has reported but does not read itself.
 
         This is a socket whose datagrams may be too old, or a file descriptor of a derived class.
         """
@@ -171,7 +171,10 @@ class RouterShell:
             self._send(self._route(key, sender, self._buffer[:size], now))
 
     def _read_old(self, fd: int, now: float) -> None:
-        """Read and route several datagrams that may be too old. Many datagrams wait after a stall."""
+        """Read and route several datagrams that have waited in a socket and may be too old.
+
+        Many datagrams wait after a stall of the process.
+        """
         _, key = self._receive[fd]
         with contextlib.suppress(OSError):  # no more datagrams
             for _ in range(_MAX_OLD_DATAGRAMS):

@@ -81,7 +81,7 @@ class Shortcut:
         return [(data, self.ordinary.receivers[found])] if found >= 0 else None
 
     def set_receivers(self, link: AutopilotLink, receivers: Destinations) -> None:
-        """Set the receivers of broadcast messages that arrive on a link; () until they are known."""
+        """Set the receivers of messages to all that arrive on a vehicle's link; () until they are known."""
         self.ordinary.set_receivers(link.number, receivers)
 
     def set_senders(self, endpoint: Endpoint) -> None:
@@ -94,7 +94,7 @@ class Shortcut:
             self.ordinary.set_senders(client, endpoint.senders)
 
     def collect(self, counts: Counts) -> None:
-        """Add the kernel's counts of frames and bytes since the last call to `counts`."""
+        """Add the frames and bytes that the kernel has counted since the last call to `counts`."""
         ordinary = self.ordinary
         counts.frames_from_vehicles += ordinary.from_vehicles
         counts.frames_to_clients += ordinary.to_clients
@@ -105,7 +105,7 @@ class Shortcut:
         ordinary.from_clients = ordinary.to_vehicles = ordinary.bytes_in = 0
 
     def collect_height(self, v: VehicleRoutes) -> None:
-        """Update the height of a vehicle from its last LOCAL_POSITION_NED since the last call."""
+        """Update the height of a vehicle from the last LOCAL_POSITION_NED that the kernel has routed."""
         bits = self.ordinary.take_z_bits(v.number)
         if bits >= 0:
             v.telemetry.on_z_n(*_FLOAT.unpack(_BITS.pack(bits)))

@@ -9,7 +9,7 @@ from arena.mavlink_router.endpoints import TO_ALL, Destinations, VehicleRoutes
 
 
 class VehicleSets:
-    """Receivers of messages to a set of vehicles. Each set has an integer key.
+    """Receivers of a message to one or several vehicles, by an integer key for each set of vehicles.
 
     The key is the system id of one vehicle, `TO_ALL`, `NO_TARGET`, or a number below `NO_TARGET` for several
     vehicles.
@@ -28,14 +28,14 @@ class VehicleSets:
         self._of_stations[TO_ALL] = self._joined(self.ids)
 
     def receivers(self, key: int, *, station: bool) -> Destinations:
-        """Return the receivers of a message to the set of vehicles with this key.
+        """Return the receivers of a message to the set of vehicles that a key stands for.
 
         station: the sender is a ground station. Only ground stations can send to several vehicles.
         """
         return (self._of_stations if station else self._of_clients)[key]
 
     def key_of(self, found: Sequence[int]) -> int:
-        """Return the key of the set that contains the vehicles with these system ids."""
+        """Return the key of the set of the vehicles with these MAVLink system ids."""
         key = NO_TARGET - sum(1 << vehicle for vehicle in found)
         if found:
             self._of_stations[key] = self._joined(found)

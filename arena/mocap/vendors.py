@@ -30,7 +30,7 @@ Settings = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class SocketUse:
-    """A socket that a motion-capture client or server opens, for the list of open ports.
+    """A socket that a motion-capture client or server opens, as an entry of the list of open ports.
 
     port: 0 if the kernel chooses the port.
     what: what the socket carries, as shown to the user.

@@ -55,7 +55,7 @@ class Access:
     uids: frozenset[int] = frozenset()
 
     def decide(self, path: str, headers: Mapping[str, str], uid: int | None = None) -> Decision:
-        """Return whether an HTTP request is allowed, with the text or the cookie for the client.
+        """Decide whether an HTTP request is allowed. Return the decision, with the text or cookie for the client.
 
         path: path of the request with its query.  headers: names in lower case.  uid: user who has opened the connection; None: unknown.
         """

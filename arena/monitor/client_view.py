@@ -80,11 +80,11 @@ class ClientView:
 
     @property
     def row(self) -> int:
-        """Return the index of the vehicle that the user has chosen."""
+        """Index of the vehicle that the user has chosen."""
         return self._vehicles.index(self._vehicle.value) if self._vehicle.value in self._vehicles else 0
 
     def follow(self, fleet: FleetSnapshot) -> None:
-        """Move the camera with the chosen vehicle, if the user has selected this. Call it for every picture."""
+        """Move the camera with the chosen vehicle if `camera follows` is ticked. Call it for every picture."""
         if not self._follow.value or self._client.camera is None:
             return
         p_n = fleet.p_n[self.row]
@@ -113,7 +113,7 @@ class ClientView:
             one.update(*found)
 
     def change_arena(self, vehicles: Sequence[str]) -> None:
-        """Show the vehicles of another arena in the list of vehicles."""
+        """Replace the vehicles that the user can choose by those of another arena."""
         self._vehicles = tuple(vehicles)
         self._vehicle.options = list(vehicles) or ["-"]
         self._on_vehicle()
@@ -180,7 +180,7 @@ class ClientView:
 
 
 def _calls(function: Callable[[], None]) -> Callable[[Any], Coroutine[Any, Any, None]]:
-    """Return a coroutine function that viser can call for an event, and that calls `function`."""
+    """Convert a function to a coroutine function, which viser can call for an event such as a click."""
 
     async def on_event(_: Any) -> None:
         function()

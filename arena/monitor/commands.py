@@ -25,7 +25,7 @@ WORDS: dict[Action, str] = {"hold": "HOLD", "land": "LAND", "kill": "KILL"}
 
 @dataclass(kw_only=True)
 class Command:
-    """An emergency command that a user has given on the live page.
+    """An emergency command (hold, land or kill) that a user has given on the live page.
 
     began: wall time [s].  lines: output of the process so far.  exit_code: None while the process runs.
     """
@@ -37,7 +37,7 @@ class Command:
     exit_code: int | None = None
 
     def result(self, vehicle: str) -> tuple[Verdict, str]:
-        """Return (verdict, last line of output) of this command for one vehicle."""
+        """Return whether a vehicle has confirmed this command, and the last line of output about it."""
         text = next((line for line in reversed(self.lines) if line.startswith(f"{vehicle}: ")), "")
         text = text.removeprefix(f"{vehicle}: ")
         if "NOT CONFIRMED" in text:

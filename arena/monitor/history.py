@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """A line of a plot.
+    """A line of a plot: its name and its values.
 
     name: text in the legend. values: function that returns the value of each vehicle (N,).
     """
@@ -169,7 +169,7 @@ def _column(values: list[Any]) -> Any:
 
 
 def plot(quantity: Quantity, times: Array, states: FleetSnapshot, window_s: float) -> tuple[Array, ...]:
-    """Return the data of a plot for uPlot: times, values of each line, and range of the axis, as arrays.
+    """Return the data of a plot as arrays for the library uPlot: times, values of each line, range of the axis.
 
     Times are relative to the newest time [s], from -window_s to 0.
 

@@ -71,7 +71,7 @@ class Hold:
             self._end(f"NOT CONFIRMED: {refusal}")
 
     def due(self, now: float) -> list[bytes]:
-        """Return the MAVLink frames to send now. After TIMEOUT_S the command ends with a result."""
+        """Return the MAVLink frames to send now. After TIMEOUT_S, set the result NOT CONFIRMED instead."""
         if self.result:
             return []
         state = self._telemetry.heartbeat

@@ -81,7 +81,7 @@ class Page:
             await asyncio.sleep(due - time.monotonic())
 
     def step(self, now: float | None = None) -> None:
-        """Draw one picture of the page. now: monotonic [s]."""
+        """Update the page once with the newest state of the arena. now: monotonic [s]."""
         now = time.monotonic() if now is None else now
         snapshot = self._snapshot = self._feed.poll(now)
         run = None if snapshot is None else snapshot.run
@@ -149,13 +149,13 @@ class Page:
         self._show(self._events, "events", tables.events_html(snapshot.events, details=self._details.value))
 
     def _show(self, widget: Any, key: str, html: str) -> None:
-        """Send a text to the browsers, if the text has changed. key: name of the text."""
+        """Send the HTML of a widget to the browsers, if it has changed. key: name of the widget."""
         if self._shown.get(key) != html:
             self._shown[key] = html
             widget.content = html
 
     def _change_arena(self, snapshot: Snapshot | None) -> None:
-        """Draw the room of another arena. None means that the arena has ended.
+        """Draw the room and the vehicles of the arena that has begun. snapshot: None if an arena has ended.
 
         After the end of an arena, its last picture stays until the next arena begins.
         """
@@ -176,7 +176,7 @@ class Page:
         self._views[client.client_id] = view
 
     def _commanded_run(self) -> Path | None:
-        """Return the run folder of the arena that the buttons command.
+        """Return the run folder of the arena to which the page's buttons send commands.
 
         Returns None without an arena, and for a replay, because nobody can command a replay.
         """
@@ -188,7 +188,7 @@ class Page:
 
 
 async def show(server: viser.ViserServer, feed: Feed) -> None:
-    """Make the live page and draw it until the process ends. Run it in the event loop of the server."""
+    """Make the live page and draw it until the process ends. Run this in the event loop of the server."""
     await Page(server, feed).draw()
 
 

@@ -27,8 +27,6 @@ def peer_uid(client: Address, server: Address, folder: Path = Path("/proc/net"))
 def uid_in(table: str, local: Address, remote: Address) -> int | None:
     """Return the user id of a TCP connection's owner, or None if the table does not list the connection.
 
-    table: text of /proc/net/tcp. local, remote: addresses of the connection.
-
     table: text of /proc/net/tcp or /proc/net/tcp6.  local, remote: address and port of the owner's end, and of the other end.
     """
     wanted = [_written(local), _written(remote)]

@@ -61,11 +61,9 @@ def rotor_turns(motors: Array, directions: Array) -> Array:
 
 
 def setpoint_positions(fleet: FleetSnapshot) -> Array:
-    """Return the position setpoints [m] [NED] (N, 3).
+    """Return the position setpoints to draw [m] [NED] (N, 3); NaN for a vehicle without one.
 
-    An axis without a position setpoint gets the position of the vehicle.
-
-    A vehicle without a position setpoint, or without a position, has NaN.
+    An axis without a position setpoint gets the position of the vehicle. A vehicle that is not armed has NaN, too.
     """
     known = np.isfinite(fleet.set_p_n)
     found = np.where(known, fleet.set_p_n, fleet.p_n)

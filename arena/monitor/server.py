@@ -39,7 +39,9 @@ def free_port(host: str, port: int) -> int:
                 reason = error.strerror
                 continue
             return int(sock.getsockname()[1])
-    raise RunError(f"no free port for the page on {host} from {port} to {port + _MAX_PORTS - 1}: {reason}")
+    raise RunError(
+        f"no port for the page is free on {host} from {port} to {port + _MAX_PORTS - 1} ({reason}): give another --port"
+    )
 
 
 def open_server(access: Access) -> viser.ViserServer:
@@ -69,7 +71,7 @@ def open_server(access: Access) -> viser.ViserServer:
 
 @contextlib.contextmanager
 def _check_in_front(access: Access, checked: threading.Event) -> Iterator[None]:
-    """Add the access check to the servers that start inside the `with` block.
+    """Add the access check to each server of the library websockets that starts in the `with` block.
 
     checked: event that is set as soon as a server has the check.
     """
@@ -99,7 +101,7 @@ def _uid_of(connection: Any) -> int | None:
 
 
 def _checked(access: Access, inner: Any) -> Any:
-    """Return a function for websockets that refuses requests by `access`, and passes allowed requests to `inner`."""
+    """Return the request handler that applies the access check, and passes allowed requests to `inner`."""
     from websockets.datastructures import Headers
     from websockets.http11 import Response
 

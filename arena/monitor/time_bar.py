@@ -62,7 +62,7 @@ class TimeBar:
 
 
 def request(run: Path, **packet: Any) -> None:
-    """Send a request, such as a jump or a pause, to the replay in a thread.
+    """Send a request, such as a jump or a pause, to the process of the replay, without waiting for its reply.
 
     The supervisor may be slow to reply. run: run folder. packet: keys of the request.
     """

@@ -1,4 +1,4 @@
-"""Trails of all vehicles, as pieces of line segments. Pure.
+"""Trails (past paths) of all vehicles on the live page, as pieces of line segments. Pure.
 
 A finished piece does not change, so a browser receives each piece once.
 """
@@ -27,7 +27,7 @@ class Trails:
         self.number = 0
 
     def add(self, p_n: Array) -> bool:
-        """Add the positions of all vehicles. Return True if the piece of the trail is complete.
+        """Add the present positions of all vehicles. Return True if the present piece of the trails is complete.
 
         Then call `next_piece`.
 

@@ -57,7 +57,7 @@ def fit_axes(rates: tuple[Array, Array], down: tuple[Array, Array]) -> Axes | No
 
 
 def turn_words(axes: Axes) -> str:
-    """Return how the body is turned as text, such as `turned by 90 deg about the vertical axis`."""
+    """Describe how a captured body's axes are turned, such as `turned by 90 deg about the vertical axis`."""
     deg, (x, y, z) = axes.turned_deg, axes.turned_rad / max(float(np.linalg.norm(axes.turned_rad)), 1e-9)
     if abs(z) > _ALONG:
         side = "right" if z > 0 else "left"

@@ -46,7 +46,7 @@ class BodyMatch:
 
 
 def match_body(body: str, captured: Rates, gyro: Rates) -> BodyMatch:
-    """Compare the captured rotation rates of a body with those of the gyroscope.
+    """Compare the rotation rates of a captured body with those of the vehicle's gyroscope.
 
     They are compared at the delay at which they agree best.
 

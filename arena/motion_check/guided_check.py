@@ -11,7 +11,7 @@ from arena.motion_check.verdict import Verdict, judge
 
 
 class GuidedCheck:
-    """Guided check of a captured body: it must be the vehicle's (identity) and have its axes (axes).
+    """Guided check that a captured rigid body belongs to a vehicle (identity) and has its axes (axes).
 
     A person moves the vehicle by hand. The check ends with a verdict.
 
@@ -46,14 +46,14 @@ class GuidedCheck:
             self._motion.on_imu(accel_b, gyro_b, now)
 
     def on_pose(self, q_nb: Sequence[float], p_n: Sequence[float], now: float) -> None:
-        """Process a pose that is sent to the autopilot now."""
+        """Store a captured pose of the vehicle, which is sent to the autopilot now."""
         norm = math.sqrt(sum(x * x for x in q_nb))
         if self.verdict is None and math.isfinite(norm) and norm > 0.5:
             self._recorded.add_pose(now, tuple(x / norm for x in q_nb), tuple(p_n))
             self._motion.on_pose(now)
 
     def on_other(self, body: str, q_nb: Sequence[float], now: float) -> None:
-        """Process the attitude of another captured body, which has arrived now."""
+        """Store the attitude of a captured body that is not the vehicle's own, as it arrives."""
         if self.verdict is None and body != self._body:
             self._recorded.add_other(body, now, q_nb)
 

@@ -54,7 +54,7 @@ class Recording:
             self.p_n.append(p_n)
 
     def add_other(self, body: str, at: float, q_nb: Sequence[float]) -> None:
-        """Add the attitude of another captured body."""
+        """Add the attitude of a captured body that is not the vehicle's own."""
         times, attitudes = self.others.setdefault(body, ([], []))
         if not times or at - times[-1] >= _CLOSEST_S:
             times.append(at)
@@ -74,7 +74,7 @@ class Recording:
 
 
 def captured_down(times: Array, at: list[float], q_nb: list[Sequence[float]]) -> Array:
-    """Return the direction down in body axes at given times, from captured attitudes [-] [FRD] (N, 3).
+    """Compute from captured attitudes the direction down in body axes at given times [-] [FRD] (N, 3).
 
     times: [s] (N,). at, q_nb: times [s] and values [-] wxyz of the captured attitudes
     """

@@ -122,7 +122,7 @@ def _vector(m: Array) -> Array:
 
 
 def _peak(scores: Array, best: int) -> float:
-    """Return the offset of the true maximum from the best score [grid steps].
+    """Estimate the offset of the maximum, which lies between grid points, from the best score [grid steps].
 
     A parabola through three scores gives the maximum.
     """

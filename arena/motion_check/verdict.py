@@ -25,7 +25,7 @@ _REDEFINE = "Put the vehicle level with its nose along the x axis of the cameras
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Verdict of an axes check.
+    """Verdict of an identity and axes check of a captured body.
 
     problems: what is wrong, each with what to do; empty if the check has passed.
 
@@ -92,7 +92,7 @@ def judge(
 
 
 def _body_problem(own: BodyMatch, others: Mapping[str, BodyMatch]) -> str:
-    """Return why the captured body may not be this vehicle's; "" if it certainly is."""
+    """Return why the captured body may not belong to this vehicle; "" if it certainly does."""
     similar = similar_bodies(own, others)
     if not own.moves_with_vehicle:
         what = (

@@ -1,4 +1,4 @@
-"""Checks of the YAML that need the plan: names under `needs`, PX4 versions, PX4 parameters, rotors. Pure."""
+"""Checks of the YAML that need the plan (the list of all processes) or tables of PX4's parameters. Pure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SIGNS_FROM = "1.18"
 
 
 def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
-    """Check the keys of the YAML that can be checked only with the plan, such as `needs` of a tool.
+    """Check the keys of the YAML that need the list of processes or PX4's tables, such as `needs` of a tool.
 
     Raises InputError with every problem found.
 
@@ -79,7 +79,7 @@ def _program_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Probl
 
 
 def _rotors(arena: Arena) -> Iterator[Problem]:
-    """Find simulated vehicles whose rotors cannot control roll, pitch, yaw and thrust, such as tricopters.
+    """Find simulated vehicles, such as tricopters, whose rotors cannot control roll, pitch, yaw and thrust.
 
     The world has no servo that tilts a rotor.
     """
@@ -131,7 +131,7 @@ def _parameters(arena: Arena) -> Iterator[Problem]:
 
 
 def _radio(arena: Arena) -> Iterator[Problem]:
-    """Find vehicles with an RC transmitter that PX4 may ignore, because of COM_RC_IN_MODE in the YAML."""
+    """Find vehicles on which PX4 may ignore an RC transmitter, because of COM_RC_IN_MODE in the YAML."""
     for v in arena.vehicles:
         value, modes = v.own_params.get("COM_RC_IN_MODE"), rc_priority_modes(px4_version(v))
         if v.radio == "required" and value is not None and value not in modes:

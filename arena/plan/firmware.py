@@ -1,4 +1,4 @@
-"""The PX4 parameters that the YAML requires of each vehicle, in the code called its firmware. Pure.
+"""Functions that return the PX4 parameters that each vehicle must have, here called its `firmware`. Pure.
 
 `arena params`, the preflight check of hardware, the start of PX4 SITL and the built-in autopilots all use these functions.
 """
@@ -78,7 +78,7 @@ def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
 
 
 def origins(arena: Arena) -> dict[str, Origin]:
-    """Return the PX4 version and the required parameters of all vehicles, each with the source of its value.
+    """Return the PX4 version and the required parameters of all vehicles, and where each value comes from.
 
     The keys are `vehicles.NAME.px4_version` and `vehicles.NAME.params.PARAMETER`.
     """
@@ -138,7 +138,7 @@ def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
 
 
 def requirements(arena: Arena, v: Vehicle) -> Requirements:
-    """Return the requirements of the YAML for one vehicle's PX4, such as failsafes, each with its reason.
+    """Return the requirements that the YAML has for one vehicle's PX4, such as failsafes, and their reasons.
 
     `generate` converts the requirements to parameters of a PX4 version.
     """
@@ -180,15 +180,15 @@ def _declination_deg(arena: Arena, v: Vehicle) -> float | None:
 
 
 def _for_autopilot(required: Requirements, autopilot: str) -> Requirements:
-    """Return the requirements for which the autopilot has parameters.
+    """Return the requirements; for the built-in autopilot without rotor geometry and RC mapping.
 
-    The built-in autopilot has none for rotor geometry and RC mapping, because it reads both from the vehicle's profile.
+    The built-in autopilot has no parameters for both, because it reads them from the vehicle's profile.
     """
     return replace(required, rotors=(), channels=0) if autopilot == "builtin" else required
 
 
 def unmeasured(arena: Arena, vehicle: Vehicle, version: str = "") -> dict[str, float]:
-    """Return parameters of a real vehicle's body that the user has neither measured nor set, such as gains.
+    """Return the parameters of a real vehicle that the user has not yet measured or set, such as gains.
 
     arena does not write them, because its own values are those of the simulated body.
 
@@ -204,7 +204,7 @@ def unmeasured(arena: Arena, vehicle: Vehicle, version: str = "") -> dict[str, f
 
 
 def _checked_lines(arena: Arena, v: Vehicle, made: Generated) -> tuple[Line, ...]:
-    """Return the parameters whose values the preflight check must compare with those of the autopilot.
+    """Return the required parameters that the preflight check compares with those of the autopilot.
 
     For hardware with `preflight.params: false`, only the parameters that the user wrote are left.
     """

@@ -35,7 +35,7 @@ class Job:
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
-        """Return the vehicles whose programs run in this process, which belongs to a group."""
+        """Return the vehicles whose user programs run in this process, the process of a program group."""
         return self.arena.groups[self.group]
 
     @property
@@ -62,7 +62,7 @@ def program_args(arena: Arena, v: Vehicle) -> tuple[str, ...]:
 
 
 def link_of(arena: Arena, vehicle: Vehicle, name: str) -> LinkPlan:
-    """Return the two addresses of a MAVLink link of a vehicle: the autopilot's and its partner's.
+    """Return both addresses of a MAVLink link: the autopilot's, and that of its partner, such as the router.
 
     name: router, vision (to the pose forwarder), panic (to land-all) or ground (to the router, for ground stations).
     """
@@ -86,7 +86,7 @@ def _autopilot_host(arena: Arena, vehicle: Vehicle) -> str:
 
 
 def flies_px4_sitl(arena: Arena, vehicle: Vehicle) -> bool:
-    """Return whether a real PX4 SITL flies the vehicle.
+    """Return whether PX4's own SITL program flies the vehicle.
 
     False for arena's PX4 stand-in, the built-in autopilot and flight controllers.
     """
@@ -107,9 +107,9 @@ def autopilot_ends(arena: Arena, vehicle: Vehicle) -> Json:
 
 
 def partner_end(link: LinkPlan) -> Json:
-    """Return the `local` and `remote` address of a MAVLink link, as seen by the autopilot's partner.
+    """Return the `local` and `remote` address of a MAVLink link for the autopilot's partner.
 
-    The partner is the router, the pose forwarder or land-all.
+    This partner is the process at the other end of the link: the router, the pose forwarder or land-all.
     """
     return {
         "local": [link.partner_host, link.partner_port],

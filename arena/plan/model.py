@@ -111,7 +111,7 @@ class ProcessSpec:
 
     @property
     def flies(self) -> tuple[str, ...]:
-        """Return the vehicles that this program flies; () if the process is not a program."""
+        """Return the vehicles that the user programs in this process fly; () if it is not a program."""
         if not self.is_program:
             return ()
         own = (self.vehicle, *(m.vehicle for m in self.members))
@@ -120,7 +120,7 @@ class ProcessSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class LinkPlan:
-    """Both addresses of a MAVLink link over UDP: the autopilot's, and its partner's.
+    """The two addresses of a MAVLink link over UDP: that of the autopilot and that of its partner.
 
     The partner is the router, the pose forwarder or land-all. Hosts are numeric addresses.
     """
@@ -133,7 +133,7 @@ class LinkPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePlan:
-    """Names and addresses of one vehicle, as land-all, tools and the live table need them.
+    """Names and addresses of one vehicle, as land-all, tools and the table of `arena up` need them.
 
     id: MAVLink system id (MAV_SYS_ID). radio: `required` if a pilot has an RC transmitter.
     axes_check: `required` if a real vehicle must pass `arena preflight` before it can arm, `none` if not; "" for vehicles

@@ -64,7 +64,7 @@ def open_sockets(plan: Plan) -> tuple[OpenSocket, ...]:
 
 
 def open_lines(plan: Plan) -> list[str]:
-    """Return the lines `open: ...` about all sockets that other computers can reach.
+    """Return the lines `open: ...` for the user, which list all sockets that other computers can reach.
 
     Ports for the same use are in one line.
     """
@@ -118,7 +118,7 @@ def _server_sockets(plan: Plan, name: str) -> Iterator[SocketUse]:
 
 
 def _other_sockets(plan: Plan, spec: ProcessSpec, kind: str, slice_: dict[str, Any]) -> Iterator[OpenSocket]:
-    """Yield the sockets that are neither in the table `PORTS` nor used for motion capture.
+    """Yield the sockets that are neither in the table `PORTS` nor for motion capture, such as Unix sockets.
 
     These are Unix sockets, and UDP sockets that only send.
 

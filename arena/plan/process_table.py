@@ -311,7 +311,7 @@ TABLE: tuple[ProcessKind, ...] = (
 
 
 def jobs(row: ProcessKind, job: Job) -> Iterator[Job]:
-    """Yield a `Job` for each process of this kind in the arena.
+    """Yield the planning input (`Job`) of each process of this kind in the arena.
 
     A `Job` contains all that is needed to describe one process.
     """
@@ -359,7 +359,7 @@ def _group_listens(job: Job) -> Iterator[Listen]:
 
 
 def listens(arena: Arena, kind: str, vehicle: Vehicle | None) -> Iterator[Listen]:
-    """Yield the ports that only this process binds.
+    """Yield the ports that a process binds alone, and that must be free when it starts.
 
     Multicast ports that several receivers share are not included.
 

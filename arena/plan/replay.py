@@ -94,8 +94,8 @@ def make_replay_plan(settings: ReplaySettings, address: str = ADDRESS, python: s
         )
     if address.startswith("127.0.0."):
         raise InputError(
-            f"127.0.0.x are the addresses of flights: land-all for an arena.yaml could take a replayed vehicle for a real one. "
-            f"Got {address}, try {ADDRESS}"
+            f"got the address {address}, but 127.0.0.x are the addresses of flights: `arena land-all` could take "
+            f"a replayed vehicle for a flying one. Try {ADDRESS}"
         )
     arena = _arena(settings, address)
     plan = make_plan(arena, python)

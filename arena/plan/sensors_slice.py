@@ -35,13 +35,13 @@ def sensors(job: Job) -> Json:
 
 
 def _vehicles(arena: Arena) -> list[Vehicle]:
-    """Return the vehicles that carry a sensor of neighbours or beacons, and the neighbours that are measured."""
+    """Return the vehicles with a relative sensor, and all vehicles that such a sensor measures."""
     measured = {name for v in arena.vehicles for name in v.neighbours}
     return [v for v in arena.vehicles if v.has_sensors or v.name in measured]
 
 
 def _captured(arena: Arena) -> set[str]:
-    """Return the names of the vehicles whose captured poses a relative sensor needs."""
+    """Return the names of the vehicles whose captured poses are needed to emulate the relative sensors."""
     found = set()
     for v in arena.vehicles:
         if v.neighbours and v.neighbour_sensor.source == "mocap":
@@ -52,7 +52,7 @@ def _captured(arena: Arena) -> set[str]:
 
 
 def _estimated(arena: Arena) -> set[str]:
-    """Return the names of the vehicles whose telemetry a relative sensor needs."""
+    """Return the names of the vehicles whose telemetry is needed to emulate the relative sensors."""
     found = set()
     for v in arena.vehicles:
         if v.neighbours and v.neighbour_sensor.source == "estimator":

@@ -368,7 +368,7 @@ def program(job: Job) -> Json:
 
 
 def group(job: Job) -> Json:
-    """Return the configuration (slice) of the process that runs the programs of a group."""
+    """Return the configuration (slice) of the process that runs the user programs of a group of vehicles."""
     vehicles = job.vehicles
     first = vehicles[0]
     if first.program is None:

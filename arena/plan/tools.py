@@ -1,4 +1,4 @@
-"""Processes of the YAML section `tools`: programs beside the arena, such as the bridge to ROS 2. Pure."""
+"""Processes of the YAML section `tools`: additional programs, such as the bridge to ROS 2. Pure."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ def named_tools(arena: Arena) -> Iterator[tuple[str, Tool, Vehicle | None]]:
 
 
 def tools(arena: Arena, python: str) -> Iterator[ProcessSpec]:
-    """Yield the process of each tool. python: path of the Python interpreter for arena's own tools."""
+    """Yield the `ProcessSpec` of each tool, a program that the YAML lists under `tools`.
+
+    python: path of the Python interpreter for arena's own tools.
+    """
     for name, tool, vehicle in named_tools(arena):
         own = tool.argv[0] in MODULES
         argv = tuple(filled(text, arena, vehicle) for text in tool.argv)

@@ -48,7 +48,7 @@ def _vehicle(arena: Arena, v: Vehicle) -> Json:
 
 
 def _captures(arena: Arena) -> list[Json]:
-    """Return the settings of the motion-capture receiver for the real vehicles, as a list.
+    """Return the settings of the receiver of the real vehicles' captured poses, as a list.
 
     The list has one entry, or none if no server sees real vehicles.
 

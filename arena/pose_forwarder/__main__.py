@@ -22,7 +22,7 @@ _FIRST_TICK_S = 0.02
 
 
 class _PoseGapSleep:
-    """Timer that lets the process sleep for some time after each forwarded pose.
+    """Timer that lets the pose forwarder sleep between two forwarded poses, to save CPU time.
 
     Most camera frames are not forwarded, so the process need not wake up for each frame.
 
@@ -81,7 +81,7 @@ class _ForwarderProcess(ForwarderShell):
                     return
 
     def _armed_real(self) -> list[str]:
-        """Return the name of this process's vehicle if it is real and armed, as a list.
+        """Return a list with the name of this process's vehicle if it is real and armed, else an empty list.
 
         The list is for `ProcessContext.may_end`. The vehicle counts as armed if its last heartbeat reported
         so.

@@ -40,7 +40,7 @@ _MODES_WITHOUT_ARMING = frozenset({"AUTO.LAND", "AUTO.RTL", "TERMINATION"})
 
 @dataclass(slots=True)
 class Autopilot:
-    """State of the autopilot, as its messages to the pose forwarder have reported it.
+    """State of the autopilot, read from the MAVLink messages that the pose forwarder receives.
 
     Times are by the caller's clock [s].
 
@@ -108,7 +108,7 @@ class Forwarder:
         return self.on_frames([frame], now)
 
     def on_frames(self, frames: Sequence[CapturedFrame], now: float) -> bytes | None:
-        """Return one ODOMETRY message for frames that arrived together, or None if no pose is forwarded.
+        """Return an ODOMETRY message with the newest of several received poses; None if no pose is sent.
 
         Only the newest pose of the vehicle is sent, because the autopilot uses the arrival time as the time of the pose.
         frames: oldest first. now: [s].
@@ -154,7 +154,10 @@ class Forwarder:
         return pose
 
     def _own_pose(self, poses: Sequence[Pose]) -> Pose | None:
-        """Return the vehicle's pose in a frame; None if there is none. In almost all frames it has the same place as before."""
+        """Return the vehicle's pose in a frame; None if the frame contains no pose of the vehicle.
+
+        The index of the last frame is tried first, because in almost all frames the pose has the same index.
+        """
         if self._place < len(poses) and poses[self._place].body == self._body:
             return poses[self._place]
         for place, pose in enumerate(poses):
@@ -178,7 +181,7 @@ class Forwarder:
         return "stale" if late > self._stale_s else ""
 
     def _capture_restarted(self) -> None:
-        """Reset the state of the motion capture after a restart of its server.
+        """Reset the stored pose and clock offset of the motion capture, after a restart of its server.
 
         The last pose and the measured offset of the clocks are discarded. The next ODOMETRY messages report
         the restart to the autopilot by a new reset counter.
@@ -257,7 +260,7 @@ class Forwarder:
         self._origin_tries = 0
 
     def _waits_for_origin(self, now: float) -> bool:
-        """Return whether poses must wait, because the autopilot has no origin or global position yet.
+        """Return whether no pose may be sent yet, because the autopilot has no origin or global position.
 
         This is only the case while the vehicle is on the ground.
 

@@ -24,7 +24,7 @@ _FIRST_MESSAGE_S = 0.3  # a running autopilot sends EXTENDED_SYS_STATE five time
 
 
 class VisionLink(Protocol):
-    """UDP socket of the vision link, on which the autopilot receives ODOMETRY. No method blocks."""
+    """UDP socket of the vision link, on which ODOMETRY is sent to the autopilot. No method blocks."""
 
     def recvfrom(self, size: int, /) -> tuple[bytes, Address]: ...
 

@@ -244,7 +244,7 @@ def _is_locked(lock: Path) -> bool:
 
 
 def _holder(port: int) -> str:
-    """Return which process has bound a UDP port, as part of a message; "" if unknown.
+    """Return a text that names the process that has bound a UDP port, for a message; "" if unknown.
 
     For example: ` by process 123 (px4) on 0.0.0.0`.
     """
@@ -258,7 +258,7 @@ def _holder(port: int) -> str:
 
 
 def _lock_owner(instance: int) -> str:
-    """Return which process is the PX4 with this instance number, as part of a message.
+    """Return a text that names the running PX4 process with this instance number, for a message.
 
     For example: ` as process 123 (px4 -i 0)`. Return "" if there is no such process.
     """

@@ -21,7 +21,7 @@ _BYTES = 4096
 
 
 class _Client:
-    """TCP connection to a client that has not yet proved to be PX4, by sending valid MAVLink.
+    """TCP connection of a client that must still prove that it is PX4, by sending valid MAVLink.
 
     since: wall time of its start [s]
     data: all bytes that the client has sent
@@ -91,7 +91,7 @@ class ConnectionGuard:
         self._listener.setblocking(False)
 
     def accept(self, now: float, *, taken: bool) -> tuple[socket.socket, bytes] | None:
-        """Return (connection, bytes received so far) of a new client that is PX4, or None without one.
+        """Return (connection, bytes received so far) of a new client that is PX4, or None if there is none.
 
         now: wall time [s]
         taken: whether a PX4 is connected, so that every other client is refused

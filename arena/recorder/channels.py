@@ -38,7 +38,7 @@ _NAME = itemgetter(0)
 
 
 class RecordChannels(Protocol):
-    """Interface of a set of output channels of the recorder.
+    """Interface of one set of the recorder's output channels, such as the channels for Foxglove.
 
     The recorder calls the methods for all data that it receives, in the order of reception.
 

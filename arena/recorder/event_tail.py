@@ -28,7 +28,7 @@ class EventTail:
 
     @property
     def busy(self) -> bool:
-        """True while a read is in progress."""
+        """True while the background thread reads the file."""
         return self._thread.busy
 
     def poll(self) -> None:
@@ -44,7 +44,7 @@ class EventTail:
         return found
 
     def close(self, timeout_s: float = 1.0) -> list[bytes]:
-        """Read the file for the last time and return the new lines.
+        """Read the file for the last time and return its new lines.
 
         timeout_s: wait at most this long for the disk [s].
         """

@@ -1,4 +1,4 @@
-"""Core of the recorder: passes received data to the output channels and reports statistics. Opens no sockets.
+"""The recorder without sockets: passes received data to the output channels and reports statistics.
 
 The process `recorder` and the fused arena use it. No call blocks.
 """
@@ -252,7 +252,7 @@ class FlightRecorder:
                 self._remove(channels, error)
 
     def _remove(self, channels: RecordChannels, error: Exception) -> None:
-        """Stop using a set of channels that has raised an error. The flight and the other channels continue."""
+        """Remove an output of the recorder that has raised an error. Flight and other outputs continue."""
         self._channels = [other for other in self._channels if other is not channels]
         if isinstance(channels, RawChannels):
             self._failure = self._failure or f"error: {error!r}"

@@ -44,7 +44,7 @@ class ViewedVehicle:
 
 
 class FoxgloveChannels:
-    """Output channels for viewers. No method blocks.
+    """Output channels of the recorder for Foxglove and PlotJuggler. No method blocks.
 
     The methods are those of `RecordChannels`.
 

@@ -33,7 +33,7 @@ class _Panels:
         self.config: Json = {}
 
     def add(self, kind: str, title: str, **settings: Any) -> str:
-        """Add a panel and return its id.
+        """Add a panel to the layout and return its id.
 
         kind: type of panel in Foxglove.
         """

@@ -32,7 +32,7 @@ _NO_LIMIT = 1 << 30
 
 
 class McapFile:
-    """MCAP file that stores all messages of a Foxglove context.
+    """Writer of the file flight.mcap, which stores all messages of one foxglove-sdk `Context`.
 
     Messages are collected in memory. `flush` writes them, in a thread that also waits until they are on the disk. If power is
     lost, the record loses only the messages since the last `flush` (and the time that the disk needs). The file is locked while
@@ -70,11 +70,11 @@ class McapFile:
 
     @property
     def busy(self) -> bool:
-        """True while some data are not on the disk yet."""
+        """True while data wait to be written to the disk."""
         return self._thread.busy
 
     def flush(self) -> None:
-        """Write all messages since the last call to the file, in a background thread. Never blocks."""
+        """Write all new messages to the file, in a background thread. Never blocks."""
         if self.failure:
             self._stop()
             return
@@ -119,7 +119,7 @@ class McapFile:
         return tail
 
     def _stop(self) -> None:
-        """Close both writers after a failure, so that their data do not fill the memory.
+        """Stop writing the record and its tail file after a failure, so that no data collect in the memory.
 
         The files are `flight.mcap` and `flight.mcap.tail`.
         """
@@ -198,7 +198,7 @@ class _Writer:
         self._writer.write_metadata(name, dict(metadata))
 
     def flush(self) -> bytes:
-        """End the present chunk. Return the new bytes of the file since the last call."""
+        """End the current MCAP chunk. Return the bytes of the file that were produced since the last call."""
         self._writer.flush()
         return self._buffer.take()
 
@@ -245,7 +245,7 @@ def _write(fd: int, data: bytes) -> None:
 
 
 def _create(path: Path) -> tuple[Path, int]:
-    """Create the file and return its path and file descriptor.
+    """Create the MCAP file and return its path and file descriptor.
 
     If the file exists already, create the next part of the record.
     """

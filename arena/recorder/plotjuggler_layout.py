@@ -12,7 +12,7 @@ MAX_PLOTTED = 12
 
 
 def plotjuggler_layout(vehicles: Sequence[DrawnVehicle]) -> str:
-    """Return the layout as XML.
+    """Return the PlotJuggler layout as XML.
 
     vehicles: vehicles of the arena; the first `MAX_PLOTTED` get plots.
     """

@@ -46,11 +46,17 @@ class CopySenders:
         self._names = {int(v["id"]): str(v["name"]) for v in vehicles}
 
     def owner(self, sender: Address) -> tuple[str, bool] | None:
-        """Return the vehicle and the direction (True: to the vehicle) of a router address, or None if it is unknown."""
+        """Return the vehicle and direction of datagrams from a router address, or None if it is unknown.
+
+        Direction: True for datagrams to the vehicle.
+        """
         return self._senders.get(sender)
 
     def find(self, sender: Address, data: bytes) -> tuple[str, bool] | None:
-        """Return the vehicle and the direction (True: to the vehicle) of a datagram, or None if it must not be recorded."""
+        """Return the vehicle and direction of a datagram; None if the datagram must not be recorded.
+
+        Direction: True for datagrams to the vehicle.
+        """
         found = self._senders.get(sender) or self._reference(data)
         self.unknown += found is None
         return found

@@ -31,7 +31,7 @@ class RunTime(Protocol):
     """Interface of the clock of a run."""
 
     def now(self) -> float:
-        """Return the time [s]."""
+        """Return the present time by the run's clock [s]."""
 
     def wait(self) -> None:
         """Wait until the current period ends. While the simulation stands still, wait at most 0.25 s of wall time.

@@ -142,7 +142,7 @@ class RecorderShell:
 
 
 class _Capture:
-    """Client of one motion capture server.
+    """Client with which the recorder receives the frames of one motion capture server.
 
     raw: its settings, with `simulated`: it is the emulator.
     """

@@ -1,4 +1,4 @@
-"""Reader of the true states of the simulated vehicles at a fixed rate, from shared memory (truth page)."""
+"""Samples the true states of the simulated vehicles at a fixed rate, from shared memory (the truth page)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class _Reader(Protocol):
 
 
 class TruthSampler:
-    """Reader that samples the true states at multiples of a period.
+    """Reader that samples the true states of the simulated vehicles at a fixed rate.
 
     reader: reader of the truth page.  rate_hz: samples per second [Hz].
     simulation_clock: the run's clock is simulation time. Else it is Unix time, to which simulation time is converted.
@@ -32,7 +32,7 @@ class TruthSampler:
         self._offset_s, self._at_s = math.inf, 0.0
 
     def due(self, now_s: float) -> Iterator[tuple[float, TrueStates]]:
-        """Yield (time, true state) for each multiple of the period since the last call.
+        """Yield (time, true states) for each sampling time since the last call.
 
         now_s: run's clock [s].
         """

@@ -81,7 +81,7 @@ def log_of_event(fields: Mapping[str, Any], time_s: float) -> Log | None:
 
 
 def fault_of_event(fields: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return (fault, process that simulates it) of a line of events.jsonl, or None without an injected fault."""
+    """Return (fault, process that simulates it) of an event line about an injected fault, else None."""
     text = str(fields.get("event", ""))
     if not text.startswith(FAULT_PREFIX):
         return None

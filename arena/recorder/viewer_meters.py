@@ -1,4 +1,4 @@
-"""Rates, gaps and paths that are sent periodically to Foxglove and PlotJuggler. Pure."""
+"""Message rates, longest gaps and flown paths, which are sent periodically to viewers. Pure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class TrafficMeter:
         self._sequence: int | None = None
 
     def count(self, up: bool, data: bytes) -> None:
-        """Count a datagram.
+        """Count a MAVLink datagram of the vehicle, and its bytes.
 
         up: it was sent to the vehicle.
         """
@@ -68,7 +68,7 @@ class GapMeter:
         self._count, self._gap_s = 0, 0.0
 
     def add(self, time_s: float) -> None:
-        """Count one arrival at a time [s]."""
+        """Count one arrival, such as that of a captured pose, at a time [s]."""
         if self.newest_s is not None and time_s - self.newest_s > self._gap_s:
             self._gap_s = time_s - self.newest_s
         self.newest_s = time_s
@@ -98,7 +98,7 @@ class PathPieces:
         self._newest_s = -math.inf
 
     def add(self, p_n: Triple, time_s: float) -> None:
-        """Add a position.
+        """Add a position of the vehicle to its flown path.
 
         p_n: [m] [NED] (3,).
         time_s: its time [s].
@@ -110,7 +110,7 @@ class PathPieces:
             self._newest_s = time_s
 
     def take(self) -> list[Triple]:
-        """Return the positions of the vehicle since the last call [m] [NED].
+        """Return the positions that were added to the path since the last call [m] [NED].
 
         The next piece begins at the last position of this piece.
         """

@@ -29,7 +29,7 @@ _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in bin
 
 
 class Throttle:
-    """Rate limit of a channel.
+    """Rate limit for the messages of one viewer channel.
 
     period_s: shortest mean time between two accepted messages [s]; 0: all are accepted.
     """

@@ -116,7 +116,7 @@ class VehicleChannels:
                 publish(decode(data, frame), time_s)
 
     def _take_references(self, data: bytes, time_s: float) -> None:
-        """Publish the references and planned paths in a datagram that a user program sent to the vehicle."""
+        """Read references and planned paths from a datagram of a user program, to show them in viewers."""
         if may_contain_path(data):
             self._plan_changed |= self._plan.on_datagram(data)
             return
@@ -146,11 +146,11 @@ class VehicleChannels:
         self._send_pose(Content.TRUE_POSE, f"{self._name}/truth", p_n, q_nb, time_s)
 
     def output(self, content: Content) -> Output:
-        """Return the channel of one kind of content."""
+        """Return the output channel for one kind of content, such as the attitude."""
         return self._out[content]
 
     def send_model(self, time_s: float) -> None:
-        """Publish the 3D model of the vehicle and its planned path.
+        """Publish the 3D model of the vehicle, and let the next `send_rates` publish its planned path again.
 
         Without a known shape, no model is published.
 
@@ -161,7 +161,7 @@ class VehicleChannels:
             self._out[Content.MODEL].send(vehicle_model(self._name, self._shape, time_s), time_s)
 
     def send_rates(self, time_s: float, period_s: float) -> None:
-        """Publish the traffic, the health of the poses, and the new pieces of the flown paths.
+        """Publish the vehicle's traffic, the rate and age of its captured poses, and new pieces of its paths.
 
         period_s: time since the last call [s].
         """

@@ -43,7 +43,7 @@ class Room:
 
 
 def grid_step_m(room: Room) -> float:
-    """Return the distance between grid lines [m]: 1, 5, 10, 50 ...
+    """Return the distance between the grid lines on the floor [m]: 1, 5, 10, 50 ...
 
     Larger rooms get larger distances, so that there are at most MAX_GRID_LINES lines.
     """

@@ -50,7 +50,7 @@ class Camera:
         return np.asarray(self.focal_px * seen[..., :2] / depth + (0.5 * self.width, 0.5 * self.height))
 
     def pixels_per_metre(self, point_n: ArrayLike) -> float:
-        """Return how many pixels one metre at a given point takes, perpendicular to the direction of view [px].
+        """Return the scale at a given point, in pixels per metre across the direction of view [px/m].
 
         point_n: [m] [NED] (3,).
         """
@@ -103,7 +103,7 @@ def distance_to_see(
 
 
 def _slopes(size: tuple[int, int], margin: float) -> Array:
-    """Return the tangents of the horizontal and vertical half angles of view, reduced by the margin (2,)."""
+    """Return the tangents of half the horizontal and vertical angle of view, less the free border (2,)."""
     slope = np.tan(np.radians(0.5 * FIELD_OF_VIEW_DEG)) * (1.0 - 2.0 * margin)
     return np.array([slope * size[0] / size[1], slope])
 

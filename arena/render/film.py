@@ -202,7 +202,7 @@ def _palette(script: Script) -> Image.Image:
 
 
 def _main_colours(pixels: NDArray[np.uint8], count: int) -> list[int]:
-    """Return at most `count` colours that best represent some pixels (n, 3).
+    """Return at most `count` colours that together represent the given pixels (n, 3) best.
 
     The result is a list r, g, b, r, g, b, ...
     """

@@ -118,7 +118,7 @@ def mesh_of(frame: Airframe) -> Mesh:
 
 
 def corners_n(body: Body) -> Array:
-    """Return the corners of all faces of a vehicle [m] [NED] (k, 3), in the order of its mesh."""
+    """Return the corners of all faces of a vehicle [m] [NED] (k, 3), in the order of its 3D model."""
     return np.asarray(body.p_n + mesh_of(body.airframe).points_b @ matrix_from_quat(body.q_nb).T)
 
 
@@ -216,7 +216,7 @@ def _vehicle(picture: Image.Image, draw: ImageDraw.ImageDraw, camera: Camera, bo
 
 
 def _face_colours(shape: Mesh, rotation: Array, colour: style.Colour) -> list[style.Colour]:
-    """Return the colour of each face of a vehicle as the lamp lights it.
+    """Return the colour of each face of a vehicle, as lit by the lamp of the room.
 
     rotation: body to NED (3, 3).
     colour: colour of the vehicle.

@@ -29,7 +29,7 @@ def draw_obstacles(
 
 
 def hiding(obstacles: Sequence[Obstacle], eye_n: Array, p_n: Array) -> list[Obstacle]:
-    """Return the obstacles between the camera and a point.
+    """Return the obstacles that hide a point from the camera.
 
     eye_n, p_n: [m] [NED] (3,).
     """

@@ -62,7 +62,7 @@ def _in_order(flights: Sequence[Flight], names: Sequence[str]) -> list[Flight]:
 
 
 def _on_one_clock(groups: list[list[Flight]]) -> list[list[Flight]]:
-    """Shift each run or log to time zero if their time ranges do not overlap."""
+    """Shift each run or log to start at time zero if the runs and logs do not overlap in time."""
     spans = [(min(f.t0 for f in g), max(f.t0 + float(f.t[-1]) for f in g)) for g in groups]
     if max(start for start, _ in spans) <= min(end for _, end in spans):
         return groups

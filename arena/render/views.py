@@ -65,7 +65,7 @@ def parse_view(text: str) -> View:
 
 
 def flown_volume(tracks: Sequence[Track], start_s: float, end_s: float) -> Array:
-    """Return the box that contains all vehicles between two times and the floor below them [m] [NED] (8, 3).
+    """Return the box from the floor up that contains all vehicles between two times [m] [NED] (8, 3).
 
     The result is the corners of the box.
     """

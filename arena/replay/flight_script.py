@@ -1,4 +1,4 @@
-"""Replay script made from log files (CSV or ULog), for flights without a record flight.mcap. Pure.
+"""Messages of a replay, computed from log files (CSV or ULog) if there is no flight.mcap. Pure.
 
 Telemetry and motion capture messages are computed from the columns of the logs.
 """
@@ -29,7 +29,7 @@ _UNTRACKED = (math.nan,) * 3, (math.nan,) * 4
 
 
 class FlightScript:
-    """Replay script that is made from log files. It implements `arena.replay.script.Script`.
+    """Source of a replay's messages: computes them from log files. Implements `arena.replay.script.Script`.
 
     Logs whose times do not overlap are moved to a common start: their clocks count from the start of each autopilot.
     The frames of motion capture have the times of the rows of the first log with captured poses. The poses of the other vehicles
@@ -144,7 +144,7 @@ def vehicle_ids(names: Sequence[str]) -> dict[str, int]:
 
 
 def _aligned(flights: Sequence[Flight]) -> list[Flight]:
-    """Return the flights on one time axis.
+    """Return the flights on a common time axis: if their times do not overlap, all flights start together.
 
     If their times do not overlap, all flights start at the time of the first flight.
     """

@@ -18,7 +18,7 @@ _LOST = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 
 
 class FrameConverter:
-    """Converter from recorded frames to frames that the motion capture server sends.
+    """Converter from recorded motion capture frames to the frames that the replay's server sends.
 
     numbers: name of a rigid body -> its number in the stream of the server.
     """
@@ -29,7 +29,7 @@ class FrameConverter:
         self._offset = 0
 
     def measured(self, frame: RecordedFrame, shift_s: float, *, jumped: bool = False) -> MeasuredFrame:
-        """Return the frame for the motion capture server, with its recorded frame number and exposure time.
+        """Return a recorded frame for the replay's motion capture server, with its number and exposure time.
 
         After a jump in the record the numbers continue to increase, because receivers drop older frames.
         shift_s: clock minus time of the record [s].  jumped: the replay has jumped since the last frame.
@@ -57,7 +57,7 @@ class FrameConverter:
 
 
 def sent_s(frame: RecordedFrame, shift_s: float) -> float:
-    """Return the time at which the server sent a frame [s], or the exposure time if it is unknown.
+    """Return the time at which the motion capture server sent a frame [s], or its exposure time if unknown.
 
     The time is by the clock of the server.
     """
@@ -65,7 +65,7 @@ def sent_s(frame: RecordedFrame, shift_s: float) -> float:
 
 
 def captured(frame: RecordedFrame, shift_s: float) -> CapturedFrame:
-    """Return the frame in the form in which the recorder of the flight received it.
+    """Return a recorded frame in the form in which a recorder receives frames during a flight.
 
     shift_s: clock minus time of the record [s].
     """

@@ -22,10 +22,10 @@ def check_loopback(slices: Mapping[str, Any], allowed: Collection[str] = ()) -> 
     """
     for path, value in _leaves(slices, ""):
         if value and not _CONNECTIONS.isdisjoint(path.split(".")):
-            raise InputError(f"a replay opens no connection to a vehicle: got {path}: {value!r}")
+            raise InputError(f"a replay must not connect to a real vehicle: got {path}: {value!r}")
         if isinstance(value, str) and _is_foreign(value) and value not in allowed:
             raise InputError(
-                f"a replay opens loopback addresses only: got {path}: {value}, expected an address in 127.0.0.0/8"
+                f"a replay can use only loopback addresses: got {path}: {value}, expected an address in 127.0.0.0/8"
             )
 
 

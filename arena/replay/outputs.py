@@ -95,9 +95,9 @@ class Outputs:
         self._record_copies()
 
     def serve(self, playback: Playback, wall: float) -> None:
-        """Answer the requests and commands that have arrived. Time does not advance.
+        """Answer the requests and commands that programs have sent. The replay's time does not advance.
 
-        wall: monotonic [s]. Time does not advance.
+        wall: monotonic [s].
         """
         self._router.drain(self._now_s)
         waiting = self._inbox[:]

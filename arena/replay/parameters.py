@@ -89,7 +89,7 @@ class ParameterHistory:
 
 
 class ParameterReplies:
-    """Replies to parameter requests, for all replayed vehicles.
+    """Parameter server of all replayed vehicles: replies to parameter requests with the recorded values.
 
     histories: parameters of each vehicle.
     ids: MAVLink system id of each vehicle.
@@ -121,7 +121,10 @@ class ParameterReplies:
         return [reply for reply in replies if reply]
 
     def next_values(self, record_ns: int) -> list[tuple[int, bytes]]:
-        """Return the next messages of the requested parameter lists, as (vehicle, datagram). Call it regularly."""
+        """Return the next PARAM_VALUE messages of the requested parameter lists, as (vehicle, datagram).
+
+        Call it regularly: each call returns only some of the messages.
+        """
         found = []
         for vehicle, left in enumerate(self._to_list):
             if left:

@@ -44,7 +44,7 @@ class Step:
 
 
 class Playback:
-    """Playback of a replay script. Call `step` whenever `wait_s` returns 0 or less.
+    """Playback of recorded messages, with speed, pause and jumps.
 
     script: recorded messages.  start_ns: time of the record at which the replay begins [ns].
     speed: recorded seconds per second of wall time; inf for as fast as possible.  loop: begin again at the end.

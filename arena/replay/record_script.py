@@ -1,4 +1,4 @@
-"""Replay script that reads the messages of a record `flight.mcap` while they are sent.
+"""Messages of a replay, read from a record `flight.mcap` while they are sent.
 
 A recorder logs true states up to 0.2 s after their time, and events up to seconds after it. They are sorted by time, and the
 messages of one topic keep their order.
@@ -32,7 +32,7 @@ SORTED_NS = 3 * NS
 
 
 def script_vehicles(recording: Recording) -> tuple[ScriptVehicle, ...]:
-    """Return the vehicles of a record, as a replay describes them."""
+    """Return the vehicles of a record as `ScriptVehicle`, the form in which a replay describes them."""
     return tuple(
         ScriptVehicle(
             name=v.name, id=v.id, body=v.body, simulated=v.simulated, autopilot=v.autopilot, profile=v.profile
@@ -42,7 +42,7 @@ def script_vehicles(recording: Recording) -> tuple[ScriptVehicle, ...]:
 
 
 class RecordScript:
-    """Replay script made from a record `flight.mcap`. It implements `arena.replay.script.Script`.
+    """Source of a replay's messages: reads them from flight.mcap. Implements `arena.replay.script.Script`.
 
     recording: the record.  initial: vehicle -> its parameters at the start.  Raises InputError if the record has no message.
     """
@@ -73,7 +73,7 @@ class RecordScript:
                 yield item
 
     def _item(self, message: RecordedMessage, time_ns: int) -> Item | None:
-        """Convert a message of the record to an item of the script. Return None for a damaged message."""
+        """Convert a message of the record to an `Item` of the replay. Return None for a damaged message."""
         kind, vehicle = self._kinds[message.topic]
         if kind is Kind.FRAME:
             return Item(time_ns, kind, vehicle, unpack_frame(message.time_s, message.data))

@@ -24,7 +24,7 @@ _TEXT_PERIOD_S = 5.0
 
 
 class Refusals:
-    """Refusals of commands, for all replayed vehicles.
+    """Command handler of all replayed vehicles, which denies commands because the flight is a recording.
 
     names, ids: name and MAVLink system id of each vehicle.
     counts: kind of request -> number of refused or ignored requests.
@@ -100,6 +100,6 @@ def _words(kind: Kind, mode: str, param: str) -> str:
 
 
 def _first_parameter(data: bytes, at: Frame) -> float:
-    """Return param1 of a COMMAND_LONG, or -1 if it is not finite."""
+    """Return param1 of a COMMAND_LONG, or -1 if it is not finite or not below 1e6."""
     (value,) = struct.unpack("<f", uint_at(data, at, 0, 4).to_bytes(4, "little"))
     return float(value) if abs(value) < 1e6 else -1.0

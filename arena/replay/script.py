@@ -88,7 +88,7 @@ class ScriptVehicle:
 
 
 class Script(Protocol):
-    """Interface of the recorded messages of one flight, in the order of their replay.
+    """Interface of a source of recorded messages, which a replay sends in their order.
 
     vehicles: vehicles of the flight.  start_ns, end_ns: times of the first and the last message [ns].
     bodies: names of all rigid bodies in the frames of motion capture.

@@ -20,7 +20,7 @@ _CHECK_S, _STATS_S = 0.05, 0.25
 
 
 class ReplayLoop:
-    """Loop that plays a script until a stop is requested.
+    """Main loop of a replay: sends the recorded messages until a stop is requested.
 
     It serves the simulation clock for all processes of the replay.
 
@@ -80,7 +80,7 @@ class ReplayLoop:
         self._clock.close()
 
     def _idle(self, left_s: float) -> None:
-        """Wait until the next step, and serve the clients of the clock meanwhile.
+        """Wait until the next step, and meanwhile reply to the programs that use the simulation clock.
 
         left_s: wall time [s].
         """
@@ -90,7 +90,10 @@ class ReplayLoop:
             time.sleep(left_s)
 
     def _clients_sleep(self) -> bool:
-        """Return whether all programs are waiting on the simulation clock. Waits for 1 ms at most."""
+        """Return whether all programs wait on the simulation clock, so that time may advance.
+
+        Blocks for 1 ms at most.
+        """
         now_s = self.playback.clock_ns / NS
         if self._clock.may_advance(now_s, time.monotonic()):
             return True

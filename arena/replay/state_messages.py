@@ -1,4 +1,4 @@
-"""The last state messages of each vehicle, which a viewer needs when a replay starts in mid-flight. Pure."""
+"""The newest state messages of each vehicle, such as HEARTBEAT, for a replay from mid-flight on. Pure."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MODE_INDEX_OFFSET = 9  # in AVAILABLE_MODES, after custom_mode, properties and 
 
 
 class StateMessages:
-    """Store of the newest frame of each state message, per vehicle.
+    """Store of the newest frame of each state message (such as HEARTBEAT) of each vehicle.
 
     vehicles: number of vehicles.
     """
@@ -50,7 +50,7 @@ class StateMessages:
                 self._frames[vehicle][at.msgid, at.compid, index] = bytes(datagram[at.start : at.end])
 
     def newest(self, vehicle: int, msgid: int) -> bytes | None:
-        """Return the newest stored frame of a message of a vehicle, or None if there is none.
+        """Return a vehicle's newest stored frame with a given MAVLink message id, or None if there is none.
 
         msgid: MAVLink message id.
         """

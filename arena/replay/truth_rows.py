@@ -33,7 +33,7 @@ class TruthRows:
         self.fresh.add(vehicle)
 
     def take(self, time_s: float) -> Truth:
-        """Return the true states of all vehicles at a time of the replay's clock [s]."""
+        """Return the newest true states of all vehicles, stamped with a time of the replay's clock [s]."""
         self.fresh.clear()
         return Truth(
             time_s=time_s,

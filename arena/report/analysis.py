@@ -53,7 +53,7 @@ def tracking(flight: Flight) -> dict[str, float | None]:
 
 
 def landing(flight: Flight, disarmed: bool, spans: Spans) -> dict[str, Any]:
-    """Return how the landing ended, and two distances between places of the landing [m].
+    """Return how the landing ended, its horizontal drift, and its distance from the last setpoint [m].
 
     drift_m: horizontal distance from the place where the landing mode began to the place of the touchdown; None if the
         vehicle did not land in a landing mode.

@@ -74,7 +74,7 @@ def _histogram(panel: Axes, values: Array, passed: Array) -> None:
 
 
 def _whole(values: Array) -> bool:
-    """Return whether all values are integers and few enough to draw one bar per value."""
+    """Return whether all values are integers in a narrow range, so that each can have a bar of its own."""
     return bool(values.size and np.all(values == np.round(values)) and np.ptp(values) < 30)
 
 

@@ -30,7 +30,7 @@ _MOMENT_WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """First or second side of a comparison: its flights and settings.
+    """One of the two inputs of a comparison: its flights, and the settings of its run.
 
     name: text for the page.
     flights: its logs.
@@ -43,7 +43,7 @@ class Source:
 
 
 def read_source(text: str) -> Source:
-    """Read the flights at `PATH` or `PATH:VEHICLE`.
+    """Read the flights of a command-line argument `PATH` or `PATH:VEHICLE`.
 
     PATH: run folder, or log of any supported format.
 

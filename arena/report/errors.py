@@ -105,7 +105,7 @@ def norm(error: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """Row of the table of errors.
+    """Row of a report's table of errors: which error it shows, and how to compute it from a log.
 
     label: name of the error.  unit: its unit.  digits: digits to show.  chart: figure that shows the error.
     values: function from a log to the error (n,).

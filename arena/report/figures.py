@@ -310,7 +310,7 @@ def actual(quantity: str, part: str, scale: float = 1.0) -> Callable[[Drawn], Ar
 
 
 def estimate(quantity: str, part: str, scale: float = 1.0) -> Callable[[Drawn], Array]:
-    """Return a function that reads the autopilot's estimate of a vehicle (n,).
+    """Return a function that reads the autopilot's estimate of one quantity of a vehicle (n,).
 
     It returns NaN if the estimate already serves as the actual value.
     """
@@ -360,7 +360,7 @@ def three(quantity: str, reference: str, part: str, scale: float) -> tuple[Curve
 
 
 def _unwrapped(values: Callable[[Drawn], Array], quantity: str) -> Callable[[Drawn], Array]:
-    """Change a function of angles so that a jump from 180 to -180 degrees is a gap, not a vertical line."""
+    """Return a function of angles whose jumps from 180 to -180 degrees are gaps in the curve, not lines."""
     if quantity != "att_euler":
         return values
 
@@ -387,7 +387,7 @@ def position(vehicles: Sequence[Drawn]) -> Figure:
 
 
 def _yaw_reference(one: Drawn) -> Array:
-    """Return the yaw reference [deg] (n,) of the program, or else of the attitude setpoint."""
+    """Return the desired yaw [deg] (n,): that of the position setpoint, or else of the attitude setpoint."""
     own = one.flight.numbers.get("pos_ref.yaw")
     if own is None or not np.isfinite(own).any():
         return desired("att_euler_ref", "yaw", _DEG)(one)

@@ -27,7 +27,7 @@ _DEG = 180.0 / np.pi
 
 @dataclass(frozen=True, kw_only=True)
 class Side:
-    """First or second of two compared flights, with its time zero and position relative to the common moment.
+    """First or second of two compared flights, relative to the moment that aligns both, such as the takeoff.
 
     label: text for the page, such as `A: uav1 of two_quads`.  flight: its log; positions and yaw are relative to those at the
     common moment.  t: time since the common moment [s] (n,).  zero_s: time of the common moment in the log [s].
@@ -82,7 +82,7 @@ class Difference:
 def pairs(
     a: Sequence[Flight], b: Sequence[Flight], names: tuple[str, str], moment: Moment | None = None
 ) -> list[Pair]:
-    """Return the pairs of flights of two sources: vehicles with the same name, or else in their order.
+    """Return the pairs of flights to compare: vehicles with equal names in both sources, else in their order.
 
     a, b: flights of both sources.  names: names of the sources.  moment: by which the flights are aligned; None for the first one
         of `MOMENTS` that both flights contain.
@@ -132,7 +132,7 @@ def _side(label: str, flight: Flight, moment: Moment) -> Side:
 
 
 def moment_row(flight: Flight, moment: Moment) -> int | None:
-    """Return the log row of the common moment, such as the takeoff, or None if the log has no such moment.
+    """Return the log row of the moment that aligns two flights, such as takeoff; None if the log has none.
 
     step: first setpoint in OFFBOARD that is more than `_STEP_M` away from the place where OFFBOARD began.
     offboard: entry into OFFBOARD while armed.  takeoff: first row in the air.
@@ -193,7 +193,7 @@ def difference(pair: Pair) -> Difference:
 
 
 def _end(side: Side) -> float:
-    """Return the time at which the comparison of a flight ends [s].
+    """Return the time until which a flight is compared with a second one [s].
 
     It is the last row in OFFBOARD, or the last row of the log without OFFBOARD.
     """

@@ -143,7 +143,7 @@ def _of_flight(name: str, flight: Flight, t: np.ndarray, off: Disarming | None) 
 
 
 def _of_event(event: Event, run: RunData, starts: Counter[str]) -> Iterator[Happening]:
-    """Yield the list entries of one line of events.jsonl.
+    """Yield the entries of the report's event list for one line of events.jsonl.
 
     starts: process -> number of its starts so far.
     """
@@ -163,7 +163,7 @@ def _of_event(event: Event, run: RunData, starts: Counter[str]) -> Iterator[Happ
 
 
 def _of_change(event: Event, run: RunData, starts: Counter[str]) -> Iterator[Happening]:
-    """Yield the failures and restarts of processes."""
+    """Yield the entries of the report's event list for a process that has ended or was started again."""
     if event.after == "STARTING":
         starts[event.process] += 1
         if starts[event.process] > 1:

@@ -71,7 +71,7 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 class ArrayTable:
-    """Table of the number arrays of all figures on a page.
+    """Store of the number arrays of all figures on a page, which contains each array only once.
 
     Equal arrays are stored once, as float32.
 
@@ -89,7 +89,7 @@ class ArrayTable:
         return b"".join(self._chunks)
 
     def without_arrays(self, node: Any) -> Any:
-        """Return a copy of a figure in which `{"$": index}` replaces each numpy array.
+        """Store the numpy arrays of a figure. Return a copy with `{"$": index}` in the place of each array.
 
         index: the array's index in the table.
         """

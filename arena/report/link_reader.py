@@ -29,7 +29,10 @@ def _floats() -> array[float]:
 
 @dataclass(kw_only=True)
 class _Collected:
-    """Data of one vehicle while the record is being read. Times are on the run's clock [s]."""
+    """Message times, pose times and texts of one vehicle, while the record of a flight is read.
+
+    Times are on the run's clock [s].
+    """
 
     system: int
     body: str

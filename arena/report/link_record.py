@@ -76,7 +76,7 @@ def rate_over_time(stamps: Array, end_s: float, width_s: float = 1.0) -> tuple[A
 
 
 def mean_rate(stamps: Array) -> float | None:
-    """Return the mean rate of some messages [Hz], or None for fewer than two messages.
+    """Return the mean rate of messages from their times [Hz], or None for fewer than two messages.
 
     stamps: times [s] (n,).
     """
@@ -85,7 +85,7 @@ def mean_rate(stamps: Array) -> float | None:
 
 
 def longest_gap(stamps: Array, start_s: float = -np.inf, end_s: float = np.inf) -> Gap | None:
-    """Return the longest time without a message, or None for fewer than two messages.
+    """Return the longest time without a message, or None if there are too few messages to measure one.
 
     stamps: times of the messages [s] (n,), increasing.  start_s, end_s: only gaps that begin in this time count.
     """

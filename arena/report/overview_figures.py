@@ -93,7 +93,7 @@ def timeline(vehicles: Sequence[Drawn], found: Sequence[Happening], steps: Seque
 
 
 def mode_spans(flight: Flight, t: Array) -> list[tuple[float, float, str]]:
-    """Return (begin [s], end [s], state) of each time span with a constant state.
+    """Return (begin [s], end [s], flight mode or `disarmed`) of each time span with a constant state.
 
     The state is the flight mode while armed, else `disarmed`.
 

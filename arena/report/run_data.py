@@ -131,7 +131,7 @@ class RunData:
 
     @property
     def drawn(self) -> Mapping[str, Any]:
-        """Geofence and obstacles of the room, or {} if the plan does not contain them.
+        """Configuration of the viewers (`view.json`), with geofence and obstacles; {} if it is missing.
 
         These are the keys `fence` and `obstacles` in the slice of viewers.
         """

@@ -122,7 +122,7 @@ def _figures(
 
 
 def _time_range(vehicles: Sequence[Drawn], found: Sequence[Happening]) -> tuple[float, float]:
-    """Return start and end of all time axes [s]. They contain all logs, and all events after the start."""
+    """Return start and end of all time axes [s]: from the first log row to the last log row or event."""
     stamps = [float(one.t[k]) for one in vehicles for k in (0, -1)]
     if not stamps:
         return 0.0, 1.0
@@ -157,7 +157,7 @@ def _lines(found: Sequence[Happening]) -> list[Happening]:
 
 
 def _line_kinds(found: Sequence[Happening]) -> list[str]:
-    """Return the kinds of events that are drawn as vertical lines."""
+    """Return the legend labels of the events that are drawn as vertical lines."""
     return list(dict.fromkeys(overview_figures.MARKS[h.kind][0] for h in _lines(found)))
 
 
@@ -228,7 +228,7 @@ def _words(run: RunData, found: Sequence[Happening], steps: Sequence[ScenarioSte
 
 
 def _for_each(text: str) -> str:
-    """Return an event's text with `*` in place of the vehicle name.
+    """Return the text of a group of events for the page, with "each" in place of `*`.
 
     It shows which events of several vehicles are equal.
     """

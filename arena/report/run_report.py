@@ -87,7 +87,7 @@ def report(folder: Path) -> str:
 
 
 def _complete(folder: Path) -> list[str]:
-    """Complete the record of a recorder that was killed or restarted. Return the texts of failures."""
+    """Complete flight.mcap if its recorder was killed or restarted. Return [the error], or [] on success."""
     try:
         if has_record(folder):
             complete_record(folder / FILE_NAME)
@@ -97,11 +97,9 @@ def _complete(folder: Path) -> list[str]:
 
 
 def _write_logs(run: RunData) -> None:
-    """Write `csv/<vehicle>.csv` for each vehicle, computed from the record of the flight.
+    """Write `csv/<vehicle>.csv` and `tlog/<vehicle>.tlog` for each vehicle, computed from flight.mcap.
 
-    Runs without a record get no files.
-
-    Write `tlog/<vehicle>.tlog`, too.
+    Runs without flight.mcap get no files.
     """
     if not has_record(run.folder):
         return
@@ -196,9 +194,9 @@ def _rates(name: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _recorded(name: str, stats: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any]:
-    """Return the recorder's statistics of a vehicle.
+    """Return what the recorder measured about one vehicle, such as its message rates [Hz].
 
-    In older runs the vehicle's logger has sent them.
+    In older runs, the process `logger.<vehicle>` has reported these values.
     """
     found: Mapping[str, Any] = stats.get("recorder", {}).get("vehicles", {}).get(name, {})
     return found or stats.get(f"logger.{name}", {})

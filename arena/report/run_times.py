@@ -1,4 +1,4 @@
-"""Texts about the times of a run: simulated time, wall time, and speed of the simulation. Pure."""
+"""Texts of the report about a run's duration, simulated time and simulation speed. Pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ _LEAST_S = 1.0  # shortest time of the computer from which a speed is computed
 
 
 def facts(run: RunData) -> list[tuple[str, str]]:
-    """Return (label, text) about the times of a run. A run without simulation has only its duration."""
+    """Return (label, text) pairs for the report: duration of the run, simulated time, simulation speed.
+
+    A run without simulation has only its duration.
+    """
     lasted, simulated = run.outcome.get("duration_s"), _simulated_s(run)
     if not isinstance(lasted, int | float):
         return []
@@ -36,7 +39,7 @@ def facts(run: RunData) -> list[tuple[str, str]]:
 
 
 def world_words(run: RunData) -> str:
-    """Return sentences about the speed of the simulation.
+    """Return sentences for the report about the speed of the simulation.
 
     The lateness of steps is stated only if a speed was requested.
     """

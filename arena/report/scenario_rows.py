@@ -1,4 +1,4 @@
-"""Section of a run's page about its smoke flight: name, rules with their worst values, failures. Pure."""
+"""Section of the report page about a smoke flight: name, rules with their worst values, failures. Pure."""
 
 from __future__ import annotations
 

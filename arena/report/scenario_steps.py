@@ -15,7 +15,7 @@ from arena.report.run_data import RunData
 
 @dataclass(frozen=True, kw_only=True)
 class ScenarioStep:
-    """Passed or failed step of a scenario, or a rule that was not met.
+    """Step of a smoke flight that passed or failed, or a rule of its scenario that was violated.
 
     number: number on the page, in order of time, from 1.  at_s: time at which the step was fulfilled or its rule broken [s]; of a
     failed step the time at which it began.  text: the entry of the scenario file.  good: passed.
@@ -69,7 +69,7 @@ def _step_time(step: Mapping[str, Any]) -> float | None:
 
 
 def _begun(steps: Sequence[Mapping[str, Any]]) -> dict[int, Mapping[str, Any]]:
-    """Return the entry (`at` or `do`) from which the time of each expectation counts.
+    """Return expectation -> the earlier entry (`at` or `do`) from which its time (`within`, `for`) counts.
 
     The keys are the identities (`id`) of the expectations.
     """

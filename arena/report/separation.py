@@ -63,7 +63,9 @@ def distances(vehicles: Sequence[Drawn]) -> Distances | None:
 
 
 def _at(one: Drawn, t: Array) -> Array:
-    """Return the positions of a vehicle at the times t: [m] [NED] (m, 3); NaN outside its log.
+    """Return a vehicle's positions at the times t, interpolated from its log [m] [NED] (m, 3).
+
+    Positions before and after the log are NaN.
 
     t: [s] (m,).
     """

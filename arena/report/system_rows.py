@@ -71,7 +71,7 @@ _DROPPED = {
 
 
 def _end_words(row: Mapping[str, Any]) -> str:
-    """Return how a process ended, as text.
+    """Return how a process ended, such as `exit 1` or `ended (SIGTERM from arena, normal)`.
 
     row: its entry in outcome.json.
     """

@@ -1,4 +1,4 @@
-"""Table rows about the vehicles of a run: flights, errors, and held setpoints. Pure."""
+"""Table rows about the vehicles of a run: flights, errors, and constant position setpoints. Pure."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def vehicle_row(one: Drawn, run: RunData, found: Sequence[Happening]) -> dict[st
 
 
 def _worst_setpoint(analysis: Mapping[str, Any], start_s: float) -> Mapping[str, Any] | None:
-    """Return the held setpoint with the largest error, or None if the vehicle never settled.
+    """Return the position setpoint with the largest error after the vehicle had settled there, or None.
 
-    Only setpoints at which the vehicle had settled count.
+    None means that the vehicle has not settled at any constant position setpoint.
 
     `at_s` is the time of the measured row. start_s: time of the first row [s].
     """
@@ -61,9 +61,9 @@ def _worst_setpoint(analysis: Mapping[str, Any], start_s: float) -> Mapping[str,
 
 
 def error_rows(vehicles: Sequence[Drawn], chart: str) -> list[dict[str, Any]]:
-    """Return one table row per vehicle with the errors that the figure `chart` shows.
+    """Return one table row per vehicle: statistics of the errors that one figure of the report shows.
 
-    Vehicles without values get no row.
+    chart: name of the figure. Vehicles without values get no row.
     """
     rows = []
     for one in vehicles:

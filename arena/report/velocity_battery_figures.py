@@ -59,7 +59,10 @@ def battery(
 
 
 def _thresholds(params: Sequence[Mapping[str, float]], time_s: Sequence[float]) -> list[dict[str, Any]]:
-    """Return one horizontal line per battery threshold. Vehicles with the same value share a line."""
+    """Return the horizontal lines of the figure for PX4's battery thresholds (BAT_LOW_THR, ...).
+
+    Vehicles with the same value share a line.
+    """
     lines = []
     for name, colour in _THRESHOLDS.items():
         for percent in sorted({round(100.0 * float(p[name]), 3) for p in params if name in p}, reverse=True):

@@ -42,7 +42,7 @@ _MOST_CHARACTERS = 140
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Verdict on a run, with its level and its clauses.
+    """Verdict on a run: its level (good, warn or bad), and the clauses of its sentence.
 
     level: "good", "warn" (something needs attention) or "bad" (crash or failure).
     word: the level as shown on the page.  fates: who flew, and how it ended.  causes: what happened on the way, in order of time.
@@ -62,7 +62,7 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True)
 class Fate:
-    """End of one vehicle's flight: text, flight time and level.
+    """End of one vehicle's flight: a text, the flight time, and a level (good, warn or bad).
 
     end: text such as `landed`, the same for all vehicles with the same end.
     flown_s: time from take-off to touchdown [s], 0 if the vehicle did not fly.
@@ -197,9 +197,9 @@ def _commanded_landings(run: RunData, found: Sequence[Happening]) -> Iterator[st
 
 
 def _charge(group: Sequence[Happening], run: RunData, found: Sequence[Happening]) -> str:
-    """Return a text with the lowest battery charge at commanded landings, or "" if the battery was no cause.
+    """Return a text with the lowest battery charge at commanded landings that a drained battery caused.
 
-    It is a cause if a fault has drained a battery and no failsafe has acted.
+    Return "" unless a fault has drained a battery and no failsafe has acted.
     """
     names = {name for h in group for name in h.vehicles}
     drained = any(x.kind == "fault" and "battery" in x.text and set(x.vehicles) & names for x in found)
@@ -282,7 +282,7 @@ def _clause(group: Sequence[Happening], run: RunData, found: Sequence[Happening]
 
 
 def _when(group: Sequence[Happening]) -> str:
-    """Return the time span of a group of events as text."""
+    """Return when a group of events happened, such as `at 3.0 s` or `from 3.0 to 4.5 s`."""
     first_s, last_s = group[0].at_s, group[-1].at_s
     return (
         f"at {first_s:.1f} s" if last_s - first_s < _SAME_TIME_S else f"from {first_s:.1f} to {last_s:.1f} s"
@@ -307,7 +307,7 @@ def _first_sentence(text: str) -> str:
 
 
 def _fault_words(first: Happening, names: Sequence[str], who: str) -> str:
-    """Return the text of a fault that concerns one or several vehicles.
+    """Return the clause about an injected fault that concerns one or several vehicles.
 
     first: its first entry.
     names, who: its vehicles, and their names as text.

@@ -178,7 +178,7 @@ class Bridge:
         self._clock_s = -1.0
 
     def poll(self, now: float) -> None:
-        """Receive messages from ROS 2 and from the vehicles, and pass on the new messages.
+        """Pass new ROS 2 messages to the vehicles, and new telemetry and poses to ROS 2.
 
         now: monotonic [s].
         """
@@ -208,7 +208,7 @@ class Bridge:
         }
 
     def events(self) -> list[str]:
-        """Return the events since the last call. The caller reports them to the supervisor."""
+        """Return new events, such as a vehicle that ROS 2 no longer controls, for the supervisor's log."""
         found = [text for v in self.vehicles for text in v.incoming.events]
         for v in self.vehicles:
             v.incoming.events.clear()

@@ -67,7 +67,7 @@ _NO_VALUE = [0.0, 0.0, 0.0]
 
 @dataclass(frozen=True, kw_only=True)
 class _Flown:
-    """State of a vehicle that ROS 2 flies, from its last heartbeat."""
+    """Arming state of a vehicle that ROS 2 flies, from its last HEARTBEAT."""
 
     armed: bool
 
@@ -119,7 +119,7 @@ class Incoming:
         )
 
     def on_pose(self, sample: Sample, now: float) -> list[mavlink.MAVLink_message]:
-        """Convert a `geometry_msgs/PoseStamped` setpoint: position and yaw [ENU] in the frame `map`.
+        """Convert a `geometry_msgs/PoseStamped` (position and yaw, ENU, frame `map`) to a MAVLink setpoint.
 
         now: [s].
         """
@@ -134,7 +134,7 @@ class Incoming:
         return [self.encoder.pos_yaw(ned_from_world(p_w), yaw, now)]
 
     def on_velocity(self, sample: Sample, now: float) -> list[mavlink.MAVLink_message]:
-        """Convert a `geometry_msgs/TwistStamped` setpoint: velocity and yaw rate [ENU] in the frame `map`."""
+        """Convert a `geometry_msgs/TwistStamped` (velocity and yaw rate, ENU, `map`) to a MAVLink setpoint."""
         if not self._takes_setpoint(sample, now) or not self._in_world(sample.message):
             return []
         twist = sample.message["twist"]
@@ -154,7 +154,7 @@ class Incoming:
             self._control_mode = frozenset(key for key, value in sample.message.items() if value is True)
 
     def on_trajectory(self, sample: Sample, now: float) -> list[mavlink.MAVLink_message]:
-        """Convert PX4's `TrajectorySetpoint` [NED]. A field with NaN is not used.
+        """Convert PX4's `TrajectorySetpoint` [NED] to a MAVLink setpoint. Fields that are NaN are ignored.
 
         It needs an `OffboardControlMode` that is at most 0.5 s old.
         """

@@ -17,7 +17,7 @@ Message = Mapping[str, Any]
 
 @cache
 def fields() -> dict[str, dict[str, str]]:
-    """Return message name -> field name -> field type.
+    """Return the definitions of the ROS 2 messages: message name -> field name -> field type.
 
     Example: `geometry_msgs/Pose` -> `position` -> `geometry_msgs/Point`.
     """
@@ -37,7 +37,7 @@ def message(name: str, **given: Any) -> dict[str, Any]:
     """
     known = fields()[name]
     if unknown := set(given) - set(known):
-        raise KeyError(f"{name} has no field {', '.join(sorted(unknown))}")
+        raise KeyError(f"the ROS 2 message {name} has no field {', '.join(sorted(unknown))}")
     return {
         field: given.get(field, _empty(kind)) if field in given else _empty(kind)
         for field, kind in known.items()

@@ -163,7 +163,7 @@ class Outgoing:
         self._publish(f"{PX4_OUT}/vehicle_command_ack", made)
 
     def _is_new(self, key: str, stamp: float, now: float) -> bool:
-        """Return whether a value has changed and its topic is due to be published.
+        """Return whether a value must be published now: it has changed, and the topic's rate limit allows it.
 
         The due times form a fixed grid, so that the rate is exact.
         """

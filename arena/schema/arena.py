@@ -28,7 +28,7 @@ Autopilot = Literal["builtin", "px4", "hardware", "hitl"]
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """Value of the arena with its source as text: `arena.yaml:14`, `default`, `profile iris` or `--set`."""
+    """Value of one key, and where it was set: `arena.yaml:14`, `default`, `profile iris` or `--set`."""
 
     value: Value
     source: str
@@ -170,7 +170,7 @@ class Vehicle:
     px4_version: str = ""
 
     def port_address(self, port: Port, address: str) -> tuple[str, int] | None:
-        """Return (host, port number) of one kind of port, or None if this vehicle does not use such a port.
+        """Return (host, port number) of one of this vehicle's ports, or None if the vehicle does not use it.
 
         port: row of the port table. address: the arena's address.
         """
@@ -185,7 +185,7 @@ class Vehicle:
 
     @property
     def has_sensors(self) -> bool:
-        """True if the vehicle has an emulated relative sensor."""
+        """True if the vehicle has an emulated sensor that measures neighbours or beacons."""
         return bool(self.neighbours) or self.beacon_sensor is not None
 
     @property
@@ -274,7 +274,7 @@ class Arena:
         return tuple(v for v in self.vehicles if not v.simulated)
 
     def port_address(self, port: Port, vehicle: Vehicle | None = None) -> tuple[str, int] | None:
-        """Return (host, port number) of one kind of port, or None if the arena or vehicle does not use such a port.
+        """Return (host, port number) of a port of the arena or of one vehicle, or None if it is not used.
 
         port: row of the port table. vehicle: needed if each vehicle has such a port (`port.per_vehicle`).
         """

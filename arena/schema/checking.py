@@ -1,7 +1,4 @@
-"""Input of the cross-checks: the arena, its line numbers, and file access.
-
-A cross-check involves several YAML keys.
-"""
+"""Input of the cross-checks, which compare several YAML keys: the arena, its line numbers, and file access."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ from arena.schema.source import Source
 
 
 class Files(Protocol):
-    """Interface to the file system for the cross-checks. Tests can replace the real files.
+    """Interface through which the checks of arena.yaml read files. Tests replace the real file system.
 
     All paths are absolute.
     """
@@ -35,7 +32,7 @@ class Files(Protocol):
 
 
 class RealFiles:
-    """File system of this computer, for the cross-checks."""
+    """File system of this computer, as the checks of arena.yaml use it."""
 
     def is_file(self, path: str) -> bool:
         return Path(path).is_file()
@@ -58,9 +55,7 @@ class RealFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """Input of a cross-check, with methods that find the line of a value and report a problem.
-
-    A cross-check involves several YAML keys.
+    """Input of a check of arena.yaml, with methods that find the line of a value and report a problem.
 
     pruned: paths of values that are already reported as wrong; checks skip them.
     """
@@ -71,7 +66,7 @@ class Check:
     files: Files
 
     def where(self, vehicle: str, *key: str) -> YamlPath:
-        """Return the YAML path of a vehicle's key: under the vehicle if it is there, else under `defaults`."""
+        """Return the YAML path of a vehicle's key: `defaults.KEY` if it is only there, else `vehicles.NAME.KEY`."""
         return self.source.layer(vehicle, *key)
 
     def place_of(self, vehicle: Vehicle, key: str) -> str:
@@ -84,6 +79,6 @@ class Check:
         return self.source.problem(("vehicles", vehicle, *key), message, at=self.where(vehicle, *words))
 
     def sound(self, vehicle: Vehicle, *keys: str) -> bool:
-        """Return whether these keys of a vehicle have no reported problem. Then a check can use their values."""
+        """Return whether a check can use these keys of a vehicle, because no problem has been reported for them."""
         roots = [("vehicles", vehicle.name, key) for key in keys] + [("defaults", key) for key in keys]
         return not any(path[: len(root)] == root for path in self.pruned for root in roots)

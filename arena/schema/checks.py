@@ -164,7 +164,7 @@ def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlP
 
 
 def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
-    """Yield (port number, use as text, YAML path of the key) for each port number of the arena."""
+    """Yield (port number, its use as text, YAML path of its key) for each port that the arena uses."""
     for port in PORTS:
         place = c.arena.port_address(port)
         if place is not None:

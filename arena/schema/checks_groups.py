@@ -1,4 +1,4 @@
-"""Cross-checks of groups and of ranges of vehicles. Pure.
+"""Checks of groups (vehicles whose programs share a process) and of ranges such as `uav1..uav48`. Pure.
 
 The programs of a group run in one process.
 """

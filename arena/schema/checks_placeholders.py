@@ -13,7 +13,7 @@ from arena.schema.tools import Tool
 
 
 def placeholders(c: Check) -> Iterator[Problem]:
-    """Check that every placeholder in the arguments of programs and tools exists and has a value there."""
+    """Refuse unknown placeholders in arguments, and a vehicle's placeholder in a tool of the whole arena."""
     for path, texts, of_vehicle in _places(c):
         for text in texts:
             for message in _problems(text, of_vehicle=of_vehicle):
@@ -23,7 +23,7 @@ def placeholders(c: Check) -> Iterator[Problem]:
 
 
 def _places(c: Check) -> Iterator[tuple[YamlPath, Sequence[str], bool]]:
-    """Yield (YAML path, texts that can contain placeholders, True if they belong to a vehicle) of programs and tools."""
+    """Yield the texts that can contain placeholders, as (YAML path, texts, whether they are of a vehicle)."""
     for v in c.arena.vehicles:
         yield ("vehicles", v.name, "args"), v.program.args if v.program is not None else (), True
         for name, tool in v.tools.items():

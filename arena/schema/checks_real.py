@@ -164,10 +164,7 @@ def _speed(c: Check) -> Iterator[Problem]:
 
 
 def _capture(c: Check) -> Iterator[Problem]:
-    """Check that `mocap.source` fits the vehicles.
-
-    The emulator measures simulated vehicles only, a vendor's system real vehicles only.
-    """
+    """Check `mocap.source`: simulated vehicles need the emulator, real vehicles the system of a vendor."""
     mocap, hardware = c.arena.mocap, c.arena.hardware
     if ("mocap", "source") in c.pruned:
         return

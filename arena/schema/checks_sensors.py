@@ -28,7 +28,7 @@ def _neighbours(c: Check) -> Iterator[Problem]:
 
 
 def _place(c: Check, v: Vehicle, index: int) -> tuple[str | int, ...]:
-    """Return the YAML path of a neighbour's name in `neighbours`, which is a list or a mapping."""
+    """Return the YAML path of one name in the key `neighbours`, which is a list or a mapping."""
     mapping = c.source.given((*c.where(v.name, "neighbours"), "vehicles"))
     return ("neighbours", "vehicles", index) if mapping else ("neighbours", index)
 

@@ -33,7 +33,7 @@ def _gps_and_sticks(c: Check) -> Iterator[Problem]:
 
 
 def _overrides(c: Check) -> Iterator[Problem]:
-    """Check that the mass and the sensor noise of a vehicle fit its profile.
+    """Check the mass and the sensor noise that replace values of a vehicle's profile.
 
     Sensor noise and wind are refused for real vehicles.
     """

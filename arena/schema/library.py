@@ -52,7 +52,7 @@ Overrides = Mapping[str, Any]
 
 
 def with_overrides(profile: Profile, overrides: Overrides) -> Profile:
-    """Return the profile with the mass and sensor noise of a vehicle.
+    """Return the profile with a vehicle's own mass and sensor noise instead of the profile's values.
 
     Wrong values are ignored here; `override_problems` reports them.
     """

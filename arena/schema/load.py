@@ -1,4 +1,4 @@
-"""Entry point of the package: `load_arena` turns arena.yaml and `--set` overrides into an Arena.
+"""Entry point of `arena.schema`: `load_arena` turns arena.yaml and `--set` overrides into an Arena.
 
 Raises one InputError with every problem found.
 """
@@ -66,7 +66,7 @@ def arena_of(
 
 
 def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], list[Problem]]:
-    """Return profile name -> profile for all used profiles, and the problems of those that cannot be loaded."""
+    """Load the vehicle profiles that the YAML names. Return name -> profile, and the problems found."""
     profiles, problems = {DEFAULT_PROFILE: load_profile(DEFAULT_PROFILE)}, []
     asked: dict[YamlPath, str] = {
         ("vehicles", name, "profile"): v.profile for name, v in model.vehicles.items() if v.profile
@@ -86,7 +86,7 @@ def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], lis
 
 
 def _params_files(model: ArenaFile, source: Source) -> tuple[dict[str, Mapping[str, float]], list[Problem]]:
-    """Return file name -> parameters for every `params_file`, and the problems of unreadable files."""
+    """Read every `params_file` of the YAML. Return file name -> parameters, and the problems found."""
     found: dict[str, Mapping[str, float]] = {}
     problems = []
     asked: dict[YamlPath, str] = {

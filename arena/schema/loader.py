@@ -42,7 +42,7 @@ class Document:
     lines: dict[YamlPath, int] = field(default_factory=dict)
 
     def line(self, path: YamlPath) -> int:
-        """Return the line number of a YAML path, or of the nearest enclosing path in the file."""
+        """Return the line of the value at a YAML path, or of the nearest enclosing key in the file."""
         for end in range(len(path), -1, -1):
             if path[:end] in self.lines:
                 return self.lines[path[:end]]

@@ -18,7 +18,9 @@ def _foxglove(value: Any) -> Any:
         return {"port": value}
     if isinstance(value, (dict, Foxglove)):
         return value
-    raise ValueError("expected true, false, a port, or a mapping with the keys address and port")
+    raise ValueError(
+        "expected true, false, the port of Foxglove's WebSocket, or a mapping with the keys address and port"
+    )
 
 
 class Foxglove(Strict):

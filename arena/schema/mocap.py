@@ -79,7 +79,7 @@ VENDOR_KEYS: Mapping[str, type[Strict]] = {
 
 
 def keys_of_other_vendors(mocap: Mocap) -> dict[str, str]:
-    """Return the given YAML keys that only apply to vendors that are not in use: YAML key -> vendor."""
+    """Return the keys that have no effect, because their vendor is not in use: YAML key -> vendor."""
     used = {
         key for vendor in mocap.vendors if vendor in VENDOR_KEYS for key in VENDOR_KEYS[vendor].model_fields
     }

@@ -49,7 +49,7 @@ def _program(value: Any) -> Any:
     if isinstance(value, str):
         return {"path": value}
     raise ValueError(
-        "expected a path, or a mapping with the keys path, args, restart, clock, needs, group and run"
+        "expected the path of a program, or a mapping with the keys path, args, restart, clock, needs, group and run"
     )
 
 

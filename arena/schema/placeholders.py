@@ -28,7 +28,7 @@ _NO_VARIABLE = frozenset({"run", "rt"})
 
 @dataclass(frozen=True, kw_only=True)
 class Placeholder:
-    """Placeholder such as `{mass_kg}`, as a row of the table of placeholders.
+    """Row of the table of placeholders: how to compute the value that replaces one such as `{mass_kg}`.
 
     meaning: meaning of the value, with its unit, for the reference page.
     value: function that returns the value as text, for an arena and a vehicle.
@@ -46,7 +46,9 @@ class Placeholder:
         """
         if vehicle is None:
             if self.of_vehicle:
-                raise ValueError(f"this placeholder needs a vehicle: {self.meaning}")
+                raise ValueError(
+                    f"this placeholder has a value only for a vehicle, not for a tool of the whole arena: {self.meaning}"
+                )
             return self.value(arena, arena.vehicles[0])
         return self.value(arena, vehicle)
 
@@ -163,9 +165,7 @@ def known(*, of_vehicle: bool) -> list[str]:
 
 
 def filled(text: str, arena: Arena, vehicle: Vehicle | None) -> str:
-    """Replace the placeholders in a text by their values. `{run}` and `{rt}` stay.
-
-    The supervisor replaces `{run}` and `{rt}`.
+    """Replace the placeholders in a text, except `{run}` and `{rt}`, which the supervisor replaces later.
 
     vehicle: the vehicle of the program or tool; None for a tool of the whole arena. Raises KeyError for an unknown name.
     """

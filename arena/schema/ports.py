@@ -83,7 +83,7 @@ class Port:
     binders: tuple[Binder, ...] = ()
 
     def binder(self, kind: str) -> Binder | None:
-        """Return the entry of `binders` for a kind of process, or None if it does not open this port."""
+        """Return the `Binder` for a kind of process, such as `router`, or None if it does not open this port."""
         return next((binder for binder in self.binders if binder.kind == kind), None)
 
 
@@ -277,7 +277,7 @@ PORTS: tuple[Port, ...] = (
 
 
 def vehicle_ports(vehicle_id: int, port: int | None = None) -> VehiclePorts:
-    """Return the ports of a vehicle by the rules of `PORTS`.
+    """Return the port numbers of a vehicle, computed from its id by the rules in `PORTS`.
 
     port: the vehicle's `port` in the YAML, or None.
     """

@@ -20,7 +20,7 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class RangeMember:
-    """Vehicle that belongs to a range of vehicles.
+    """Position of one vehicle in a range of vehicles such as `uav1..uav48`.
 
     key: the range, such as `uav1..uav48`. index: place of the vehicle in the range; 0 for the first.
     """

@@ -71,5 +71,5 @@ def neighbours_value(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return {"vehicles": value}
     raise ValueError(
-        "expected a list of names, or a mapping with the keys vehicles, source, rate_hz and noise"
+        "expected a list of vehicle names, or a mapping with the keys vehicles, source, rate_hz and noise"
     )

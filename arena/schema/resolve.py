@@ -104,7 +104,7 @@ def wall_clock_programs(vehicles: Sequence[Vehicle]) -> list[str]:
 
 
 def _speed_of_programs(sim: Sim, vehicles: Sequence[Vehicle], origins: dict[str, Origin]) -> Sim:
-    """Return the simulation settings. The speed is 1 if a program uses the wall clock.
+    """Return the simulation settings, with speed 1 (real time) if a user program uses the wall clock.
 
     At another speed such a program would send setpoints at a wrong rate of simulated time, so that the offboard failsafe acts.
     """
@@ -126,7 +126,7 @@ def fence_of(model: ArenaFile) -> Fence | None:
 
 
 def _home(model: ArenaFile, folder: Path) -> str | None:
-    """Return the YAML's `px4.home`: a path or `stand-in`. Relative paths start at the YAML's folder.
+    """Return `px4.home` of the YAML. A relative path is joined to the YAML's folder; `stand-in` is kept.
 
     `stand-in` selects the built-in autopilot with PX4's simulator API, for computers without PX4.
     """
@@ -146,7 +146,7 @@ def _ids(vehicles: Mapping[str, VehicleKeys]) -> dict[str, int]:
 
 
 def pose_rate_hz(frame_rate_hz: float) -> float:
-    """Return the rate of poses to an autopilot [Hz]: the highest rate up to 60 Hz that divides the frame rate."""
+    """Return the pose rate to an autopilot [Hz]: the camera frame rate divided by an integer, at most 60 Hz."""
     return frame_rate_hz / math.ceil(frame_rate_hz / MOST_POSE_RATE_HZ - 1e-9)
 
 

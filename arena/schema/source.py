@@ -52,7 +52,7 @@ class Source:
         return here
 
     def layer(self, vehicle: str, *key: str) -> YamlPath:
-        """Return the YAML path of a vehicle's key: under `defaults` if it is only there, else under the vehicle."""
+        """Return the YAML path of a vehicle's key: `defaults.KEY` if it is only there, else `vehicles.NAME.KEY`."""
         own: YamlPath = ("vehicles", vehicle, *key)
         common: YamlPath = ("defaults", *key)
         return common if not self.given(own) and self.given(common) else own

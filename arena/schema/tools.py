@@ -27,7 +27,7 @@ def _pattern(text: str) -> str:
     try:
         re.compile(text)
     except re.error as error:
-        raise ValueError(f"expected a regular expression: {error}") from error
+        raise ValueError(f"expected a regular expression in Python's syntax: {error}") from error
     return text
 
 

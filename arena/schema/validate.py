@@ -67,7 +67,7 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
 
 @contextlib.contextmanager
 def _without_plugins() -> Iterator[None]:
-    """Disable the plugins of pydantic. Searching for them reads all installed packages, which takes long."""
+    """Disable pydantic's plugins, because the search for them reads all installed packages and is slow."""
     before = os.environ.get(_NO_PLUGINS)
     os.environ[_NO_PLUGINS] = "1"
     try:
@@ -80,7 +80,7 @@ def _without_plugins() -> Iterator[None]:
 
 
 def _prune(data: Any, path: YamlPath, *, missing: bool) -> YamlPath:
-    """Remove a wrong value from the YAML document and return its path. Then the other values can be validated.
+    """Remove a wrong value from the YAML document, so that validation can continue. Return its path.
 
     An item of a list is not removed alone: the mapping key that contains the list is removed.
     """

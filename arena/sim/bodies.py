@@ -99,9 +99,9 @@ class Bodies:
         self._set_in_pybullet(list(range(fleet.size)))
 
     def begin(self, wind_n: Array) -> None:
-        """Begin a sensor period: decide which vehicles pybullet moves.
+        """Begin a sensor period: select the vehicles near an obstacle, which pybullet moves.
 
-        pybullet moves the vehicles near an obstacle. The kernel `free_flight` moves all other vehicles.
+        The compiled function `free_flight` moves all other vehicles.
 
         The sum of specific forces, `accel_b`, begins again at zero.
 
@@ -165,7 +165,7 @@ class Bodies:
         self._room.close()
 
     def _set_in_pybullet(self, near: list[int]) -> None:
-        """Set which vehicles pybullet moves from now on. All other vehicles move by the kernel `free_flight`.
+        """Set which vehicles pybullet moves from now on. A compiled function moves all other vehicles.
 
         near: rows of the vehicles that pybullet moves
         """

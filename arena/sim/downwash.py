@@ -43,7 +43,7 @@ _TAIL = 1.0 / (1.0 + _SHAPE * _END * _END) ** 2
 
 
 class Downwash:
-    """Downwash of V vehicles onto each other.
+    """Model of the wind that V vehicles make at each other by their downwash.
 
     profiles: profiles of the vehicles; one without `downwash` makes no wind
     strength: factor of every air speed [-]

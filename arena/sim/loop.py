@@ -54,7 +54,7 @@ The world polls the watch directly before each call of `LinkInterface.drain`."""
 
 
 class Loop:
-    """Runs the world step by step. Opens its sockets and shared memory pages, and removes them at the end.
+    """Step loop of the simulated world. It opens sockets and shared memory pages, and removes them at the end.
 
     `run` returns if a stop is requested, or when the `ShutdownPolicy` ends the process.
 
@@ -139,7 +139,7 @@ class Loop:
             for page in (self._truth_path, Path(f"{clock}.page"), Path(f"{clock}.sock")):
                 page.unlink(missing_ok=True)
             raise RunError(
-                f"cannot publish the true state at {self._truth_path} and the time at {clock}: {error}"
+                f"cannot publish the true state at {self._truth_path} and the simulation time at {clock}: {error}"
             ) from error
 
     def _listen(self, path: str | None) -> FaultReceiver:
@@ -210,7 +210,7 @@ class Loop:
             self._context.event(text)
 
     def _until_clients_sleep(self) -> None:
-        """Wait until all clients of the simulation clock have finished their work for the current time.
+        """Wait until all programs on the simulation clock have finished their work for the current time.
 
         At speed 1 (real time), return at once. During the wait, faults are injected and the datagrams of the panic links, which
         are reserved for emergencies, reach the autopilots.
@@ -243,9 +243,9 @@ class Loop:
             self._clock.poll(_MAX_WAIT_S)
 
     def _serve_panic_links(self) -> bool:
-        """Pass the datagrams of the panic links to the autopilots, and send the replies.
+        """Pass datagrams of the panic links (for land-all, kill-all, copilot) to the autopilots, and send the replies.
 
-        Called while simulation time stands still. Return whether a datagram had arrived.
+        The world calls this while simulation time stands still. Return whether a datagram had arrived.
         """
         arrived = self._links.drain_panic(self._autopilots.receive)
         if arrived:
@@ -281,13 +281,13 @@ class Loop:
         return True
 
     def _report_last_steps(self, to_come: bool) -> None:
-        """Report to the supervisor whether the end of the repeated flights [simulation time] is still in the future."""
+        """Report to the supervisor whether steps remain until the simulation time at which the flight must end."""
         if to_come != self._last_steps:
             self._last_steps = to_come
             self._context.stats({"last_steps": to_come})
 
     def _is_finished(self, program: str) -> bool:
-        """Return whether a program has left the simulation clock, or has ended without using the clock."""
+        """Return whether a program has disconnected from the simulation clock, or has ended without using it."""
         clock = self._clock
         return clock.has_disconnected(program) or (program in self._ended and program not in clock.joined)
 
@@ -303,7 +303,7 @@ class Loop:
         return now
 
     def _idle(self, left_s: float) -> None:
-        """Wait for `left_s` of wall time. Serve the clients of the simulation clock meanwhile.
+        """Wait for `left_s` of wall time. Meanwhile, process requests to the simulation clock.
 
         Sleep during the last milliseconds, because sleeping is more precise.
         """
@@ -332,7 +332,7 @@ class Loop:
         return self._shutdown.over(orphaned=orphaned, any_armed=bool(np.any(self._autopilots.armed)), now=now)
 
     def _on_request(self, request: Mapping[str, Any]) -> None:
-        """Process a request of the supervisor: stop the time after all programs, or note that a program has ended."""
+        """Process a request of the supervisor: `until_done` (stop time after all programs) or `program_ended`."""
         match request.get("do"):
             case "until_done":
                 self._until_done = True

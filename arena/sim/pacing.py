@@ -133,7 +133,7 @@ def speed_of(value: float | str) -> float:
 
 
 def own_core(cores: Sequence[int], *, speed: float, external: int, pid: int) -> int | None:
-    """Return the CPU core for the world process, or None if it may use any core.
+    """Return the CPU core to which the world process is pinned, or None if it may use any core.
 
     cores: cores that the process may use
     speed: simulated seconds per second of wall time

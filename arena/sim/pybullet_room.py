@@ -297,7 +297,9 @@ def _import() -> Any:
         with _no_stderr():
             import pybullet
     except ImportError as error:
-        raise NotInstalledError("the simulated world needs pybullet: install flying-arena[sim]") from error
+        raise NotInstalledError(
+            "the simulated world needs pybullet: pip install 'flying-arena[sim]'"
+        ) from error
     return pybullet
 
 

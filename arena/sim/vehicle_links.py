@@ -38,22 +38,19 @@ class LinkInterface(Protocol):
     def ready(self) -> bool: ...
 
     def drain(self, receive: Receive) -> None:
-        """Read all datagrams that have arrived and pass them to a function.
-
-        The function is `receive(vehicle, link, datagram)`.
-        """
+        """Read all datagrams that have arrived, and call `receive(vehicle, link, datagram)` for each."""
 
     def drain_panic(self, receive: Receive) -> bool:
-        """Pass the datagrams of the panic links to a function.
+        """Pass the datagrams of the panic links, which are reserved for emergencies, to `receive`.
 
-        Panic links are reserved for emergencies. The function is that of `drain`.
+        `receive` is the function of `drain`.
 
         The world calls it while simulation time stands still, so that emergency commands arrive then, too. Return whether a
         datagram had arrived.
         """
 
     def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
-        """Send each (vehicle, link, datagram) of this step.
+        """Send the MAVLink datagrams of this step, given as (vehicle, link, datagram).
 
         now: simulation time [s].
         """
@@ -101,9 +98,7 @@ class VehicleLinks:
         return self._epoll.fileno()
 
     def drain(self, receive: Receive) -> None:
-        """Read all datagrams that have arrived and pass them to a function.
-
-        The function is `receive(vehicle, link, datagram)`.
+        """Read all datagrams that have arrived, and call `receive(vehicle, link, datagram)` for each.
 
         It reads a few datagrams per link in each pass over the links, panic links first.
         """
@@ -111,9 +106,9 @@ class VehicleLinks:
             self._read([self._by_fd[fd] for fd, _ in found], receive)
 
     def drain_panic(self, receive: Receive) -> bool:
-        """Pass the datagrams of the panic links to a function.
+        """Pass the datagrams of the panic links, which are reserved for emergencies, to `receive`.
 
-        Panic links are reserved for emergencies. The function is that of `drain`.
+        `receive` is the function of `drain`.
 
         Return whether a datagram had arrived.
         """

@@ -79,9 +79,9 @@ def _where(place: Place | None) -> str:
 
 
 def details(result: Result) -> list[str]:
-    """Return the result in detail, with times and worst values.
+    """Return the detailed result of a scenario: one line per step, rule, touchdown and problem.
 
-    It has one line per step, rule, touchdown and problem.
+    The lines contain times and worst values.
     """
     lines = [
         f"seed {result.seed}, {result.verdict.lasted_s:.2f} s of simulation, over: {result.verdict.ended}"

@@ -1,4 +1,4 @@
-"""Arm permits: the check whether a vehicle may get a permit, and the requests to the link processes. Pure."""
+"""Arm permits, which allow real vehicles to arm: their conditions, and the requests to link processes. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ CONFIRMATION_S = 30.0  # the confirmation of `arena up` counts for vehicles that
 
 
 def permit_request(vehicle: str, by: str) -> dict[str, str]:
-    """Return the request that makes a vehicle's link process give an arm permit.
+    """Return the request that makes a real vehicle's link process permit arming.
 
     by: person who gives the permit.
     """
@@ -62,7 +62,7 @@ class Confirmation:
         self.by, self._began, self._open = by, began, bool(by)
 
     def is_due(self, now: float, all_ready: bool) -> bool:
-        """Return whether the consent must be used now. It returns True at most once.
+        """Return whether the person's consent must now be converted to arm permits. True at most once.
 
         now: monotonic [s].  all_ready: whether all processes of the arena are ready.
         """

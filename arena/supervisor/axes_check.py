@@ -13,7 +13,7 @@ from arena.plan.model import Plan
 
 
 def check_request(vehicle: str, by: str, *, stop: bool) -> dict[str, str]:
-    """Return the request that makes a vehicle's link process start or stop an axes check.
+    """Return the request that makes a vehicle's link process start or stop the check of `arena preflight`.
 
     by: person who asks for the check.
     """
@@ -21,9 +21,9 @@ def check_request(vehicle: str, by: str, *, stop: bool) -> dict[str, str]:
 
 
 def body_requests(plan: Plan, stats: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, dict[str, str]]]:
-    """Return (link process, request) for each real vehicle.
+    """Return the requests that report each real vehicle's rigid body definition to its link process.
 
-    The request contains the definition of the vehicle's rigid body.
+    They are pairs (link process, request). A definition is the set of markers as the motion-capture software has stored it.
 
     The link process refuses to arm the vehicle if the definition has changed since the last passed check. The pose forwarder of the
     vehicle reports the definition; a vehicle without such a report is left out.

@@ -194,7 +194,7 @@ def _user(connection: socket.socket) -> int:
 
 
 class Control:
-    """Client of the control socket.
+    """Client of an arena's control socket, for commands such as `arena ps`.
 
     path: path of the socket.
     timeout_s: longest wait for each reply [s].

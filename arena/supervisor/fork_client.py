@@ -1,4 +1,6 @@
-"""Client of the fork server (`arena.fork_server`), which shortens the start of an arena, and of many flights.
+"""Client of the fork server (`arena.fork_server`), which forks processes with packages already imported.
+
+This shortens the start of an arena, and of many flights.
 
 For `arena up` the fork server runs only while a simulated arena starts for the first time. Whatever it cannot do, or does not do in
 time, is done by a new interpreter. Restarts never use it. In a process that was forked itself, the server is a copy of this process
@@ -36,7 +38,7 @@ _SPARE_ARGUMENT, _SPARE_VARIABLE = "-" * 1024, ("ARENA_SPARE_ENVIRONMENT", "-" *
 
 
 class ForkClient:
-    """Client that starts the fork server and requests new processes from it.
+    """Client that starts the fork server (a process with imported packages) and requests processes from it.
 
     packages: what the server imports: "processes" of one arena, or "flights" for many flights.
     ready: the fork server has imported the packages.
@@ -71,7 +73,7 @@ class ForkClient:
         return None if self._server is None else self._server.pid
 
     def loading(self, now: float) -> bool:
-        """Return whether new processes must still wait until the fork server is ready.
+        """Return whether the fork server still imports packages, so that new processes must wait for it.
 
         now: monotonic [s].
 
@@ -88,7 +90,7 @@ class ForkClient:
         return self._server is not None and not self.ready
 
     def serves(self, argv: Sequence[str], *, is_program: bool, cwd: str) -> bool:
-        """Return whether the fork server can start a command.
+        """Return whether the fork server can start a given command line.
 
         It can start modules of arena, and user programs in Python.
         """
@@ -147,7 +149,7 @@ class ForkClient:
         return None
 
     def wait_until_ready(self) -> bool:
-        """Wait until the fork server has imported the packages, at most until the time limit. Return whether it has."""
+        """Wait until the fork server has imported its packages. Return False if it ended or took too long."""
         while self.loading(time.monotonic()):
             select.select([self._channel], [], [], max(0.0, self._deadline - time.monotonic()))
         return self.ready
@@ -183,7 +185,10 @@ class ForkClient:
 
 
 def _execute(channel: socket.socket, packages: str) -> subprocess.Popen[bytes]:
-    """Start the fork server in a new interpreter. channel: its end of the socket to the client."""
+    """Start the fork server in a new interpreter.
+
+    channel: the fork server's end of the socket to the client.
+    """
     return subprocess.Popen(
         [sys.executable, "-m", _MODULE, str(channel.fileno()), packages, _SPARE_ARGUMENT],
         cwd="/",  # the first entry of sys.path: a folder in which no user has modules

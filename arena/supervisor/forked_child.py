@@ -10,7 +10,7 @@ import subprocess
 
 
 class ForkedChild:
-    """Child process of this process.
+    """Child process that was started by fork, with methods as those of `subprocess.Popen`.
 
     pid: process id.  returncode: exit code as in `subprocess.Popen`, negative for a signal; None while it runs, or is not yet known.
     """

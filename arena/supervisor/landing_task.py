@@ -1,4 +1,4 @@
-"""Landing at the end of a run: runs the plan's land task until every vehicle is confirmed on the ground.
+"""Landing at the end of a run: repeats the land task (`arena land-all`) until every vehicle has landed.
 
 If only simulated vehicles fly, there are at most ATTEMPTS attempts within TIMEOUT_S. If a real vehicle flies, the
 number of attempts is not limited, because the processes that serve a flying vehicle must not be stopped.
@@ -115,7 +115,7 @@ class LandingTask:
         return False
 
     def _with_pilot(self, flying: Sequence[str], pilots: Collection[str]) -> list[str]:
-        """Return the flying vehicles under control of their pilots.
+        """Return the flying vehicles that pilots control, which land-all must not command.
 
         Each of them is logged once, when its pilot takes control.
         """
@@ -149,7 +149,7 @@ class LandingTask:
         self._down = {**self._down, **down}
 
     def _spec(self, flying: Sequence[str]) -> ProcessSpec:
-        """Return the land task without the vehicles that need no landing.
+        """Return the command of the land task, without the vehicles that need no landing.
 
         These vehicles are crashed, declared dead, or flown by a pilot.
         """
@@ -188,7 +188,7 @@ class LandingTask:
         return False
 
     def _hurry(self, task: SideTask, flying: Sequence[str], now: float) -> None:
-        """Kill the land task if all vehicles have been on the ground or crashed for _NOTICE_S."""
+        """Kill the land task if no vehicle has needed a landing for longer than _NOTICE_S."""
         if flying:
             self._nothing_since = None
         elif self._nothing_since is None:

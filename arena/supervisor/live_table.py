@@ -67,7 +67,7 @@ class LiveTable(Lines):
         self._live.start()
 
     def say(self, message: Message) -> None:
-        """Store a line until the next refresh.
+        """Store a line of output. The next `refresh` prints it.
 
         Redrawing the table after every line would slow down the start.
         """

@@ -30,7 +30,7 @@ class LoadLog:
         self._write(f"{HEADER}\n")
 
     def add(self, loads: Mapping[str, tuple[float, float]]) -> None:
-        """Write one sample.
+        """Write one row per process with its present CPU use and memory.
 
         loads: process -> (CPU use as a fraction of one core [-], resident memory [MB]).
         """

@@ -126,7 +126,7 @@ class Supervisor:
         return self._result.exit_code
 
     def _require_run(self, refusal: str) -> None:
-        """Raise ValueError with a given text if the run is already ending."""
+        """Refuse a request with ValueError (text: `refusal`) if the run is already ending."""
         if self.phase is not Phase.RUN:
             raise ValueError(refusal)
 
@@ -167,7 +167,7 @@ class Supervisor:
         return {"ok": True}
 
     def _down(self, *, at_once: bool) -> None:
-        """End the run.
+        """Process `arena down`: end the run.
 
         at_once: land real vehicles only.
         """

@@ -1,6 +1,4 @@
-"""Rows of the process table for members, which run inside a shared process. Pure.
-
-Members are parts of the arena, and programs of a group.
+"""Rows of the process table for members: parts of the arena, or programs, that share one process. Pure.
 
 A simulated arena can run as one process, `fused`: its members are the world, motion capture, router and recorder. The process of
 a group has the programs of several vehicles as its members.
@@ -28,7 +26,7 @@ _NO_USE: Mapping[str, Any] = {
 def member_rows(
     spec: ProcessSpec, row: Mapping[str, Any], stats: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, dict[str, Any]]:
-    """Return one row of the process table for each member of a process.
+    """Return the table rows of the members of a process: parts of the arena, or programs of a group.
 
     row: row of the process.  stats: name of a process or member -> its measurements.
     """

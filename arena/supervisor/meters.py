@@ -81,11 +81,11 @@ class Meter:
 
     @property
     def cpu_s(self) -> float:
-        """CPU time that the process has used in all its starts together [s]."""
+        """Total CPU time of the process, summed over its restarts [s]."""
         return self._past_cpu_s + self._cpu_s
 
     def alive_s(self, now: float) -> float:
-        """Return how long the process has run in all its starts together [s].
+        """Return the total running time of the process, summed over its restarts [s].
 
         now: monotonic [s].
         """
@@ -129,7 +129,7 @@ class Meter:
         self._cpu_s, self._since, self.now_cpu, self.now_mb = 0.0, None, 0.0, 0.0
 
     def over_budget(self, spec: ProcessSpec, now: float) -> list[str]:
-        """Return one text per exceeded budget of the process: `cpu_budget`, `memory_budget_mb`.
+        """Return one text for each limit that the process has exceeded: `cpu_budget`, `memory_budget_mb`.
 
         now: monotonic [s].
         """

@@ -1,7 +1,6 @@
-"""Decides whether an operator supervises the arena.
+"""Decides whether an operator supervises the arena. If nobody does, the router stops its heartbeat.
 
-If nobody is, the router stops its heartbeat, and the data-link failsafe of real vehicles can react. Pure, except
-`at_terminal`.
+Then the data-link failsafe of real vehicles can react. Pure, except `at_terminal`.
 
 An operator is present if the supervisor runs in the foreground of a terminal that accepts output, or if somebody has used a
 command such as `arena ps` within COMMAND_S. The router itself detects ground stations.
@@ -32,7 +31,7 @@ class OperatorPresence:
         self._command_at = now
 
     def present(self, now: float, *, terminal: bool, blocked_s: float) -> bool:
-        """Return whether an operator is present.
+        """Return whether an operator is at the terminal, or has sent a command in the last COMMAND_S seconds.
 
         terminal: the supervisor runs in the foreground of a terminal.
         blocked_s: time for which the terminal has accepted no output [s].

@@ -1,4 +1,4 @@
-"""Rules for packets from processes to the supervisor: sender, stored values, end of a program. Pure."""
+"""Helpers for the supervisor's packets: sender, limit of stored values, end of a user program. Pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MAX_NAMES = 2000
 
 
 def reporter(spec: ProcessSpec, packet: Mapping[str, Any]) -> tuple[str, str]:
-    """Return name and kind of a packet's sender: a process, or a member of a process.
+    """Return the name and kind of a packet's sender: a process, or a member that runs inside a process.
 
     A process can run several members: the router, world and recorder of a simulated arena, or the programs of a group of
     vehicles. The key `of` of a packet names the member that has sent the packet.
@@ -24,7 +24,7 @@ def reporter(spec: ProcessSpec, packet: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def within_limit(values: Mapping[str, Any], known: Collection[str]) -> list[str]:
-    """Return the values that may be stored: values of known names, and new names up to MAX_NAMES in total.
+    """Return the names of received values that may be stored: known names, and new ones up to MAX_NAMES in total.
 
     A faulty process thus cannot fill the memory of the supervisor.
     """
@@ -38,7 +38,7 @@ def within_limit(values: Mapping[str, Any], known: Collection[str]) -> list[str]
 
 
 def program_ended(process: str) -> dict[str, str]:
-    """Return the packet that reports the end of a user program to the world.
+    """Return the packet that reports to the world that a user program has ended.
 
     The world can wait before the first step until every program sleeps on the simulation clock. It does not wait for a program
     that has ended.

@@ -1,4 +1,4 @@
-"""Arm permits of real vehicles: requests the permits and the axes checks from the link processes."""
+"""Sends arm permits and axes checks for real vehicles to their hardware link processes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from arena.supervisor.release_task import CONFIRM_S
 
 
 class Permits:
-    """Arm permits and axes checks of all real vehicles of a run.
+    """Sender of arm permits and axes checks (`arena preflight`) for the real vehicles of a run.
 
     confirmation: what a person has confirmed at `arena up`. show: prints a line for the user.
     """
@@ -48,7 +48,7 @@ class Permits:
             self._show(f"{name}: not connected, so it has no arm permit; later run `arena arm-permit {name}`")
 
     def grant(self, vehicles: Sequence[str], by: str) -> None:
-        """Give an arm permit to vehicles. Raises ValueError if a link process did not receive it.
+        """Permit real vehicles to arm. Raises ValueError if the link process of a vehicle did not receive the permit.
 
         The error names the vehicles.
 
@@ -64,12 +64,12 @@ class Permits:
             )
 
     def _send(self, vehicle: str, by: str) -> bool:
-        """Send a permit to the link process of a vehicle. Return whether the process received it."""
+        """Send an arm permit to the link process of a real vehicle. Return whether the process received it."""
         packet = {**permit_request(vehicle, by), "expires": time.monotonic() + CONFIRM_S}
         return not self._processes.request(packet, to=[f"link.{vehicle}"])
 
     def check_axes(self, vehicle: str, by: str, *, stop: bool) -> None:
-        """Start or stop the axes check of a vehicle. Raises ValueError if the check is not possible.
+        """Start or stop the axes check (`arena preflight`) of a vehicle. Raises ValueError if it is not possible.
 
         by: who checks it.
         """

@@ -59,7 +59,7 @@ def _stat(pid: int) -> list[bytes]:
 
 
 def usage(pid: int) -> Usage | None:
-    """Return the CPU time and memory of a process, or None without such a process."""
+    """Return the CPU time and memory of a process, or None if the process does not exist."""
     fields = _stat(pid)
     if len(fields) < 22:
         return None
@@ -67,7 +67,7 @@ def usage(pid: int) -> Usage | None:
 
 
 def start_time(pid: int) -> float | None:
-    """Return the start time of a process [s since boot], or None without such a process.
+    """Return the start time of a process [s since boot], or None if the process does not exist.
 
     The resolution is 0.01 s.
 
@@ -140,7 +140,7 @@ def _all() -> Iterator[tuple[int, list[bytes]]]:
 
 
 def environment(pid: int) -> list[str]:
-    """Return the environment at the start of a process as `KEY=value` entries.
+    """Return the environment variables with which a process was started, as `KEY=value` entries.
 
     It is empty if this user cannot read it.
     """

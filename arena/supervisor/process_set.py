@@ -111,7 +111,7 @@ class ProcessSet:
             forks.watch(selector, partial(setattr, self, "changed", True))
 
     def end_fork_server(self, *, unless_copy: bool = False) -> None:
-        """End the fork server. unless_copy: not if it is a copy of this process, which needs no memory and forks the report task."""
+        """End the fork server. unless_copy: keep it if it is a copy of this process; it then forks the report task."""
         if self.forks is not None and not (unless_copy and self.forks.is_copy):
             self.forks.close()
 
@@ -152,7 +152,7 @@ class ProcessSet:
                 return
 
     def _count_silence(self, now: float) -> None:
-        """Add the time since the last call to the silence (time without a received packet) of every process.
+        """Increase the silence of every process (time since its last packet) by the time since the last call.
 
         At most _LONGEST_ROUND_S is added. A supervisor that was itself paused, or a machine that stood still, thus does not
         make every process look silent.
@@ -180,7 +180,7 @@ class ProcessSet:
                 self.log.event(now, name, text)
 
     def members(self) -> dict[str, Member]:
-        """Return name -> record of every running process, for state.json."""
+        """Return process name -> its entry in state.json (pid, process group, start time), for running processes."""
         return {n: Member(pid=c.pid, pgid=c.pid, start_s=c.start_s) for n, c in self.children.items()}
 
     def _observe(self, name: str, spec: ProcessSpec, orders: Orders, now: float) -> Observation:

@@ -52,7 +52,7 @@ class Action(StrEnum):
 
 
 class After(StrEnum):
-    """Next step after the end of a process that is being stopped: end, restart or retry."""
+    """Next step after a process that is being stopped has ended: leave it ended, restart it, or retry it later."""
 
     END = "end"
     RESTART = "restart"
@@ -75,7 +75,7 @@ class Exit:
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """Input of one `step`: events of a process since the last step, and requests of the main loop.
+    """Input of the state machine (`step`): what happened to a process since the last step, and what is requested.
 
     needs_ready: all processes that it needs (`ProcessSpec.needs`) are ready.
     needs_dead: name of a needed process that has ended and will not be restarted, or "".
@@ -278,11 +278,11 @@ def _ended(
 def _again(
     spec: ProcessSpec, status: ProcessStatus, observation: Observation, words: str, now: float
 ) -> Step:
-    """Return the next status of an ended process.
+    """Return the next status of a process that has ended: BACKOFF (restart later), FATAL or EXITED.
 
-    It is BACKOFF if the process will be started again, or FATAL after too many starts.
+    It is FATAL after too many starts or if the process is never restarted, and EXITED if the run ends or a stop was requested.
 
-    EXITED if the run ends or a stop was requested.  words: how it ended.  now: monotonic [s].
+    words: how it ended.  now: monotonic [s].
     """
     if not observation.starts_on or observation.stop or observation.kill:
         return _to(status, State.EXITED, words, now), Action.NONE

@@ -1,4 +1,4 @@
-"""Readiness probes: by own report, start, port, log output, file or delay."""
+"""Readiness probes: tests whether a process is ready, by its report, start, port, log output, a file or a delay."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def guards(plan: Plan, vehicle: str = "") -> set[str]:
 def check_release(
     plan: Plan, facts: Mapping[str, Any], stats: Mapping[str, Mapping[str, Any]], vehicles: Sequence[str]
 ) -> None:
-    """Raise ValueError if a vehicle is unknown, or if no lock keeps programs from flying it.
+    """Check that vehicles can be released. Raises ValueError for an unknown vehicle, or if programs may fly it.
 
     facts: values that the processes sent. A vehicle without a fact `control` has no process that reports it now.
     stats: process -> its measurements.
@@ -47,9 +47,7 @@ def check_release(
 
 
 def restore_requests(plan: Plan, spec: ProcessSpec, facts: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the requests to a restarted world, router or link process.
-
-    They make the process refuse the same commands as before its restart.
+    """Return requests that make a restarted world, router or link refuse the same commands as before.
 
     A link also learns that its vehicle was armed: it must not end before the vehicle is disarmed.
 
@@ -75,7 +73,7 @@ def blocked(vehicle: str, facts: Mapping[str, Any]) -> str:
 
 
 def _blocked_in_world(plan: Plan, stats: Mapping[str, Mapping[str, Any]], vehicle: str) -> bool:
-    """Return whether a built-in autopilot refuses the commands of programs.
+    """Return whether the built-in autopilot of a vehicle refuses commands of programs, as the world reports it.
 
     `land-all` can command this autopilot directly. The router may then report no refusal, although the autopilot refuses programs.
     """

@@ -23,7 +23,7 @@ CONFIRM_S = 3.0
 
 @dataclass(kw_only=True)
 class _Release:
-    """Release of one vehicle that waits for confirmations.
+    """State of one vehicle's release (`arena release`): which processes have received and confirmed the request.
 
     packet: the request to the processes.
     expires: time at which the release fails if a process has not confirmed it, monotonic [s].
@@ -40,7 +40,7 @@ class _Release:
 
 
 class ReleaseTask:
-    """Releases of all vehicles: those that wait for confirmations, and the results of earlier releases."""
+    """Releases of the run's vehicles (`arena release`): those under way, and the results of earlier ones."""
 
     def __init__(self, plan: Plan, processes: ProcessSet) -> None:
         self._plan, self._processes = plan, processes
@@ -53,7 +53,7 @@ class ReleaseTask:
         return {name: release.failed for name, release in self._releases.items()}
 
     def begin(self, vehicles: Sequence[str], by: str, now: float) -> None:
-        """Start to release vehicles. Raises ValueError if one of them cannot be released.
+        """Start to release vehicles: programs may then fly them again. Raises ValueError if this is not possible.
 
         Then no vehicle is released.
 

@@ -1,4 +1,4 @@
-"""The request `replay` of the control socket: pause, speed, or jump to another time. Pure."""
+"""Check of the request `replay`, which pauses a replayed record, sets its speed or jumps to a time. Pure."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ _MAX_SPEED = 1000.0
 
 
 def replay_packet(plan: Plan, request: Mapping[str, Any]) -> tuple[list[str], dict[str, Any]]:
-    """Return the names of the processes that play the record, and the packet for them.
+    """Convert a `replay` request to a packet. Return the names of the processes that get it, and the packet.
 
     request: request of the control socket. `pause`: true or false. `seek_s`: place in the record, after its start [s].
         `speed`: recorded seconds per second of wall time, or "max". Keys that are missing change nothing.
     Raises ValueError if the arena is no replay, or if a value is wrong.
     """
     if not plan.is_replay:
-        raise ValueError(f"{plan.name} is not a replay: it has no place and no speed to change")
+        raise ValueError(
+            f"{plan.name} is not a replay: pause, seek_s and speed are for the replay of a record"
+        )
     packet = {key: request[key] for key in KEYS if request.get(key) is not None}
     if not packet:
-        raise ValueError(f"expected one of {', '.join(KEYS)}")
+        raise ValueError(f"nothing to change: expected at least one of {', '.join(KEYS)}")
     if not isinstance(packet.get("pause", False), bool):
         raise ValueError(f"pause: got {packet['pause']!r}, expected true or false")
     if not _is_number(packet.get("seek_s", 0.0)):

@@ -63,7 +63,7 @@ class End:
 
 
 def is_usable(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether a process allows the processes that need it to start.
+    """Return whether a process is in a state in which the processes that need it may start.
 
     It must be ready, or be a task that ended with exit code 0.
     """
@@ -110,7 +110,7 @@ def lost(plan: Plan, statuses: Statuses) -> str:
 
 
 def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[str, str]:
-    """Return simulated vehicle -> reason why it can no longer fly.
+    """Return the simulated vehicles that can no longer fly: vehicle -> reason.
 
     The run does not wait for the disarming of these vehicles.
 
@@ -129,7 +129,7 @@ def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[s
 
 
 def _down(vehicle: str, worlds: Sequence[Mapping[str, Any]]) -> str:
-    """Return why a vehicle on the floor of the world can no longer fly, or "" if it can fly or is in the air."""
+    """Return why a simulated vehicle on the floor can no longer fly; "" if it can, or if it is in the air."""
     for world in worlds:
         verdict, pilot = (world.get(key, {}).get(vehicle, {}) for key in ("vehicles", "autopilot"))
         if verdict.get("airborne") is False:
@@ -148,9 +148,9 @@ def is_done(
     stats: Stats = _NO_STATS,
     forgotten: Collection[str] = (),
 ) -> bool:
-    """Return whether the run is done.
+    """Return whether the run is done: all programs have ended, and every vehicle is disarmed or cannot fly.
 
-    All programs have ended, no process is starting, and every vehicle is disarmed or cannot fly.
+    No process except a tool may be starting.
 
     A replay is done when it has reached the end of the record.
     forgotten: vehicles that an operator has declared dead (`arena forget`).
@@ -167,14 +167,14 @@ def is_done(
 
 
 def done_words(plan: Plan) -> str:
-    """Return the reason for the end of a run that is done, as text."""
+    """Return the reason why a run is done, as text for the user."""
     if plan.is_replay:
         return "the replay has reached the end of the record"
     return "every program has ended and every vehicle is disarmed"
 
 
 def end_words(plan: Plan, cause: Cause, *, at_once: bool) -> str:
-    """Return what happens when the user ends a run, as text.
+    """Return the text for the user when a run is ended by request, such as "Ctrl-C: landing, then stopping".
 
     at_once: without a landing of simulated vehicles.
     """
@@ -184,7 +184,7 @@ def end_words(plan: Plan, cause: Cause, *, at_once: bool) -> str:
 
 
 def settle_s(plan: Plan, stats: Stats) -> float:
-    """Return the delay [s] between the moment when a run is done and its end.
+    """Return how long the supervisor waits before it ends a run that is done [s].
 
     A world that repeats flights first runs to the simulation time at which each of them ends, so it gets more time.
     """
@@ -315,7 +315,7 @@ def may_stop(plan: Plan, statuses: Statuses) -> set[str]:
 def failures(
     plan: Plan, end: End, statuses: Statuses, stats: Stats, landed: bool, until_done: bool
 ) -> list[str]:
-    """Return one text per failure of the run.
+    """Return one text per failure of the run, such as a crash or a program that ended with an error.
 
     landed: the landing was confirmed, or no vehicle flew.
     until_done: the run had to wait until its programs ended.

@@ -52,7 +52,7 @@ class Member:
 
 @dataclass(frozen=True, kw_only=True)
 class RunState:
-    """Content of state.json: the processes of a run that exist.
+    """Content of state.json, which lists the running processes of one run.
 
     With it, `arena down` can end them without a supervisor.
 
@@ -101,7 +101,7 @@ def _still_there(member: Member) -> list[int]:
 
 @dataclass(frozen=True, kw_only=True)
 class RunFolder:
-    """Paths of the two folders of a run and of the files in them.
+    """Paths of a run's two folders (run folder, runtime folder) and of the files in them.
 
     path: the run folder.
     rt: the private runtime folder. Its path is short enough for Unix sockets.
@@ -116,7 +116,7 @@ class RunFolder:
         return self.rt / "control.sock"
 
     def fill(self, text: str) -> str:
-        """Return the text with `{run}`, `{rt}` and `{brace}` replaced.
+        """Return a text in which the placeholders `{run}`, `{rt}` and `{brace}` are replaced.
 
         `{run}` and `{rt}` become the paths of the two folders, `{brace}` becomes `{`.
         """
@@ -124,10 +124,7 @@ class RunFolder:
         return _FILLED.sub(lambda found: values[found[0]], text)
 
     def spec(self, spec: ProcessSpec) -> ProcessSpec:
-        """Return the spec of a process with `{run}` and `{rt}` replaced by the folders of this run.
-
-        The spec contains command, environment and limits.
-        """
+        """Return the command, environment and limits of a process, with `{run}` and `{rt}` filled in for this run."""
         return dataclasses.replace(
             spec,
             argv=tuple(map(self.fill, spec.argv)),
@@ -177,7 +174,7 @@ class RunFolder:
             (self.path / "logs").mkdir(exist_ok=True)
 
     def for_landing(self, plan: Plan) -> RunFolder:
-        """Return a folder that contains the plan for the land task.
+        """Return a folder that contains plan.json, which the land task reads.
 
         It is the run folder, or the runtime folder if plan.json cannot be restored there.
         """
@@ -274,7 +271,7 @@ def plan_of(state: RunState) -> Plan | None:
 
 
 def myself() -> Member:
-    """Return the record of the calling process, for state.json."""
+    """Return the entry of state.json for the calling process: pid, process group and start time."""
     pid = os.getpid()
     return Member(pid=pid, pgid=os.getpgid(0), start_s=proc_fs.start_time(pid) or 0.0)
 

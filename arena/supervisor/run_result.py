@@ -77,7 +77,7 @@ class RunResult:
         self._writer.submit(partial(self._save, json.dumps(outcome, indent=1, default=str)))
 
     def _save(self, text: str) -> None:
-        """Write outcome.json and store the error, or "" without an error.
+        """Write outcome.json. Store the text of the error, or "" after a success.
 
         It runs in the thread of the writer.
         """

@@ -51,7 +51,7 @@ class Shutdown:
         return run_end.may_fly(self._plan, p.statuses, p.facts, p.last_facts, p.stats, self.forgotten)
 
     def armed(self) -> set[str]:
-        """Return the vehicles that a running process reports as armed, without those declared dead."""
+        """Return the vehicles that a running process reports as armed, except vehicles that were declared dead."""
         p = self._processes
         return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
 
@@ -98,7 +98,7 @@ class Shutdown:
         self._processes.changed = True
 
     def begin(self, cause: Cause) -> None:
-        """Start the shutdown of the run.
+        """Start the shutdown of the run: refuse arming, and start no more processes that a landing does not need.
 
         From now on, arming is refused, and no process is started or restarted except those that vehicles need to land.
         """
@@ -135,7 +135,7 @@ class Shutdown:
         return done
 
     def _real_only(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
-        """Remove the simulated vehicles from `flying` and add them to `down`. Return both.
+        """Exclude simulated vehicles from the landing, for `arena down --now`. Return the new `flying` and `down`.
 
         `arena down --now` lands real vehicles only, so the landing must not wait for a simulated vehicle.
 

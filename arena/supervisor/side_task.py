@@ -20,7 +20,7 @@ _BYTES_PER_POLL = 1 << 16
 
 @dataclass(kw_only=True)
 class SideTask:
-    """A running land task or report task.
+    """Running land task or report task, which lands the vehicles or writes the report at the end of a run.
 
     It is killed at its deadline, or when it has been paused (SIGSTOP) for STOPPED_S.
 
@@ -48,7 +48,7 @@ class SideTask:
         on_line: Callable[[str], None],
         forks: ForkClient | None = None,
     ) -> SideTask | Exit:
-        """Start the task. Return an Exit if the start fails.
+        """Start the land task or the report task. Return an Exit if the start fails.
 
         timeout_s: time after which the task is killed [s].
         now: monotonic [s].
@@ -66,7 +66,7 @@ class SideTask:
         return cls(name=spec.name, child=child, deadline=now + timeout_s, on_line=on_line, _shown=shown)
 
     def poll(self, now: float) -> Exit | None:
-        """Pass each new line of output to `on_line`. Return the exit of the task, or None while it runs.
+        """Pass each new line of output to `on_line`. Return the exit status of the task, or None while it runs.
 
         now: monotonic [s].
         """
@@ -88,7 +88,7 @@ class SideTask:
         return None
 
     def stop(self, why: str = "did not end in time") -> None:
-        """Kill the process group of the task.
+        """Kill the processes of the land task or report task with SIGKILL.
 
         why: the reason, which `poll` reports with the exit status.
         """

@@ -13,7 +13,7 @@ _HANDLED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP, signal
 
 
 class SignalQueue:
-    """Context manager that collects signals.
+    """Context manager that queues the signals of this process, such as SIGINT and SIGCHLD, for the main loop.
 
     It installs handlers on entry and restores the old handlers on exit.
 

@@ -1,4 +1,4 @@
-"""Cleanup of stale runs: land the vehicles, then end the remaining processes.
+"""Cleanup of stale runs (supervisor died or paused): lands their vehicles, then ends their processes.
 
 A run is stale if its supervisor has died or is paused (SIGSTOP).
 
@@ -30,7 +30,7 @@ Say = Callable[[str], None]
 
 
 def sweep_all(say: Say, address: str) -> None:
-    """End every stale run whose processes use a given IPv4 address.
+    """End every stale run (its supervisor has died) whose processes use a given IPv4 address.
 
     Stale runs on other addresses are left alone, because they do not use the ports of this arena.
 
@@ -43,7 +43,7 @@ def sweep_all(say: Say, address: str) -> None:
 
 
 def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
-    """End one stale run: land its vehicles, end its processes, remove its runtime folder.
+    """End one stale run (its supervisor has died or is paused): land its vehicles, end its processes.
 
     say: function that prints each step.  now: land real vehicles only.
     A supervisor that is paused (SIGSTOP) is killed after the landing.
@@ -106,7 +106,7 @@ def _may_fly(plan: Plan | None, left: set[str]) -> bool:
 
 
 def _end_supervisor(state: RunState) -> None:
-    """Kill the supervisor.
+    """Kill the supervisor of a stale run, if it still exists (for example paused by SIGSTOP).
 
     The kernel then kills the user programs and the YAML's `tools`, by their parent-death signal.
     """
@@ -118,7 +118,7 @@ def _end_supervisor(state: RunState) -> None:
 
 
 def _end(state: RunState, plan: Plan | None, say: Say, land: Callable[[], bool]) -> None:
-    """End the user programs and tools first, then the other processes of the run.
+    """End the user programs and tools of a stale run first, then its other processes.
 
     Processes that do not end in time are killed.
 

@@ -113,7 +113,7 @@ def vehicles_table(status: Mapping[str, Any]) -> Table:
 
 
 def _control(facts: Mapping[str, Any], vehicle: str) -> Text:
-    """Return the text for who controls a vehicle, such as its program or a pilot.
+    """Return the table cell that names who controls a vehicle, such as its program or a pilot.
 
     If programs may not fly before `arena release`, the text contains `blocked` and is yellow.
     """
@@ -123,7 +123,7 @@ def _control(facts: Mapping[str, Any], vehicle: str) -> Text:
 
 
 def rates(stats: Mapping[str, Any]) -> str:
-    """Return up to three rates of a process as text.
+    """Return up to three rates that a process reports, as text, such as `poses 100.0 Hz`.
 
     Rates are statistics whose name ends in `_hz`.
     """

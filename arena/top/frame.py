@@ -1,4 +1,4 @@
-"""The picture of `arena top` as tables: vehicles, processes and events. Pure."""
+"""Tables that `arena top` shows on the terminal: vehicles, processes and events. Pure."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _UNKNOWN = Text("-", style="dim")
 
 @dataclass(frozen=True, kw_only=True)
 class Rows:
-    """Number of table rows for vehicles, processes and events on the terminal.
+    """How many vehicles, processes and events `arena top` shows, so that its tables fit the terminal.
 
     first: number of vehicles that are scrolled away.
     """
@@ -74,7 +74,7 @@ def waiting_frame(why: str) -> RenderableType:
 
 
 def row_numbers(vehicles: int, processes: int, events: int, height: int | None, scrolled: int) -> Rows:
-    """Divide the rows of the terminal among vehicles, processes and events.
+    """Divide the rows of the terminal among the tables of vehicles, processes and events.
 
     Vehicles have priority.
 
@@ -94,7 +94,7 @@ def row_numbers(vehicles: int, processes: int, events: int, height: int | None, 
 
 
 def own_processes(processes: Sequence[ProcessRow]) -> list[ProcessRow]:
-    """Return the processes with a pid of their own. Processes with a problem come first.
+    """Return the processes with a pid of their own. Failed and waiting ones (FATAL, BACKOFF) come first.
 
     Members, which run inside another process, are left out.
     """
@@ -103,7 +103,7 @@ def own_processes(processes: Sequence[ProcessRow]) -> list[ProcessRow]:
 
 
 def header(snapshot: Snapshot) -> Text:
-    """Return the first line: arena name, phase, time, number of vehicles, real-time factor."""
+    """Return the first line of `arena top`: arena name, phase, time, number of vehicles, real-time factor."""
     text = Text(f"{snapshot.name}: {snapshot.phase}", style="bold", no_wrap=True, overflow="ellipsis")
     text.append(f"   {snapshot.time_s:.1f} s", style="not bold")
     fleet = snapshot.fleet
@@ -120,7 +120,7 @@ def header(snapshot: Snapshot) -> Text:
 
 
 def vehicles_table(snapshot: Snapshot, first: int, count: int, width: int | None = None) -> Table:
-    """Return the table of vehicles.
+    """Return the vehicle table of `arena top`, one row per vehicle: mode, armed, battery, position, pose age ...
 
     first: number of the first row.
     count: number of rows.
@@ -143,7 +143,7 @@ def vehicles_table(snapshot: Snapshot, first: int, count: int, width: int | None
 
 
 def _vehicle_row(snapshot: Snapshot, i: int) -> dict[str, Text]:
-    """Return column -> value of vehicle number i."""
+    """Return one row of the vehicle table of `arena top`: column -> value, for vehicle number i."""
     fleet = snapshot.fleet
     north, east, down = (float(x) for x in fleet.p_n[i])
     forwarder = (p for p in snapshot.processes if p.kind == "forward" and p.vehicle == fleet.names[i])
@@ -167,7 +167,7 @@ def _vehicle_row(snapshot: Snapshot, i: int) -> dict[str, Text]:
 
 
 def processes_table(processes: Sequence[ProcessRow], count: int) -> Table:
-    """Return the table of processes: state, CPU, memory, restarts, and rates or a reason."""
+    """Return the process table of `arena top`: state, CPU, memory, restarts, and rates or the reason of the state."""
     table = _table()
     for name in ("process", "state"):
         table.add_column(name, no_wrap=True)

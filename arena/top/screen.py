@@ -65,7 +65,7 @@ def _first_complete(feed: LiveFeed) -> Snapshot | None:
 
 
 def is_complete(snapshot: Snapshot) -> bool:
-    """Return whether the supervisor has replied and all vehicles have sent state and battery.
+    """Return whether a snapshot is complete: the supervisor has replied, all vehicles have sent state and battery.
 
     Only vehicles with a tools port count.
     """

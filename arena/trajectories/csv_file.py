@@ -15,7 +15,7 @@ _LOG = "pos_ref"
 
 
 def read_csv(path: str | Path) -> Sampled:
-    """Return the trajectory in a CSV file.
+    """Read a trajectory from a CSV file.
 
     The first line names the columns: `t` (or `time`, `time_s`) [s]; `north`, `east`, `down` (or `x`, `y`, `z`) [m] [NED];
     and if present `vel_north`, `vel_east`, `vel_down` (or `vx`, `vy`, `vz`) [m/s] and `yaw` [rad].
@@ -35,7 +35,7 @@ def read_csv(path: str | Path) -> Sampled:
     pos = next((group for group in groups if all(name in names for name in group)), None)
     if time is None or pos is None:
         raise InputError(
-            f"{path}:1: got the columns {', '.join(names) or '(none)'}, expected t, north, east and down (and if known vel_north, "
+            f"{path}:1: got the columns {', '.join(names) or '(none)'}, expected t, north, east and down (optional: vel_north, "
             "vel_east, vel_down, yaw), or those of a log (time.seconds, pos_ref.north, ...)"
         )
     at = {name: k for k, name in enumerate(names)}
@@ -66,7 +66,7 @@ def read_csv(path: str | Path) -> Sampled:
 
 
 def _numbers(path: Path, line: int, row: list[str], columns: list[int]) -> list[float]:
-    """Return the numbers in some columns of a row; NaN for an empty cell.
+    """Return the numbers in the given columns of one CSV row; NaN for an empty cell.
 
     Raises InputError for a text that is not a number.
     """

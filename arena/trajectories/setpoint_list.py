@@ -1,4 +1,4 @@
-"""Trajectory of positions that are each held for a time.
+"""Trajectory that holds one position after the other, each for a given time.
 
 Between two positions the reference jumps.
 """
@@ -16,7 +16,7 @@ from arena.trajectories.trajectory import Reference
 
 
 class SetpointList:
-    """Positions that are held one after the other.
+    """Trajectory that holds the positions of a list one after the other, each for a given time.
 
     There is no feed-forward: the autopilot plans the way between the positions.
 

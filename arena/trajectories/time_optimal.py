@@ -63,7 +63,7 @@ class TimeOptimal:
 
 
 def _move(start: Array, goal: Array, limits: Limits) -> Any:
-    """Return the trajectory object of `ruckig` for one move."""
+    """Compute one time-optimal move with the library `ruckig`. Return its trajectory object."""
     try:
         import ruckig
     except ImportError as error:

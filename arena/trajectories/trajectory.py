@@ -28,7 +28,7 @@ class Reference:
 
 
 class Trajectory(Protocol):
-    """Interface of a trajectory, a movement of limited duration.
+    """Interface of a trajectory: position, velocity, acceleration and yaw as functions of time, until its end.
 
     duration_s: time from the beginning to the end [s].
     """
@@ -37,7 +37,7 @@ class Trajectory(Protocol):
     def duration_s(self) -> float: ...
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s] after the beginning.
+        """Return the reference (position, velocity, acceleration, yaw) at time `t` [s] after the beginning.
 
         Before the beginning and after the end the vehicle stands still.
         """
@@ -46,7 +46,7 @@ class Trajectory(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Moved:
-    """Trajectory that is shifted by an offset.
+    """Trajectory that shifts the positions of another trajectory by an offset.
 
     offset: [m] [NED] (3,)
     """
@@ -81,7 +81,7 @@ def positions_along(trajectory: Trajectory, step_s: float = 0.05, most: int = 20
 
 
 class Sampled:
-    """Trajectory through samples, for example from a file.
+    """Trajectory through samples (times and positions), for example from a CSV file.
 
     Positions follow cubic Hermite polynomials. Yaw is linear.
 
@@ -103,7 +103,7 @@ class Sampled:
         if (np.diff(self._t) <= 0).any():
             row = int((np.diff(self._t) <= 0).argmax()) + 1
             raise InputError(
-                f"trajectory: the time of row {row + 1} ({self._t[row]:g} s) is not after that of the row before"
+                f"trajectory: the time of row {row + 1} ({self._t[row]:g} s) is not later than that of the row before"
             )
         self._vel = (
             np.gradient(self._pos, self._t, axis=0) if vel is None else np.asarray(vel, float).reshape(n, 3)
@@ -146,7 +146,7 @@ class Sampled:
 
 
 def from_rest(t: float, rise_s: float) -> tuple[float, float, float]:
-    """Return a smooth rise from 0 to 1 over `rise_s`, and its first two derivatives [-], [1/s], [1/s2].
+    """Return a smooth rise from 0 to 1 at time `t`, and its first two derivatives [-], [1/s], [1/s2].
 
     The rise is the polynomial of degree five whose first and second derivatives are zero at both ends:
     10 u^3 - 15 u^4 + 6 u^5, with u = t / rise_s.

@@ -43,7 +43,7 @@ def read_arguments(argv: Sequence[str] | None = None, clock_of: ClockOf | None =
 
 
 def simulation_clock(argv: Sequence[str] | None = None) -> tuple[str, str] | None:
-    """Return (path of the simulation clock, client name) from the command line, or None for the wall clock.
+    """Return (path of the simulation clock's files, this program's name as its client); None for the wall clock.
 
     Raises InputError. argv: as in `read_arguments`.
     """
@@ -58,12 +58,14 @@ def simulation_clock(argv: Sequence[str] | None = None) -> tuple[str, str] | Non
     elif member.once:
         return member.threads.client
     else:
-        raise InputError("run: an asynchronous program of a group needs `run: once` in the YAML")
+        raise InputError(
+            "run: an asynchronous program that flies a group of vehicles needs `run: once` in the YAML"
+        )
     return found[0] if found else None
 
 
 def read_file(file: str, clock_of: Callable[[str | None, str], Clock | None]) -> dict[str, Any]:
-    """Return the keyword arguments for `UAV` from the file that `arena up` writes. Raises InputError.
+    """Return the keyword arguments for `UAV` from the vehicle file that `arena up` writes. Raises InputError.
 
     The file belongs to the program of one vehicle.
 
@@ -73,7 +75,7 @@ def read_file(file: str, clock_of: Callable[[str | None, str], Clock | None]) ->
 
 
 def _file_of_arena(given: argparse.Namespace, argv: Sequence[str] | None) -> str:
-    """Return the vehicle file that `arena up` names in an executable's environment, or "" without one.
+    """Return the path of the vehicle file from the environment variable ARENA_UAV_FILE, or "" without one.
 
     Such an executable is, for example, a shell program that starts Python. "" is returned for a program that is
     started by hand or selects its vehicle by options.
@@ -83,7 +85,7 @@ def _file_of_arena(given: argparse.Namespace, argv: Sequence[str] | None) -> str
 
 
 def read_group(member: Membership | None, clock_of: ClockOf | None = None) -> list[dict[str, Any]]:
-    """Return the keyword arguments for `UAV` of each vehicle of a group. Raises InputError without a group.
+    """Return the keyword arguments for `UAV` of each vehicle of a program's group. Raises InputError without a group.
 
     clock_of: as in `read_arguments`.
     """

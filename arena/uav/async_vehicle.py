@@ -130,7 +130,7 @@ class AsyncUAV:
         await self._do("set_att_thrust", self._uav.steps.att_thrust(att, att_type, thrust, freq))
 
     async def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a rate setpoint.
+        """Send a setpoint of body rates and thrust.
 
         ang_vel: [rad/s] [FRD] (3,).
         thrust: [N].
@@ -189,7 +189,7 @@ class AsyncUAV:
         self._uav.planned_path(points)
 
     def has_control(self) -> bool:
-        """Return whether the vehicle is armed and in OFFBOARD for this program.
+        """Return whether the vehicle is armed and in OFFBOARD, so that it can follow this program's setpoints.
 
         Raises OffboardLostError if a pilot or a failsafe has taken the vehicle, StaleDataError if the autopilot is silent.
         """
@@ -211,7 +211,7 @@ class AsyncUAV:
         self.close()
 
     async def _do(self, name: str, steps: Steps[T]) -> T:
-        """Carry out the steps of a method, and await each time at which the method must continue."""
+        """Run the generator (`Steps`) of a method to its end, and await each wake-up time [s] that it yields."""
         if self._running:
             steps.close()
             raise VehicleError(

@@ -20,7 +20,7 @@ BackendName = Literal["mavlink", "mavsdk"]
 
 @dataclass(frozen=True, kw_only=True)
 class Wire:
-    """Part of a connection that a backend uses.
+    """Functions and data of a vehicle's connection that a backend uses: ids, telemetry, two ways to send.
 
     system_id: MAV_SYS_ID of the vehicle, and of the program.
     telemetry: received telemetry of the vehicle.
@@ -51,7 +51,7 @@ class Wire:
 
 
 class Command(Protocol):
-    """Command to the autopilot that waits for its acknowledgement."""
+    """Interface of a command to the autopilot: sends it, and returns the result of its acknowledgement."""
 
     def send(self, message: mavlink.MAVLink_message) -> None:
         """Send the command, or send it again.
@@ -64,7 +64,7 @@ class Command(Protocol):
 
 
 class Backend(Protocol):
-    """Interface of a backend.
+    """Interface of a backend, the library that sends a user program's setpoints and commands.
 
     All methods except `receive` are called only inside calls of the user program.
     """
@@ -76,7 +76,7 @@ class Backend(Protocol):
         """Send one setpoint. When the method returns, the setpoint has been sent."""
 
     def command(self, number: int) -> Command:
-        """Return a command that has not been sent yet.
+        """Create a command to the autopilot, without sending it.
 
         number: MAV_CMD.
         """
@@ -86,7 +86,7 @@ class Backend(Protocol):
 
 
 class MavlinkCommand:
-    """Command that pymavlink encodes. It implements `Command`."""
+    """Command to the autopilot that is encoded with pymavlink. It implements `Command`."""
 
     def __init__(self, wire: Wire, number: int) -> None:
         self._wire, self._number = wire, number

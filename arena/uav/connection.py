@@ -113,7 +113,7 @@ class Connection:
         self._backend.send_setpoint(message)
 
     def command(self, number: int) -> Command:
-        """Return a command of the backend, which has not been sent yet.
+        """Create a command to the autopilot with the backend, without sending it.
 
         number: MAV_CMD. Raises NotConfirmedError as `send` does.
         """
@@ -121,7 +121,7 @@ class Connection:
         return self._backend.command(number)
 
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """Send a message to the vehicle, without the backend.
+        """Send a MAVLink message to the vehicle directly, not through the backend.
 
         Raises NotConfirmedError before the first message from the vehicle, because its address is unknown.
         """
@@ -163,7 +163,7 @@ class Connection:
                 self._capture.poll(now, once=self._lockstep)
 
     def chores(self) -> None:
-        """Receive data, and send the heartbeat if it is due."""
+        """Receive data, and send the program's heartbeat to the vehicle if it is due."""
         self.poll()
         now = self._clock.now()
         if self._vehicle is not None and not 0.0 <= self._heartbeat_due - now <= _HEARTBEAT_S:
@@ -180,7 +180,7 @@ class Connection:
         return self._vehicle
 
     def _send_payload(self, msgid: int, payload: bytes) -> None:
-        """Send an encoded payload to the vehicle. Threads of backends call it, too."""
+        """Send an encoded MAVLink payload to the vehicle. Threads of backends may call this method, too."""
         if self._vehicle is not None and not self._ending.is_set():
             with self._sending:
                 data = self._codec.frame(msgid, payload)

@@ -217,9 +217,9 @@ class Actuation:
 
     @property
     def group(self) -> int:
-        """Group number of the actuator outputs.
+        """Number of the group of actuators: mixer group, or port number of SERVO_OUTPUT_RAW.
 
-        It is the mixer group in ACTUATOR_CONTROL_TARGET, or the port number in SERVO_OUTPUT_RAW.
+        The mixer group comes from ACTUATOR_CONTROL_TARGET.
         """
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.actuators, "actuators").group

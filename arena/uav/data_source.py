@@ -39,7 +39,7 @@ S = TypeVar("S", bound=Stamped)
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """Constants of the vehicle.
+    """Constants of the vehicle: name, mass, size, number of rotors and thrust curve.
 
     mass: [kg]. radius, height: [m]. thrust_curve: settings from the vehicle's profile, see `arena.thrust_curve`.
     """
@@ -94,7 +94,7 @@ class Source:
         return self.stale_s * _AGE_LIMITS.get(what, 1.0)
 
     def fresh(self, value: S | None, what: str, limit_s: float | None = None) -> S:
-        """Return a received value. Raises StaleDataError if it has not arrived or is too old.
+        """Return a received value that is fresh. Raises StaleDataError if it has not arrived or is too old.
 
         what: name of the data, for the age limit and the error message.  limit_s: age limit [s]; None: that of `limit_s`.
         """

@@ -191,7 +191,7 @@ class Fleet(Sequence[V]):
         self.clock.sleep_until(self._due)
 
     def _flown(self) -> Iterator[tuple[int, V]]:
-        """Yield (index in the fleet, vehicle) of the vehicles that are not in `lost`."""
+        """Yield (index in the fleet, vehicle) for each vehicle that the program has not lost."""
         yield from ((row, uav) for row, uav in enumerate(self._uavs) if self.names[row] not in self.lost)
 
     def _guarded(self, uav: V, action: Callable[[], object]) -> None:

@@ -1,6 +1,6 @@
-"""The methods of `UAV` that send setpoints and wait, as generators.
+"""The methods of `UAV` and `AsyncUAV` that send setpoints and wait, as generators that both classes share.
 
-`UAV` and `AsyncUAV` share them. Their docstrings describe the methods.
+The docstrings of `UAV` and `AsyncUAV` describe the methods.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LAST_WITH_ACTUATOR_CONTROL = 1, 13
 
 
 class FlightSteps:
-    """Generators of the methods that send setpoints at a fixed rate.
+    """Methods of `UAV` that send setpoints at a fixed rate, as generators of the times at which they continue.
 
     control: commands and setpoints of the vehicle.
     barrier: start barrier of the run.
@@ -158,7 +158,7 @@ class FlightSteps:
         return self._source.fresh(self._source.telemetry.local, "estimated position").pos
 
     def _normalised(self, thrust: ArrayLike) -> float:
-        """Convert a thrust [N] to a command 0..1 with the thrust curve at the current airspeed.
+        """Convert a thrust [N] to a motor command 0..1 with the thrust curve at the current airspeed.
 
         If the airspeed is unknown, 0 m/s is used.
         """

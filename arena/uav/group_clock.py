@@ -73,7 +73,7 @@ class GroupClock:
         return turn
 
     def _pass_turn(self) -> None:
-        """Wake the next thread that is due. If no thread is due, sleep until the next thread is due."""
+        """Sleep on the simulation clock until the earliest wake-up time of a thread, then wake this thread."""
         if not self._waiting:
             return
         t, _, turn = heapq.heappop(self._waiting)
@@ -86,7 +86,7 @@ class GroupClock:
 
 
 class MemberClock(LockstepClock):
-    """Clock of one vehicle of a group in lockstep.
+    """Simulation clock of one vehicle, in a process that runs the programs of a whole group in lockstep.
 
     While a program sleeps on this clock, the vehicle's connection receives data and sends heartbeats.
     """
@@ -132,7 +132,7 @@ class GroupThreads:
         return self._group is not None
 
     def clock(self, name: str) -> Clock:
-        """Return a clock for one thread.
+        """Return a clock for one thread of the group: the wall clock or a simulation clock.
 
         name: name of the thread as a client of the simulation clock. In lockstep the name is not used: the whole process is one client.
         """

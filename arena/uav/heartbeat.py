@@ -18,7 +18,7 @@ _PERIOD_S = 0.1
 
 
 class Heartbeat:
-    """Sender of the heartbeats of one program.
+    """Sender of one user program's heartbeats to the copilot.
 
     address: address of the copilot; None without a copilot, and then nothing is sent.
     system_id: MAV_SYS_ID of the vehicle.

@@ -45,7 +45,7 @@ _RESULT_TIMEOUT_S = 1.0  # wall time from the received acknowledgement to MAVSDK
 
 
 class _Channels:
-    """MAVLink channels of this process. Each MAVSDK connection needs one channel.
+    """Counter of this process's free MAVLink channels. Each MAVSDK connection needs one channel.
 
     MAVSDK 4.1 gives out 32 channels, but MAVLink's C code has buffers for 16. With 20 connections or more, the C library aborted
     each process at its end, because other memory had been overwritten.
@@ -72,7 +72,7 @@ _CHANNELS = _Channels()
 
 
 class MavsdkCommand:
-    """Command that MAVSDK sends. It implements `Command`."""
+    """Command to the autopilot that is sent with MAVSDK. It implements `Command`."""
 
     def __init__(self, wire: Wire, gate: _Gate, direct: MavlinkDirect, number: int) -> None:
         self._wire, self._gate, self._direct, self._number = wire, gate, direct, number
@@ -81,9 +81,9 @@ class MavsdkCommand:
         wire.telemetry.acks.clear()
 
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """Pass the command to MAVSDK.
+        """Send the command with MAVSDK. Send a repetition of it without MAVSDK.
 
-        A repetition does not go through MAVSDK, whose repetitions follow the wall clock.
+        MAVSDK's own repetitions would follow the wall clock.
         """
         if self._is_sent:
             return self._wire.send(message)
@@ -111,7 +111,7 @@ class MavsdkCommand:
 
 
 class _Gate:
-    """Filter that passes each setpoint and command from MAVSDK to the vehicle once.
+    """Filter of MAVSDK's output: sends each requested setpoint and command to the vehicle once, drops all else.
 
     Only messages that a call of the program has requested are passed.
 
@@ -172,7 +172,7 @@ class _Slot:
         )
 
     def take(self, msgid: int, message: Any) -> bool:
-        """Return whether a call of the program waits for this message. The next equal message is then refused."""
+        """Return whether the program has requested this message, and MAVSDK sends it for the first time."""
         with self._lock:
             if (
                 self._asked is None
@@ -209,7 +209,7 @@ class MavsdkBackend:
 
     @property
     def dropped(self) -> int:
-        """Number of setpoints that MAVSDK repeated without a request and that were not sent."""
+        """Number of setpoints that MAVSDK repeated by itself, and that were therefore not sent to the vehicle."""
         return self._gate.dropped
 
     def receive(self, datagram: bytes) -> None:
@@ -222,7 +222,7 @@ class MavsdkBackend:
         self._gate.setpoint.pass_one(message, lambda: setpoints.send(offboard, direct, own, message))
 
     def command(self, number: int) -> Command:
-        """Return a command. Raises NotConfirmedError before MAVSDK has received a heartbeat of the vehicle."""
+        """Create a command, without sending it. Raises NotConfirmedError before MAVSDK has received a heartbeat."""
         return MavsdkCommand(self._wire, self._gate, self._open_plugins()[1], number)
 
     def close(self) -> None:

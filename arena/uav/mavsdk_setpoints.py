@@ -63,7 +63,7 @@ def send(offboard: Offboard, direct: MavlinkDirect, own: tuple[int, int], messag
 
 
 def as_json(own: tuple[int, int], message: Any) -> MavlinkMessage:
-    """Return a message for the MavlinkDirect plugin.
+    """Convert a pymavlink message to a message for MAVSDK's plugin MavlinkDirect, with its fields as JSON.
 
     own: system and component id of the program.
     """

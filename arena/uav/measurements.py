@@ -33,7 +33,7 @@ class RelativeSensors:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Received(Generic[M]):
-    """A measurement with its time of arrival [s]."""
+    """Measurement of a relative sensor, with its time of arrival [s]."""
 
     received_at: float
     value: M
@@ -52,7 +52,7 @@ class Measurements:
         self.beacons: dict[int, Received[BeaconMeasurement]] = {}
 
     def on_datagram(self, datagram: bytes, now: float) -> None:
-        """Store the measurements in a datagram.
+        """Store the relative measurements that a datagram contains.
 
         now: time of arrival [s].
         """

@@ -1,4 +1,4 @@
-"""Vehicles that the running thread's program flies, in a process with the programs of a whole group.
+"""Record of the vehicles that a thread's user program flies, in a process that runs the programs of a group.
 
 Such programs have no command line of their own, so `UAV.from_args` reads their arguments from `MEMBERSHIP`.
 """

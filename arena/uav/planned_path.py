@@ -33,7 +33,7 @@ class PathPublisher:
         self._of_trajectory = False
 
     def publish(self, points: ArrayLike, now: float) -> None:
-        """Publish a planned path.
+        """Publish a planned path, a list of points, for viewers and the record.
 
         points: [m] [NED] (k, 3); none removes the path.
         now: [s].
@@ -73,7 +73,7 @@ class PathPublisher:
     def publish_line(
         self, from_n: Callable[[], Array], goal: ArrayLike, duration_s: float, now: float
     ) -> None:
-        """Publish the straight line to a new goal, if the flight takes at least 0.5 s.
+        """Publish the straight line to a new goal as the planned path, if the flight takes at least 0.5 s.
 
         from_n: returns the present position [m] [NED] (3,).  goal: [m] [NED] (3,).  duration_s: time of the flight [s].
         """

@@ -11,7 +11,7 @@ from arena.geometry import Array
 
 
 class Pose(NamedTuple):
-    """Pose as plain numbers.
+    """Motion capture pose of one rigid body, as plain numbers.
 
     180 poses arrive per second, so numpy arrays are made only when a program reads them.
 
@@ -36,7 +36,7 @@ class Pose(NamedTuple):
 
 
 class Poses:
-    """Newest pose of the program's own body.
+    """Newest motion capture pose of the program's own rigid body.
 
     own: the newest pose, None before the first pose arrives.
     body: name of the program's own rigid body in the capture system, None if it has none.
@@ -47,7 +47,7 @@ class Poses:
         self.body = body
 
     def receive(self, body: str, p_n: Sequence[float], q_nb: Sequence[float], now: float) -> None:
-        """Store the pose of a tracked body.
+        """Store a captured pose, if it is that of the program's own rigid body.
 
         now: time of arrival [s].
         """

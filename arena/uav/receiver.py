@@ -1,4 +1,4 @@
-"""Background thread that receives the data of connections, for programs on the wall clock."""
+"""Background thread that receives the data of a program's vehicle connections, for programs on the wall clock."""
 
 from __future__ import annotations
 

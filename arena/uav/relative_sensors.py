@@ -46,7 +46,7 @@ class Neighbour:
 
     @property
     def measurement(self) -> NeighbourMeasurement:
-        """All values of one measurement, taken at the same instant."""
+        """Newest measurement of the neighbour, with all its values at the same instant."""
         self._source.refresh()
         found, limit = self._source.relative.neighbours.get(self._number), self._limit_s
         return self._source.fresh(found, f"measurement of neighbour {self._name}", limit).value
@@ -103,7 +103,7 @@ class Beacon:
 
     @property
     def measurement(self) -> BeaconMeasurement:
-        """All values of one measurement, taken at the same instant."""
+        """Newest measurement of the beacon, with all its values at the same instant."""
         self._source.refresh()
         found, limit = self._source.relative.beacons.get(self._number), self._limit_s
         return self._source.fresh(found, f"measurement of beacon {self._name}", limit).value
@@ -178,12 +178,12 @@ class EmulatedSensor:
 
     @property
     def rel_pos(self) -> Array:
-        """Neighbours' positions minus the vehicle's [m] [NED] (n, 3)."""
+        """Positions of the neighbours minus the position of the vehicle [m] [NED] (n, 3)."""
         return np.array([n.pos for n in self._neighbours.values()]).reshape(-1, 3)
 
     @property
     def rel_vel(self) -> Array:
-        """Neighbours' velocities minus the vehicle's [m/s] [NED] (n, 3)."""
+        """Velocities of the neighbours minus the velocity of the vehicle [m/s] [NED] (n, 3)."""
         return np.array([n.vel for n in self._neighbours.values()]).reshape(-1, 3)
 
 

@@ -17,7 +17,7 @@ class ReportedState:
         self._source = source
 
     def has(self, *, mode: str | None = None, armed: bool | None = None) -> bool:
-        """Return whether the newest heartbeat reports this mode and this arming. None: not checked."""
+        """Return whether the newest heartbeat reports a given mode and arming state. None: not checked."""
         heart = self._source.telemetry.heartbeat
         return heart is not None and mode in (None, heart.mode) and armed in (None, heart.armed)
 
@@ -48,13 +48,13 @@ class ReportedState:
         return f"the autopilot's pre-arm checks fail{self.texts(waited_s + TEXTS_S)}"
 
     def is_down(self) -> bool:
-        """Return whether the vehicle is on the ground and disarmed, by a landed state that is not too old."""
+        """Return whether the vehicle is disarmed and on the ground. A landed state that is too old does not count."""
         ground = self._source.telemetry.ground
         fresh = self._source.age(ground) <= self._source.limit_s("landed state")
         return fresh and ground is not None and ground.landed and self.has(armed=False)
 
     def has_left_landing(self) -> bool:
-        """Return whether the vehicle is armed in another mode than AUTO.LAND."""
+        """Return whether the vehicle has stopped landing: it is armed, and its mode is not AUTO.LAND."""
         return self.has(armed=True) and not self.has(mode="AUTO.LAND")
 
     def words(self) -> str:

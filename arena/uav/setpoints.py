@@ -160,7 +160,7 @@ class Encoder:
     def reference(
         self, p: ArrayLike | None, v: ArrayLike | None, yaw: ArrayLike | None, now: float
     ) -> mavlink.MAVLink_message:
-        """Return the program's reference as POSITION_TARGET_LOCAL_NED, for the log.
+        """Return the motion that the program wants to follow as POSITION_TARGET_LOCAL_NED, for the log.
 
         p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. None if the reference has no such value.
         Raises SetpointError if all three are None.
@@ -206,7 +206,7 @@ class Encoder:
         )
 
     def ang_vel_thrust(self, ang_vel: ArrayLike, thrust: float, now: float) -> mavlink.MAVLink_message:
-        """Return a rate setpoint.
+        """Return a setpoint of body rates and thrust.
 
         ang_vel: body rates [rad/s] [FRD] (3,).
         thrust: normalised 0..1 [-].
@@ -233,7 +233,7 @@ class Encoder:
         )
 
     def command(self, number: int, params: tuple[float, ...], confirmation: int) -> mavlink.MAVLink_message:
-        """Return a COMMAND_LONG message.
+        """Return a COMMAND_LONG message to the vehicle.
 
         number: MAV_CMD.
         params: up to 7.

@@ -35,7 +35,7 @@ def run(main: Coroutine[Any, Any, T], argv: Sequence[str] | None = None) -> T:
 
 
 def running_clock(path: str | None, name: str) -> Clock | None:
-    """Return the clock for a vehicle of the running event loop, or None for the wall clock.
+    """Return the clock for a vehicle that a program flies in the running event loop; None means the wall clock.
 
     path: path of the simulation clock that the program must use. name: name of the vehicle.
     Raises InputError if the event loop does not use the simulation clock.
@@ -71,7 +71,7 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
 
 
 class LoopClock(LockstepClock):
-    """Clock of a vehicle in an asynchronous program in simulated time.
+    """Clock of a vehicle that an asynchronous program flies in simulated time.
 
     Only the event loop sleeps on it.
     """
@@ -93,7 +93,7 @@ class LoopClock(LockstepClock):
         )
 
     def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
-        """Call the function `chores` at a period of `every_s` [s] of simulation time, from the event loop."""
+        """Let the event loop call the function `chores` every `every_s` seconds of simulation time."""
 
         def again() -> None:
             chores()
@@ -103,7 +103,7 @@ class LoopClock(LockstepClock):
 
 
 class _SimulatedSelector(selectors.EpollSelector):
-    """Selector that waits in simulation time.
+    """Selector of the event loop, whose time-outs are in simulation time.
 
     It returns early when another file descriptor is ready.
     """
@@ -127,5 +127,5 @@ class _SimulatedSelector(selectors.EpollSelector):
     def _others(
         self, ready: list[tuple[selectors.SelectorKey, int]]
     ) -> list[tuple[selectors.SelectorKey, int]]:
-        """Return the ready entries without the entry of the clock."""
+        """Return the ready file descriptors without that of the simulation clock."""
         return [(key, events) for key, events in ready if key.fileobj is not self._clock]

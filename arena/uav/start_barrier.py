@@ -37,7 +37,7 @@ class Arrivals:
 
 
 class StartBarrier:
-    """Start barriers of a run for one program.
+    """Access of one program to the start barriers, at which the programs of a run wait for each other.
 
     At a barrier, programs wait for each other, so that they start together.
 
@@ -83,7 +83,7 @@ class StartBarrier:
 
 
 class _Waiting:
-    """Wait of a single program at a barrier.
+    """Wait of one program at a start barrier until the other programs have arrived.
 
     It finds which other programs have arrived, and can be withdrawn after a timeout.
     """

@@ -1,4 +1,4 @@
-"""Generators (`Steps`) that describe when a method must wait.
+"""`Steps`: generators for methods that wait. Each yields the times until which the program must sleep.
 
 Blocking and asynchronous programs share this code.
 """

@@ -158,7 +158,7 @@ class UAV:
         return Fleet(made, member.threads)
 
     def snapshot(self) -> Snapshot:
-        """Return a copy of the data groups (`ekf`, `sen`, `act`, `info`). Its values stay those of this instant."""
+        """Return a copy of the data groups (`ekf`, `sen`, `act`, `info`). The values of the copy never change."""
         return Snapshot.of(self._source.fixed(), self._body)
 
     def last_values(self, limit_s: float = np.inf) -> Snapshot:
@@ -297,7 +297,7 @@ class UAV:
         self._run(self.steps.att_thrust(att, att_type, thrust, freq))
 
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a rate setpoint, then wait until the next setpoint is due: a loop with one such call runs at `freq`.
+        """Send a setpoint of body rates and thrust, then wait until the next one is due: a loop with one such call runs at `freq`.
 
         ang_vel: body rates [rad/s] [FRD] (3,). thrust: [N], clamped to the thrust that the vehicle can
         produce. freq: [Hz].
@@ -314,7 +314,7 @@ class UAV:
 
     @property
     def encoder(self) -> Encoder:
-        """Encoder of the vehicle's setpoints, for `send`."""
+        """Encoder that creates setpoint messages for the vehicle, to be sent with `send`."""
         return self.control.encoder
 
     def send(self, message: mavlink.MAVLink_message) -> None:
@@ -329,7 +329,7 @@ class UAV:
         return bool(self._run(self.control.wait_until(done, duration_s(timeout))))
 
     def chores(self) -> None:
-        """Receive data, and send the heartbeat to the vehicle if it is due.
+        """Receive data, and send the program's heartbeat to the vehicle if it is due.
 
         In lockstep a vehicle does so while the program sleeps on the vehicle's clock. A program of a `Fleet` sleeps on the
         fleet's clock instead, so the fleet calls this method.

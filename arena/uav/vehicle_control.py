@@ -107,7 +107,7 @@ class VehicleControl:
         self._armed = heart.armed
 
     def has_control(self) -> bool:
-        """Return whether the vehicle is in OFFBOARD for this program. Raises the errors of `guard`."""
+        """Return whether the vehicle is armed and in OFFBOARD. Raises the errors of `guard`."""
         self.guard()
         return self._offboard and self._reported.has(mode="OFFBOARD", armed=True)
 
@@ -180,7 +180,7 @@ class VehicleControl:
             yield from self.arm(until=end)
 
     def wait_until(self, done: Callable[[], T], timeout_s: float) -> Steps[T | None]:
-        """Call `done` until it returns a true value, and return this value. Return None after `timeout_s`.
+        """Call `done` repeatedly until it returns a true value, and return this value. Return None after `timeout_s`.
 
         In OFFBOARD the vehicle holds its position while it waits. Raises OffboardLostError if the program
         loses control.
@@ -285,7 +285,7 @@ class VehicleControl:
         command = self._connection.command(number)
 
         def answer() -> int | None:
-            """Return 1 + MAV_RESULT, because `_wait` waits for a true value and MAV_RESULT_ACCEPTED is 0."""
+            """Return MAV_RESULT + 1 of the command: `_wait` needs a true value, but MAV_RESULT_ACCEPTED is 0."""
             result = command.result()
             return None if result is None else result + 1
 
@@ -322,7 +322,7 @@ class VehicleControl:
         self._connection.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
 
     def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> Steps[T | None]:
-        """Call `done` until it returns a true value, and return this value. Return None after `timeout_s`.
+        """Call `done` repeatedly until it returns a true value, and return this value. Return None after `timeout_s`.
 
         stream: during the wait, send setpoints that hold the position.
         Raises OffboardLostError if the program loses control of the vehicle.

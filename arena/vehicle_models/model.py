@@ -30,7 +30,7 @@ class CrashLimits:
 
 
 class Dynamics(Protocol):
-    """Actuators of V vehicles of one class: forces and torques on the bodies from motor commands, batched.
+    """Interface of the actuators of V vehicles: forces and torques on the bodies from the motor commands.
 
     spin: state of the actuators, given as the command that would maintain this state, 0..1 [-] (V, R)
     supply: battery voltage divided by nominal voltage [-] (V,); written by the world
@@ -82,7 +82,7 @@ class Dynamics(Protocol):
 
 
 class VehicleModel(Protocol):
-    """Interface of a vehicle class, such as multirotors.
+    """Interface of a vehicle class, such as multirotors: MAV_TYPE, control allocation and actuator dynamics.
 
     name: value of the profile's `vehicle_class`
     px4_sim_model: value of PX4_SIM_MODEL with which PX4 SITL is started; it selects the airframe

@@ -1,6 +1,6 @@
-"""Age limits of MAVLink messages to a vehicle.
+"""Age limits of MAVLink messages to a vehicle: messages that have waited longer are dropped. Pure.
 
-A process that was stalled drops the messages that have become older than their limit while they waited. Pure.
+A process that was stalled drops the messages that have become older than their limit while they waited.
 
 The age of a message is the time since the kernel of this computer received it. A process that is not stalled reads a
 message within milliseconds, so the limits do not concern it, whatever the speed of the simulation is.

@@ -31,17 +31,17 @@ SIMULATION_CLOCK, UNIX_CLOCK = "simulation", "unix"
 
 
 def tail_path(record: Path) -> Path:
-    """Return the path of the tail file, which contains the messages of the unfinished chunk of the record."""
+    """Return the path of `flight.mcap.tail`, the file with the messages of the unfinished chunk of the record."""
     return record.with_name(f"{record.name}.tail")
 
 
 def down_topic(vehicle: str) -> str:
-    """Return the topic of the MAVLink datagrams from a vehicle."""
+    """Return the topic in `flight.mcap` for MAVLink datagrams from a vehicle, such as /uav1/mavlink/down."""
     return f"/{vehicle}/mavlink/down"
 
 
 def up_topic(vehicle: str) -> str:
-    """Return the topic of the MAVLink datagrams to a vehicle.
+    """Return the topic in `flight.mcap` for MAVLink datagrams to a vehicle, such as /uav1/mavlink/up.
 
     It also contains the references that the vehicle's program publishes.
     """
@@ -49,13 +49,13 @@ def up_topic(vehicle: str) -> str:
 
 
 def truth_topic(vehicle: str) -> str:
-    """Return the topic of the true states of a simulated vehicle."""
+    """Return the topic in `flight.mcap` for the true states of a simulated vehicle, such as /uav1/truth."""
     return f"/{vehicle}/truth"
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedVehicle:
-    """Vehicle of the arena, in the metadata of a record.
+    """Vehicle of the arena, as the metadata of `flight.mcap` describe it.
 
     name, body: name of the vehicle, and of its rigid body in the motion capture.  id: MAVLink system id.
     simulated: false for a real vehicle.  autopilot: `builtin`, `px4` or `hitl`.  profile: name of its profile.
@@ -80,7 +80,7 @@ def pack_metadata(
     fence: Mapping[str, Any] | None = None,
     obstacles: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, str]:
-    """Return the content of the metadata record `arena`.
+    """Return the content of the metadata record `arena` in `flight.mcap`.
 
     name: name of the arena.  clock: `simulation` or `unix`.  start_s, start_unix_s: start of the record by the run's clock, and
     as Unix time [s].  size_m: size of the room, north, east, height [m].
@@ -100,7 +100,7 @@ def pack_metadata(
 
 @dataclass(frozen=True, kw_only=True)
 class MessageSchema:
-    """Schema record of MCAP.
+    """Schema of recorded messages, as MCAP stores it: name, encoding and definition.
 
     name, encoding: as in the file.
     text: definition of the message.
@@ -163,7 +163,7 @@ _NO_POSE = (float("nan"),) * 7
 def pack_true_state(
     p_n: Sequence[float], v_n: Sequence[float], q_nb: Sequence[float], omega_b: Sequence[float]
 ) -> bytes:
-    """Encode a true state as a message of the record.
+    """Encode the true state of a simulated vehicle as a message of `flight.mcap`.
 
     The arguments are the fields of the schema `TRUE_STATE`.
     """
@@ -171,7 +171,7 @@ def pack_true_state(
 
 
 class RecordedBody(NamedTuple):
-    """Rigid body in a frame of motion capture.
+    """Rigid body in a recorded motion capture frame: its name and pose.
 
     name: name of the rigid body.  tracked: whether the cameras have measured its pose.
     p_n: position of its origin [m] [NED].  q_nb: attitude [-] wxyz. NaN if not tracked.
@@ -184,7 +184,7 @@ class RecordedBody(NamedTuple):
 
 
 class RecordedFrame(NamedTuple):
-    """Frame of motion capture.
+    """Recorded motion capture frame: the poses of all rigid bodies at one time.
 
     time_s: time of reception, by the run's clock [s].  number: frame number.
     exposed_s, sent_s: times of exposure and sending, by the clock of the server [s]; NaN if unknown.
@@ -206,7 +206,7 @@ def pack_frame(
     simulated: bool,
     bodies: Sequence[tuple[str, Sequence[float] | None]],
 ) -> bytes:
-    """Encode a motion capture frame as a message of the record.
+    """Encode a motion capture frame as a message of `flight.mcap`.
 
     number, exposed_s, sent_s, simulated: fields of the schema `CAPTURED_FRAME`.
     bodies: (name, pose) of each body, ordered by name. Pose: p_n and q_nb (7,), None if the body is not tracked.
@@ -220,7 +220,7 @@ def pack_frame(
 
 @functools.lru_cache(maxsize=64)
 def _frame_layout(names: tuple[str, ...]) -> tuple[struct.Struct, tuple[bytes, ...]]:
-    """Return the byte layout of a frame with these bodies, and their names with a final zero byte.
+    """Return the byte layout of a recorded motion capture frame, and its body names with a final zero byte.
 
     The layout is without the head of CDR.
     """

@@ -20,7 +20,7 @@ _REPEAT_S = 1.0
 
 
 class KeyExchange:
-    """Gives a key to an autopilot, and checks that the autopilot then signs with this key.
+    """Exchange that sends a signing key to an autopilot, and checks that the autopilot then signs with it.
 
     Call `receive` with the data of the vehicle, and send the frames that `due` returns, until `done` or `problem` is set.
     system: MAVLink id of the vehicle
@@ -41,7 +41,7 @@ class KeyExchange:
         self._next = 0.0
 
     def receive(self, data: Buffer, frames: Sequence[Frame]) -> None:
-        """Process frames from the vehicle. Only its autopilot's heartbeats are used."""
+        """Check with which key the vehicle signs, by the heartbeats of its autopilot. Other frames are ignored."""
         for frame in frames:
             if (frame.sysid, frame.compid, frame.msgid) != (self._system, AUTOPILOT, mav.HEARTBEAT):
                 continue

@@ -23,7 +23,7 @@ class Codec:
     """
 
     def __init__(self, system: int, component: int, sender: Any = None) -> None:
-        """Count the sequence numbers in a sender of its own, or in the given one.
+        """Create a codec that counts sequence numbers in `sender`, or in a sender of its own without one.
 
         sender: object of pymavlink's class MAVLink
         """

@@ -90,7 +90,7 @@ class Stream:
         self._clean = True  # the kept bytes begin at the end of a frame
 
     def feed(self, data: Buffer) -> tuple[bytes, ParsedFrames]:
-        """Add the next bytes of the stream. Return a buffer, and the complete frames in it. Never raises an error."""
+        """Parse the next bytes of the stream. Return a buffer and the complete frames in it. Never raises an error."""
         buffer = self._kept + bytes(data)
         frames: list[Frame] = []
         size, at, garbage, bad_crc, unknown = len(buffer), 0, 0, 0, 0

@@ -29,7 +29,7 @@ LARGEST_VEHICLE_ID = 249
 
 @dataclass(frozen=True, kw_only=True)
 class Sender:
-    """MAVLink ids of one kind of program.
+    """MAVLink system and component ids of one kind of program, such as the copilot or `arena params`.
 
     system: system id
     first, last: range of the component ids; more than one: each process has its own
@@ -56,7 +56,7 @@ class Sender:
         return frozenset(range(self.first, self.last + 1)) | ({self.signed} if self.signed else set())
 
     def component_at(self, *, signs: bool) -> int:
-        """Return the component id of this process at one vehicle. signs: the vehicle signs its messages."""
+        """Return the component id that this process uses at one vehicle. signs: the vehicle signs its messages."""
         return self.signed if signs and self.signed is not None else self.component
 
 

@@ -20,7 +20,7 @@ from arena.wire.px4_messages import FIELDS
 
 
 class Field(NamedTuple):
-    """Place of a field in the payload.
+    """Position and type of one field in the payload of a MAVLink message.
 
     code: type of each element as a code of the module `struct`
     offset: first byte in the payload
@@ -55,7 +55,7 @@ def layout(msgid: int) -> dict[str, Field]:
 
 
 def _layout_of(fields: str) -> dict[str, Field]:
-    """Return the places of fields that are given as in `px4_messages.FIELDS`."""
+    """Return the position of each field of a payload whose fields are listed as in `px4_messages.FIELDS`."""
     found, offset = {}, 0
     for field in fields.split(", "):
         kind, name = field.split()
@@ -123,7 +123,7 @@ def decoder(msgid: int) -> Callable[[Buffer, Frame], Any]:
 
 
 def _grouped(values: tuple[Any, ...], lengths: list[int]) -> list[Any]:
-    """Return the values of all fields. An array counts as one value."""
+    """Combine unpacked numbers into one value per field: the numbers of an array become a tuple."""
     found: list[Any] = []
     k = 0
     for length in lengths:

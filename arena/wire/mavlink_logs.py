@@ -41,7 +41,7 @@ class LogEntry(NamedTuple):
 
 
 class LogData(NamedTuple):
-    """A part of a log.
+    """Part of a log file, as LOG_DATA contains it.
 
     number: id of the log.
     offset: position of the first byte.
@@ -53,24 +53,24 @@ class LogData(NamedTuple):
 
 
 def parse_entry(data: Buffer, frame: Frame) -> LogEntry:
-    """Decode LOG_ENTRY."""
+    """Decode LOG_ENTRY, which describes one log file of a vehicle."""
     time_s, size, number, logs, _ = _ENTRY.unpack(_payload(data, frame, _ENTRY.size))
     return LogEntry(number, size, time_s, logs)
 
 
 def parse_data(data: Buffer, frame: Frame) -> LogData:
-    """Decode LOG_DATA."""
+    """Decode LOG_DATA, which contains a part of a log file."""
     offset, number, count, raw = _DATA.unpack(_payload(data, frame, _DATA.size))
     return LogData(number, offset, raw[: min(count, DATA_BYTES)])
 
 
 def request_list(system: int) -> Message:
-    """Return the request for the list of all logs."""
+    """Return LOG_REQUEST_LIST, the request for the list of all log files."""
     return REQUEST_LIST, _LIST.pack(0, _LAST, system, AUTOPILOT)
 
 
 def request_data(system: int, number: int, offset: int, count: int) -> Message:
-    """Return the request for a part of a log.
+    """Return LOG_REQUEST_DATA, the request for a part of a log file.
 
     The vehicle then sends LOG_DATA until `count` bytes are sent.
     """
@@ -78,7 +78,7 @@ def request_data(system: int, number: int, offset: int, count: int) -> Message:
 
 
 def request_end(system: int) -> Message:
-    """Return the request to stop sending LOG_DATA."""
+    """Return LOG_REQUEST_END, the request to stop sending LOG_DATA."""
     return REQUEST_END, bytes((system, AUTOPILOT))
 
 

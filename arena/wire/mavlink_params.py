@@ -92,7 +92,7 @@ def request_list(system: int) -> Message:
 
 
 def request_read(system: int, what: str | int) -> Message:
-    """Return a request for one parameter.
+    """Return PARAM_REQUEST_READ, the request for the value of one parameter.
 
     what: name of the parameter, or its index in the list.
     """
@@ -113,7 +113,7 @@ def parse_set_name(data: Buffer, frame: Frame) -> str:
 
 
 def value_message(value: Value) -> Message:
-    """Return PARAM_VALUE, the reply of an autopilot."""
+    """Return PARAM_VALUE, the message in which an autopilot reports one parameter."""
     raw, name = _to_bytes(value.value, value.kind), value.name.encode()
     return VALUE, _VALUE.pack(raw, value.total, value.place, name, value.kind)
 

@@ -32,7 +32,7 @@ _UNUSED = [math.nan] * _PER_MESSAGE
 
 
 def path_messages(points_n: Array, time_us: int) -> list[mavlink.MAVLink_message]:
-    """Return the messages of a path.
+    """Return the MAVLink messages that contain a planned path.
 
     points_n: [m] [NED] (k, 3).
     time_us: identifies the path, normally the time [us].
@@ -53,7 +53,7 @@ def may_contain_path(data: bytes) -> bool:
 
 
 class PathAssembler:
-    """Assembler of the messages of one vehicle's program to a planned path.
+    """Assembler that combines the messages of one vehicle's program to its planned path.
 
     points: [m] [NED] (k, 3), as tuples.  changes: count of changes of the path.
     """

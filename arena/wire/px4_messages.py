@@ -50,7 +50,7 @@ _LAYOUTS = {
 
 
 class Px4Message(NamedTuple):
-    """Message with its encoded payload. `pack` has the signature of pymavlink's messages.
+    """PX4 message with its encoded payload. Its method `pack` is called like that of pymavlink's messages.
 
     msgid: message id
     payload: encoded fields
@@ -88,7 +88,7 @@ def _message(msgid: int, *values: float | bytes) -> Px4Message:
 
 
 def read_event_request(data: Buffer, at: Frame) -> EventRequest:
-    """Decode the frame of a REQUEST_EVENT."""
+    """Decode REQUEST_EVENT, the request of a ground station for events that it has missed."""
     layout = _LAYOUTS[REQUEST_EVENT]
     payload = bytes(data[at.payload : at.payload + min(at.size, layout.size)])
     return EventRequest(*layout.unpack(payload.ljust(layout.size, b"\0")))
@@ -113,7 +113,7 @@ def component_information(time_ms: int, uri: str, crc: int) -> Px4Message:
 
 
 def event(number: int, time_ms: int, sequence: int, levels: int, arguments: bytes) -> Px4Message:
-    """Return EVENT, for every system and component.
+    """Return EVENT, PX4's report of an event, addressed to every system and component.
 
     number: id of the event
     time_ms: time of the event since boot [ms]
@@ -123,7 +123,7 @@ def event(number: int, time_ms: int, sequence: int, levels: int, arguments: byte
 
 
 def current_event_sequence(sequence: int, flags: int) -> Px4Message:
-    """Return CURRENT_EVENT_SEQUENCE.
+    """Return CURRENT_EVENT_SEQUENCE, which reports the number of the newest event.
 
     sequence: number of the newest event.
     flags: SEQUENCE_RESET or 0
@@ -132,7 +132,7 @@ def current_event_sequence(sequence: int, flags: int) -> Px4Message:
 
 
 def response_event_error(sequence: int, oldest: int, system: int, component: int) -> Px4Message:
-    """Return RESPONSE_EVENT_ERROR: an event is not available.
+    """Return RESPONSE_EVENT_ERROR, the reply that a requested event is not available.
 
     sequence: the requested event.  oldest: the oldest event that is available.  system, component: the client
     """

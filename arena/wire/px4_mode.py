@@ -60,7 +60,7 @@ def split_mode(custom_mode: int) -> tuple[int, int]:
 
 
 def mode_words(custom_mode: int) -> str:
-    """Return the name of a custom_mode: "OFFBOARD", "AUTO.LAND".
+    """Return the name of a custom_mode, such as "OFFBOARD" or "AUTO.LAND".
 
     An unknown number gives "AUTO.11" or "mode 9".
     """
@@ -101,7 +101,7 @@ class CurrentMode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AvailableMode:
-    """Contents of AVAILABLE_MODES, which describes one mode.
+    """Contents of AVAILABLE_MODES, which describes one flight mode of an autopilot.
 
     index: 1 to `count`
     name: empty for a standard mode

@@ -121,7 +121,7 @@ def format_params(
 
 
 def _line(words: list[str], number: int) -> Entry | None:
-    """Parse one line, already split into words.
+    """Parse one line of a .params file, already split into words.
 
     Return None if the parameter belongs to another MAVLink component than the autopilot. Raises ValueError with the reason
     if the line has an error.

@@ -73,7 +73,7 @@ Measurement = NeighbourMeasurement | BeaconMeasurement
 
 
 def measurement_payload(measurement: Measurement) -> bytes:
-    """Return the payload of the DEBUG_FLOAT_ARRAY of a measurement."""
+    """Return the payload of a DEBUG_FLOAT_ARRAY message that contains a measurement."""
     m = measurement
     if isinstance(m, NeighbourMeasurement):
         name, number = _NEIGHBOUR, m.system_id

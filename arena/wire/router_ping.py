@@ -1,6 +1,6 @@
-"""PING message to the router, which registers the sender as a tool. Pure.
+"""PING message with which a tool asks the router for the telemetry of a vehicle. Pure.
 
-The tool then receives the telemetry of a vehicle.
+The PING registers its sender as a tool.
 
 The router does not forward a PING that is addressed to the router. So its sender counts for no vehicle as ground station, program or pilot.
 """

@@ -67,7 +67,7 @@ one. Not every HIGHRES_IMU has new values of magnetometer and barometer: the new
 
 
 def pressures_pa(abs_pressure: ArrayLike) -> Array:
-    """Return values of the field `abs_pressure` of HIGHRES_IMU in pascal, as `pressure_pa` does for one value."""
+    """Convert values of the field `abs_pressure` of HIGHRES_IMU to pascal, as `pressure_pa` converts one value."""
     given = np.asarray(abs_pressure, float)
     return np.where(given > HIGHEST_HPA, given, given * HPA_PA)
 
@@ -180,7 +180,7 @@ class Telemetry:
                 self._decode(datagram, frame, now)
 
     def __copy__(self) -> Self:
-        """Return a copy with the present values. The copy never changes."""
+        """Return a copy of the telemetry with its present values. The copy never changes."""
         with self._lock:
             for slot in list(self.waiting):
                 self.decode_waiting(slot)

@@ -60,7 +60,7 @@ class Truth(NamedTuple):
 
 
 class TruthWriter:
-    """Writer of the truth page, used by the world.
+    """Writer of the truth page, with which the world publishes the true states of the vehicles.
 
     path: file of the page; an existing file is replaced.
     period_s: time between two samples [s]. The page keeps the samples of the last `SPAN_S`.
@@ -91,7 +91,7 @@ class TruthWriter:
 
 
 class TruthReader:
-    """Reader of the truth page.
+    """Reader of the truth page, the shared memory with the true states of the simulated vehicles.
 
     Raises RunError if there is no page, WireError if the file is not a truth page.
     """

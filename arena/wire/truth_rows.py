@@ -1,4 +1,4 @@
-"""Layout of the truth page, and a reader that returns plain numbers.
+"""Layout of the truth page (shared memory with the vehicles' true states), and a reader of plain numbers.
 
 `arena.wire.truth_page` writes the page, and reads it as arrays.
 
@@ -38,7 +38,7 @@ _DOUBLE_BYTES = 8
 
 
 class Numbers(Protocol):
-    """Numbers of one vehicle, such as its position: a row of an array, or a view."""
+    """Interface of the numbers of one vehicle, such as its position: a row of an array, or a view."""
 
     def tolist(self) -> Sequence[float]: ...
 
@@ -46,7 +46,7 @@ class Numbers(Protocol):
 
 
 class PerVehicle(Protocol):
-    """Numbers of each vehicle: an array, or a list of views."""
+    """Interface of the numbers of all vehicles, one entry per vehicle: an array, or a list of views."""
 
     def __getitem__(self, index: int, /) -> Numbers: ...
 
@@ -74,7 +74,7 @@ class TrueStates(Protocol):
 
 
 class ViewedStates:
-    """True states of V vehicles in a row of the page. The attributes are those of `TrueStates`, as lists of views."""
+    """True states of V vehicles in one row of the truth page, as lists of views. Attributes as in `TrueStates`."""
 
     def __init__(self, row: Floats) -> None:
         self.time_s = row[0]
@@ -86,7 +86,7 @@ class ViewedStates:
 
 
 class TruthRows:
-    """Reader of the rows of a truth page.
+    """Reader of the rows of the truth page. A row contains the true states of all vehicles at one time.
 
     Raises RunError if there is no page, and WireError if the file is not a truth page.
     """
@@ -108,7 +108,7 @@ class TruthRows:
             )
 
     def newest(self) -> Floats | None:
-        """Return a copy of the newest row, or None if the world has not written a row yet."""
+        """Return a copy of the newest row of the truth page, or None if the world has not written a row yet."""
         while count := int(self._all[0]):
             row = self._copy(count - 1)
             if int(self._all[0]) - count < self._ring - 1:
@@ -116,7 +116,7 @@ class TruthRows:
         return None
 
     def at(self, time_s: float) -> Floats | None:
-        """Return the row at `time_s` [s], interpolated, or None if the time is not in the page."""
+        """Return the row of the truth page at `time_s` [s], interpolated, or None if the time is not in the page."""
         count = int(self._all[0])
         held = min(count, self._ring - 1)
         found = self._around(time_s, count, held)
@@ -141,7 +141,7 @@ class TruthRows:
         return self._copy(i), self._copy(i + 1)
 
     def _time(self, number: int) -> float:
-        """Return the time of a sample [s].
+        """Return the simulation time of a sample in the truth page [s].
 
         number: its place among all samples that were written.
         """
@@ -153,7 +153,7 @@ class TruthRows:
 
 
 class StateReader:
-    """Reader of a truth page that returns plain numbers. Raises as `TruthRows`."""
+    """Reader of the truth page that returns plain numbers instead of arrays. Raises the errors of `TruthRows`."""
 
     def __init__(self, path: str | Path) -> None:
         self._rows = TruthRows(path)

@@ -50,7 +50,7 @@ class Log:
 
 
 def parse_ulog(data: bytes) -> Log:
-    """Read a ULog file.
+    """Read the parameters and information messages of a ULog file.
 
     Raises WireError, with the byte position, if it is not a ULog or its definitions are incomplete.
     """
@@ -91,7 +91,7 @@ class _Reader:
         return self.log
 
     def _next(self) -> tuple[int, bytes] | None:
-        """Return the next message, or None if the log ends before the message is complete."""
+        """Return the next message of the log, or None if the log ends before the message is complete."""
         if len(self.data) - self.at < _HEAD.size:
             return None
         size, kind = _HEAD.unpack_from(self.data, self.at)

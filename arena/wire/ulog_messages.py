@@ -1,4 +1,4 @@
-"""Messages of the log format ULog, see https://docs.px4.io/main/en/dev_log/ulog_file_format: values to bytes. Pure.
+"""Encoder of messages in PX4's log format ULog, see https://docs.px4.io/main/en/dev_log/ulog_file_format. Pure.
 
     message: <H B  size, type, and `size` bytes
     definitions: header, 'B' flag bits, 'F' formats, 'I' information, 'P' parameters, 'Q' default values of parameters
@@ -50,7 +50,7 @@ def message(kind: str, body: bytes) -> bytes:
 
 
 def file_header(time_us: int) -> bytes:
-    """Return the file header and the flag bits.
+    """Return the beginning of a ULog file: the file header and the flag bits message.
 
     time_us: time since boot at the start of the log [us]
     """
@@ -59,7 +59,7 @@ def file_header(time_us: int) -> bytes:
 
 
 def information(values: Mapping[str, str | int]) -> bytes:
-    """Return information messages: texts, and integers as uint32_t."""
+    """Return ULog information messages ('I') with texts, and with integers as uint32_t."""
     found = []
     for name, value in values.items():
         raw = value.encode() if isinstance(value, str) else struct.pack("<I", value)
@@ -69,7 +69,7 @@ def information(values: Mapping[str, str | int]) -> bytes:
 
 
 def topic_format(topic: str, fields: str) -> bytes:
-    """Return the format of a topic.
+    """Return the format message ('F') of a logged topic, which lists the topic's fields.
 
     fields: fields as `type name;`, to which padding is added, as PX4 does
     """
@@ -79,7 +79,7 @@ def topic_format(topic: str, fields: str) -> bytes:
 
 
 def record_type(fields: str) -> np.dtype[np.void]:
-    """Return the type of a record ('D') of a topic: `RECORD_HEAD`, then the fields.
+    """Return the numpy type of a logged topic's data messages ('D'): `RECORD_HEAD`, then the fields.
 
     A record contains no padding, so its fields are not aligned.
     fields: fields as `type name;`
@@ -93,7 +93,7 @@ def record_type(fields: str) -> np.dtype[np.void]:
 
 
 def set_record_head(records: np.ndarray[tuple[int], np.dtype[np.void]], number: int) -> None:
-    """Fill the fields `RECORD_HEAD` of all records of a topic.
+    """Fill the header fields (`RECORD_HEAD`) of all data messages of a logged topic.
 
     number: msg_id of the topic
     """
@@ -103,14 +103,14 @@ def set_record_head(records: np.ndarray[tuple[int], np.dtype[np.void]], number: 
 
 
 def subscriptions(topics: Iterable[str]) -> bytes:
-    """Return the messages that number the topics. The first topic has msg_id 0."""
+    """Return the subscription messages ('A'), which number the logged topics. The first topic has msg_id 0."""
     return b"".join(
         message("A", struct.pack("<BH", 0, number) + topic.encode()) for number, topic in enumerate(topics)
     )
 
 
 class ParameterMessages:
-    """Encodes the parameters of a log.
+    """Encoder of the parameters in a log and of their defaults.
 
     types: name -> "int32" or "float".
     defaults: name -> default value
@@ -127,12 +127,12 @@ class ParameterMessages:
             self._known[name] = struct.Struct(code), value, default
 
     def value(self, name: str, value: float) -> bytes:
-        """Return the value of one parameter."""
+        """Return the parameter message ('P') with the value of one parameter."""
         code, head, _ = self._known[name]
         return head + _packed(code, value)
 
     def all(self, values: Mapping[str, float]) -> bytes:
-        """Return all parameters of a log, and the defaults of the changed parameters."""
+        """Return the messages with all parameters of a log, and with the defaults of the changed parameters."""
         found = [self.value(name, value) for name, value in values.items()]
         for name, value in values.items():
             code, _, head = self._known[name]
@@ -142,7 +142,7 @@ class ParameterMessages:
 
 
 def text(severity: int, time_us: int, words: str) -> bytes:
-    """Return a logged text.
+    """Return the ULog message ('L') with a text, its severity and its time.
 
     severity: MAV_SEVERITY.
     time_us: time since boot [us]
@@ -152,7 +152,7 @@ def text(severity: int, time_us: int, words: str) -> bytes:
 
 
 def gap(duration_s: float) -> bytes:
-    """Return the dropout message about missing data of a given duration [s], at most 65.5 s."""
+    """Return the dropout message ('O'), which reports for how long the log has no data [s], at most 65.5 s."""
     return message("O", struct.pack("<H", min(round(1e3 * duration_s), _MOST_GAP_MS)))
 
 

@@ -20,7 +20,7 @@ _HEAD = int.from_bytes(_LITTLE_ENDIAN, "little")
 
 @dataclass(frozen=True, kw_only=True)
 class NumberMessage:
-    """Message for viewers that consists of numbers only.
+    """Message for Foxglove and PlotJuggler that consists of numbers only.
 
     name: name of the ROS 2 message.  summary: first line of the schema.
     fields: name of each field -> its meaning with unit.
@@ -165,13 +165,13 @@ string process # the process that simulates the fault
 
 
 def pack_state(mode: str, armed: bool, landed: bool, health: str) -> bytes:
-    """Return the message of a vehicle's state. The arguments are the fields of `STATE_SCHEMA`."""
+    """Encode the state of a vehicle for Foxglove and PlotJuggler. The arguments are the fields of `STATE_SCHEMA`."""
     first = _string(mode) + bytes((armed, landed))
     return _LITTLE_ENDIAN + first + bytes(-len(first) % 4) + _string(health)
 
 
 def pack_fault(fault: str, process: str) -> bytes:
-    """Return the message of an injected fault. The arguments are the fields of `FAULT_SCHEMA`."""
+    """Encode an injected fault for Foxglove and PlotJuggler. The arguments are the fields of `FAULT_SCHEMA`."""
     first = _string(fault)
     return _LITTLE_ENDIAN + first + bytes(-len(first) % 4) + _string(process)
 

@@ -15,7 +15,7 @@ VIEW_HZ, SLOW_HZ, SCENE_PERIOD_S = 15.0, 1.0, 5.0
 
 
 class Content(StrEnum):
-    """Kinds of topics for viewers, without the vehicle's name.
+    """Kinds of topics for Foxglove and PlotJuggler. Each value is a topic's name without the vehicle's name.
 
     `VEHICLE_TOPICS` and `ARENA_TOPICS` describe each of them.
     """
@@ -48,7 +48,7 @@ class Content(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """Topic for viewers: its name, message and rate.
+    """Topic for Foxglove and PlotJuggler: its message, content and rate.
 
     schema: name of the messages' schema.  numbers: message of numbers; None for messages of Foxglove, and with texts.
     rate_hz: largest rate [Hz]; faster messages are left out. None: each message is published.
@@ -131,7 +131,7 @@ ARENA_TOPICS: dict[Content, Topic] = {
 
 
 def topic_name(content: Content, vehicle: str | None = None) -> str:
-    """Return the name of a topic.
+    """Return the name of a topic, such as "/uav1/imu".
 
     vehicle: name of the vehicle; None for a topic of the arena.
     """

@@ -271,7 +271,7 @@ def test_several_messages_have_increasing_sequence_numbers(rig):
 
 def test_quantity_of_another_size_than_its_fields_is_refused(monkeypatch):
     monkeypatch.setitem(FREQUENT, 30, {"roll pitch": "rpy"})
-    with pytest.raises(ValueError, match=r"message 30: \['roll', 'pitch'\] contain 2 numbers, expected 3"):
+    with pytest.raises(ValueError, match=r"message 30: .* contain 2 numbers, expected 3"):
         telemetry_packer._tables()
 
 

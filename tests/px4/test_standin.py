@@ -185,7 +185,11 @@ def test_invalid_samples_do_not_start_the_stand_in() -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [(["-w", "none", "."], "no such folder"), (["."], "rcS: No such file"), (["-d"], "ROOTFS")],
+    [
+        (["-w", "none", "."], "no such folder"),
+        (["."], "rcS: cannot be read: No such file"),
+        (["-d"], "ROOTFS"),
+    ],
 )
 def test_an_invalid_command_line_exits_with_2(tmp_path: Path, arguments: list[str], said: str) -> None:
     argv = [sys.executable, "-m", "arena.autopilot.sitl_standin", "-d", "-i", "0", *arguments]

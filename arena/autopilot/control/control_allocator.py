@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class ControlAllocator:
-    """Control allocation of V vehicles with at most R rotors each.
+    """Control allocation of V vehicles (at most R rotors each): computes motor commands from torques and thrust.
 
     rows: weights from `VehicleModel.allocation`, zero for rotors that a vehicle does not have (V, R, 3)
     present: True for each rotor that exists (V, R)
@@ -35,7 +35,7 @@ class ControlAllocator:
 
     @classmethod
     def of(cls, profiles: Sequence[Mapping[str, Any]]) -> ControlAllocator:
-        """Make the control allocation of vehicles with these profiles."""
+        """Create the control allocation of all vehicles from their profiles, which describe the rotors."""
         most = max((len(p["rotors"]) for p in profiles), default=4)
         rows, present = np.zeros((len(profiles), most, 3)), np.zeros((len(profiles), most), bool)
         for i, p in enumerate(profiles):

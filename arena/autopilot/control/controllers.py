@@ -73,7 +73,7 @@ class PositionControl:
         self._v_dot[which] = 0.0
 
     def begin(self, sp: Setpoints) -> None:
-        """Read changed parameters and remember the setpoint arrays.
+        """Prepare a step: read changed parameters, and connect the compiled controller to the setpoint arrays.
 
         Only the setpoints for the position controller are used.
         """
@@ -199,7 +199,7 @@ class RateControl:
 
 
 def steps_per_period(period_s: float, dt: float) -> int:
-    """Return how many steps of `dt` [s] are nearest to a period [s]; at least 1."""
+    """Return the rounded number of time steps `dt` [s] in a period [s]; at least 1."""
     return max(1, round(period_s / dt))
 
 

@@ -39,7 +39,7 @@ class FlightTask:
         landed: bool,
         takeoff_d: float = math.nan,
     ) -> None:
-        """Begin a mode, and set the position to which the vehicle then flies.
+        """Begin HOLD, TAKEOFF, LAND or DESCEND, and set the position to which the vehicle flies in this mode.
 
         In TAKEOFF this is a point at the take-off height. In the other modes it is the point at which the
         vehicle can stop.

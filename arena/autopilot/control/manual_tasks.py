@@ -32,7 +32,7 @@ _DOWN = -1.0  # sign: the throttle stick is positive up, velocities are positive
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManualState:
-    """State of a vehicle that a manual task needs.
+    """State of one vehicle (estimate, height, landed ...), from which `ManualTask` computes its setpoints.
 
     yaw: estimated heading [rad]
     p_n, v_n: estimated position [m] and velocity [m/s] [NED]
@@ -75,7 +75,7 @@ class ManualTask:
     _least_thrust: float = 0.0
 
     def enter(self, mode: Mode, s: ManualState) -> None:
-        """Begin a manual mode at the velocity of the vehicle."""
+        """Begin a manual mode. Start at the last velocity setpoint, or else at the velocity of the vehicle."""
         self.mode, self._yaw, self._yaw_rate = mode, _NAN, 0.0
         given = [
             sp if math.isfinite(sp) else v if math.isfinite(v) else 0.0
@@ -110,7 +110,7 @@ class ManualTask:
     # -- heading ---------------------------------------------------------------------------------------------
 
     def _turn(self, sticks: Sticks, s: ManualState, params: Params, dt: float) -> None:
-        """Update the yaw rate and the heading to hold, from the yaw stick.
+        """Update the yaw rate setpoint, or the heading to hold, from the yaw stick.
 
         A vehicle on the ground does not turn, because the arming gesture moves the yaw stick.
         """

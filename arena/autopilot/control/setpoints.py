@@ -104,7 +104,7 @@ class Setpoints:
         yaw: float = np.nan,
         yaw_rate: float = np.nan,
     ) -> None:
-        """Set a setpoint for the position controller of vehicle i.
+        """Write a position, velocity or acceleration setpoint of vehicle i, for its position controller.
 
         Axes and values left as NaN are not controlled. A yaw rate of an earlier attitude setpoint ends.
         """

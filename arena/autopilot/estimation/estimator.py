@@ -191,7 +191,7 @@ class Estimator:
         return self._yaw_valid
 
     def velocity_known(self, i: int) -> bool:
-        """Return whether the velocity estimate of vehicle i can be used to stop without external vision."""
+        """Return whether the velocity of vehicle i is known well enough to brake without external vision."""
         return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)
 
     def specific_force(self) -> Array:
@@ -199,7 +199,7 @@ class Estimator:
         return np.asarray(np.sqrt((self._accel_mean * self._accel_mean).sum(1)))
 
     def test_ratios(self) -> Array:
-        """Return the innovation test ratios of position [NED] and yaw [-] (V, 4); above 1 is rejected.
+        """Return the innovation test ratios of position [NED] and yaw [-] (V, 4). A ratio above 1 rejects the pose.
 
         test ratio = innovation^2 / (variance * gate^2)
         """
@@ -278,7 +278,7 @@ class Estimator:
         self.law.correct(i, covariance.error, int(self._delay_s[i] / self.dt) + 3)
 
     def realign(self, idx: Index) -> None:
-        """Restart the initial alignment of the estimates of some vehicles.
+        """Restart the initial alignment of the estimates of the vehicles with the rows `idx`.
 
         The next vision sample of each vehicle sets its tilt, heading and position again.
 

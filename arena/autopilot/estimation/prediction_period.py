@@ -1,4 +1,4 @@
-"""Number of IMU samples after which the estimator predicts its covariance once.
+"""Number of IMU samples per prediction of the estimator's covariance.
 
 As in PX4's EKF2, the period is longer than that of the IMU. `arena.kernels.error_covariance` computes the prediction.
 """
@@ -11,7 +11,7 @@ _PREDICT_S = 0.01  # EKF2_PREDICT_US of PX4 v1.16
 
 
 def samples_per_prediction(dt: float) -> int:
-    """Return after how many IMU samples the estimator predicts its covariance once.
+    """Return the number of IMU samples per prediction of the estimator's covariance.
 
     dt: IMU period [s]
 

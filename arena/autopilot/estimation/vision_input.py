@@ -1,4 +1,4 @@
-"""Preparation of a sample of external vision for the estimator, as the EKF2_EV_* parameters demand. Pure."""
+"""Preparation of external vision samples for the estimator, according to the EKF2_EV_* parameters. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _NOT_GIVEN = 0.0  # variance
 
 
 class VisionInput:
-    """Prepares external vision samples of V vehicles, as the EKF2_EV_* parameters demand."""
+    """Prepares external vision samples of V vehicles for the estimator, according to the EKF2_EV_* parameters."""
 
     def __init__(self, params: Params) -> None:
         self._params = params

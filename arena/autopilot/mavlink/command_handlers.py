@@ -252,7 +252,7 @@ def _actuator_test(r: Request) -> int:
 
 
 def _calibrate(r: Request) -> int:
-    """Refuse a calibration in PX4's words, which ground stations read.
+    """Refuse a sensor calibration with a text in PX4's format, which ground stations parse.
 
     A request to end a calibration is accepted.
     """

@@ -33,14 +33,17 @@ class _Sent(NamedTuple):
 
 
 class EventServer:
-    """Numbered events of one vehicle. Every method returns messages to send."""
+    """Server of the MAVLink event protocol: numbers the events of one vehicle, and sends them again on request.
+
+    Every method returns MAVLink messages to send.
+    """
 
     def __init__(self) -> None:
         self._newest = (FIRST - 1) % _NUMBERS
         self._kept: deque[_Sent] = deque(maxlen=CAPACITY)
 
     def send(self, events: Iterable[Event], time_ms: int) -> list[Any]:
-        """Number new events and return their messages.
+        """Number new events and return the EVENT messages to send.
 
         time_ms: time since boot [ms]
         """
@@ -60,7 +63,7 @@ class EventServer:
         return px4_messages.current_event_sequence(self._newest, flags)
 
     def requested(self, asked: px4_messages.EventRequest, system: int, component: int) -> list[Any]:
-        """Return the requested events, and an error for each that is not kept.
+        """Return an EVENT message for each requested number, or RESPONSE_EVENT_ERROR if it is not stored.
 
         At most CAPACITY messages are returned: the request names numbers, not events, and may name all 65536.
 
@@ -78,7 +81,7 @@ class EventServer:
         return messages
 
     def _oldest_after(self, sequence: int) -> int:
-        """Return the number of the first kept event after a number; the newest number if no event is kept."""
+        """Return the number of the first stored event after `sequence`; the newest number if no event is stored."""
         return min(
             (sent.sequence for sent in self._kept),
             key=lambda other: (other - sequence) % _NUMBERS,
@@ -87,7 +90,7 @@ class EventServer:
 
 
 def marked(texts: Iterable[tuple[int, str]], events: Iterable[Event]) -> list[tuple[int, str]]:
-    """Return the texts, with PX4's mark on each that is also sent as an event.
+    """Return the texts, with PX4's mark (a tab) at the end of each text that is also sent as an event.
 
     A ground station that knows events shows the event and drops the text. A text that says more than its event is
     not marked, so that it is always shown.

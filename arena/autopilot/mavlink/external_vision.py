@@ -1,4 +1,4 @@
-"""Decoding of external vision messages.
+"""Decodes the poses in ODOMETRY and VISION_POSITION_ESTIMATE messages (external vision).
 
 A pose that PX4 would not fuse is ignored.
 """

@@ -70,14 +70,14 @@ class Files(Protocol):
     """
 
     def entries(self, folder: str) -> list[tuple[str, int | None]] | None:
-        """Return names and sizes [bytes] in a folder; the size of a subfolder is None.
+        """Return (name, size [bytes]) of each file and subfolder in a folder; the size of a subfolder is None.
 
         Return None if the folder does not exist.
         """
         ...
 
     def read(self, path: str) -> Content | None:
-        """Begin to read a file. Return None if it does not exist."""
+        """Start to read a file for a client. Return its `Content`; None if the file does not exist."""
         ...
 
 
@@ -92,7 +92,7 @@ class _Header:
 
     @property
     def path(self) -> str:
-        """Path in the data of the request, with `/` at the beginning and not at the end.
+        """Path in the data of an FTP request, in the form `/folder/file`.
 
         A path with `..` names no file.
         """
@@ -102,7 +102,7 @@ class _Header:
 
 @dataclass(slots=True)
 class _Session:
-    """Session of one client.
+    """MAVLink FTP session of one client: its open file and the state of its download.
 
     data: content of the open file, None if no file is open
     loading: file that is being read, None if there is none
@@ -121,7 +121,7 @@ class _Session:
 
 
 class _Refused(Exception):
-    """Exception: the server refuses a request. problem: the reason"""
+    """Exception: the FTP server refuses a request. problem: error code of the reply."""
 
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem.name)
@@ -129,7 +129,7 @@ class _Refused(Exception):
 
 
 class _Later(Exception):
-    """Exception: the reply to a request must wait until the file has been read."""
+    """Exception: the reply to an FTP request must wait until a background thread has read the file."""
 
 
 @dataclass(slots=True)
@@ -148,7 +148,7 @@ class FileServer:
         return any(s.waiting is not None or s.stream_at >= 0 for s in self._sessions.values())
 
     def receive(self, link: str, m: Any, now: float) -> list[Any]:
-        """Process a message that is addressed to this vehicle. Return the replies for the same link.
+        """Process a FILE_TRANSFER_PROTOCOL message to this vehicle. Return the replies for the same link.
 
         now: time since boot [s]
         """
@@ -171,7 +171,7 @@ class FileServer:
         return self._answer(client, s, h)
 
     def next_messages(self, link: str) -> list[Any]:
-        """Return the next messages on this link: replies whose file has been read, and parts of bursts."""
+        """Return the FTP messages to send on this link: replies that waited for a file, and parts of burst downloads."""
         out: list[Any] = []
         for client, s in self._sessions.items():
             if client[0] != link:
@@ -212,7 +212,7 @@ class FileServer:
         return [self._kept(s, h, _reply(client, h, _ACK, data), len(data))]
 
     def _kept(self, s: _Session, h: _Header, reply: Any, size: int) -> Any:
-        """Store a short reply, so that it can be sent again if the client repeats its request.
+        """Store a short FTP reply, so that it can be sent again if the client repeats its request.
 
         A longer reply is computed again, as in PX4.
         """
@@ -221,7 +221,7 @@ class FileServer:
         return reply
 
     def _run(self, s: _Session, h: _Header) -> bytes | None:
-        """Carry out a request. Return the data of the reply; None if a burst of messages is the reply."""
+        """Execute an FTP request. Return the data of the reply; None if the reply is a burst of messages."""
         handler = _OPERATIONS.get(h.operation)
         if handler is None:
             known = h.operation in Operation.__members__.values()
@@ -264,7 +264,7 @@ class FileServer:
         return struct.pack("<I", px4_crc32(self._load(s, h)))
 
     def _load(self, s: _Session, h: _Header) -> bytes:
-        """Return the content of the file that the request names.
+        """Return the content of the file that an FTP request names.
 
         Raises _Later while the file is being read.
         """

@@ -18,7 +18,7 @@ Sequences = NDArray[np.int64]
 
 
 class LinkStreams:
-    """Message streams of one link, and when each is due.
+    """Streamed messages of one link, and the time at which each message is due.
 
     schedule: of all links of all vehicles
     row: row of this link in the schedule
@@ -37,7 +37,7 @@ class LinkStreams:
         self._schedule.set_interval(self._row, self._columns[msgid], interval_s, first_s)
 
     def interval(self, msgid: int) -> float:
-        """Return the period of a message [s], 0 if it is not streamed."""
+        """Return the period at which a message is streamed on this link [s]; 0 if the message is not streamed."""
         column = self._columns.get(msgid)
         return 0.0 if column is None else self._schedule.interval_s[self._row, column]
 
@@ -61,7 +61,7 @@ class MavlinkLink:
     def __init__(
         self, name: str, system_id: int, streams: LinkStreams, sequences: Sequences, row: int
     ) -> None:
-        """Make a link whose frames are numbered by `sequences[row]`.
+        """Create a link. `sequences[row]` is the MAVLink sequence number of its next frame.
 
         The kernel of the streams counts the same number.
         """
@@ -108,7 +108,7 @@ class MavlinkLink:
 
 
 class _Sender(mavlink.MAVLink):  # type: ignore[misc]
-    """pymavlink's encoder of one link. The next sequence number is kept in an array that all links share."""
+    """pymavlink's encoder of one link. It stores its MAVLink sequence number in an array of all links."""
 
     def __init__(self, system_id: int, sequences: Sequences, row: int) -> None:
         self._sequences, self._row = sequences, row

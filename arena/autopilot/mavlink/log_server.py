@@ -25,23 +25,23 @@ _TO_THE_LAST = 0xFFFF
 
 
 class Logs(Protocol):
-    """Interface of the logs of one vehicle.
+    """Interface through which `LogServer` lists and reads the logs of one vehicle.
 
     No method waits for a disk.
     """
 
     def logs(self) -> list[LogEntry]:
-        """Return the logs, the oldest first."""
+        """Return the stored logs of the vehicle, the oldest first."""
         ...
 
     def read_log(self, name: str) -> Content | None:
-        """Begin to read a log. Return None if it does not exist."""
+        """Start to read a log of the vehicle. Return its `Content`; None if no log has this name."""
         ...
 
 
 @dataclass(slots=True)
 class _Transfer:
-    """Download of a part of a log on one link.
+    """Download of a range of bytes of a log on one link.
 
     log: number of the log. at: next byte. until: byte at which the part ends
     """
@@ -72,11 +72,11 @@ class LogServer:
         return bool(self._transfers) or any(self._to_list.values())
 
     def receive(self, link: str, m: Any) -> None:
-        """Process a message that is addressed to this vehicle. The replies follow in `next_messages`."""
+        """Process a LOG_* message to this vehicle. `next_messages` returns the replies."""
         _HANDLERS[m.get_msgId()](self, link, m)
 
     def next_messages(self, link: str) -> list[Any]:
-        """Return the next messages on this link."""
+        """Return the next LOG_ENTRY or LOG_DATA messages to send on this link."""
         entries = self._to_list.get(link, [])
         out, entries[:_MESSAGES_PER_STEP] = entries[:_MESSAGES_PER_STEP], []
         transfer = self._transfers.get(link)
@@ -112,7 +112,7 @@ class LogServer:
         self._transfers.pop(link, None)
 
     def _on_erase(self, link: str, m: Any) -> None:
-        """Erase nothing: the logs belong to the run folder."""
+        """Ignore LOG_ERASE, because the logs belong to the run folder."""
 
     def _parts(self, link: str, t: _Transfer) -> list[Any]:
         """Return the next LOG_DATA messages of a download.

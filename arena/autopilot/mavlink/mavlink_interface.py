@@ -196,7 +196,7 @@ class MavlinkInterface:
         self.vehicle.set_vision(from_vision_estimate(m))
 
     def _on_origin(self, link: MavlinkLink, m: Any) -> None:
-        """Set the origin if the new values are valid.
+        """Set the origin of the local frame from SET_GPS_GLOBAL_ORIGIN, if its values are valid.
 
         Reply with the origin in use in both cases.
         """
@@ -278,18 +278,18 @@ class MavlinkInterface:
         link.send(ack)
 
     def _send_now(self, link: MavlinkLink, msgid: int) -> bool:
-        """Send one requested message. Return False if it is not supported or has no valid content."""
+        """Send one message that a client requested. Return False if it is not supported or has no valid content."""
         state = self._telemetry.begin()
         return state is not None and self._send_telemetry(link, [msgid], state)
 
     # -- sending ---------------------------------------------------------------------------------------------
 
     def _wake(self) -> None:
-        """Mark the vehicle, so that `transmit` is called in this step."""
+        """Request that `Autopilots` calls `transmit` of this vehicle in this step."""
         self._telemetry.wake_s[self.vehicle.row] = 0.0
 
     def wake_if_changed(self) -> None:
-        """Mark the vehicle for `transmit` if it has a new text for the user or new mission progress."""
+        """Request a call of `transmit` if the vehicle has a new text for the user or new mission progress."""
         if self.vehicle.commander.texts or self.mission_protocol.has_progress:
             self._wake()
 
@@ -334,7 +334,7 @@ class MavlinkInterface:
         return sent or bool(packed)
 
     def _send_rare(self, link: MavlinkLink, msgid: int, state: TelemetryState) -> bool:
-        """Queue a message that pymavlink encodes. Return whether it was queued.
+        """Queue a telemetry message that is sent rarely, encoded by pymavlink. Return whether it was queued.
 
         A message is not queued if it is not supported or has no valid content.
         """

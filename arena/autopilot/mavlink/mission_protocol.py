@@ -204,7 +204,7 @@ class MissionProtocol:
         self._request(link, t, now)
 
     def _begin(self, t: _Transfer, sender: tuple[int, int], m: Any) -> int | None:
-        """Begin an upload. Return None, or the MAV_MISSION_RESULT if the upload ends at once.
+        """Begin an upload after MISSION_COUNT. Return None, or the MAV_MISSION_RESULT if the upload ends at once.
 
         An upload ends at once if it is refused or has no items.
         """
@@ -285,7 +285,7 @@ class MissionProtocol:
     # -- sending ---------------------------------------------------------------------------------------------
 
     def update(self, now: float) -> None:
-        """Repeat requests, end transfers that timed out, and send the mission progress.
+        """Repeat item requests without a reply, end transfers that timed out, and send the mission progress.
 
         Call this method at time `due`, or earlier if `has_progress`.
         """
@@ -325,12 +325,12 @@ class MissionProtocol:
                 self._send(name, mavlink.MAVLink_mission_item_reached_message(store.reached))
 
     def take_messages(self) -> list[tuple[str, Any]]:
-        """Return the messages to send, as (link name, message)."""
+        """Remove and return the queued messages of the mission protocol, as (link name, message)."""
         found, self._out = self._out, []
         return found
 
     def take_texts(self) -> list[tuple[int, str]]:
-        """Return the texts for the user, as (MAV_SEVERITY, text)."""
+        """Remove and return the queued texts for the user (STATUSTEXT), as (MAV_SEVERITY, text)."""
         texts, self._texts = self._texts, []
         return texts
 

@@ -46,7 +46,7 @@ class ParamServer:
     _to_list: dict[str, deque[str]] = field(default_factory=dict)
 
     def receive(self, link: str, m: Any) -> list[Any]:
-        """Process a message that is addressed to this vehicle. Return the replies for the same link."""
+        """Process a PARAM_* message to this vehicle. Return the replies for the same link."""
         kind = m.get_msgId()
         if kind == mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
             again = bool(self._to_list.get(link))
@@ -62,12 +62,12 @@ class ParamServer:
         return any(self._to_list.values())
 
     def next_messages(self, link: str) -> list[Any]:
-        """Return the next messages of the parameter list that was requested on this link."""
+        """Return the next PARAM_VALUE messages of the list that a client requested on this link."""
         left = self._to_list.get(link)
         return [self.value(left.popleft()) for _ in range(min(_VALUES_PER_STEP, len(left)))] if left else []
 
     def value(self, name: str) -> Any:
-        """Return the message PARAM_VALUE of a parameter that exists."""
+        """Return the PARAM_VALUE message of a parameter. The parameter must exist."""
         count = len(self.params.names)
         if name == HASH_NAME:
             value = _as_float_bytes("<I", self.hash())

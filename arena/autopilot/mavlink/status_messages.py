@@ -34,7 +34,7 @@ def system_time(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def rc_channels(v: Vehicle, s: TelemetryState) -> Any:
-    """Return RC_CHANNELS with the pulses of the radio [us]; None if no radio is received.
+    """Return RC_CHANNELS with the pulse widths of the RC channels [us]; None if no RC signal is received.
 
     The channels are roll, pitch, throttle, yaw, and four centred channels.
     """
@@ -91,7 +91,7 @@ def position_target_global_int(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def has_leg(v: Vehicle) -> bool:
-    """Return whether a mission, RTL or reposition flies to a point now."""
+    """Return whether the vehicle now flies to a point of a mission, of RTL or of a reposition command."""
     return v.leg_target_n is not None and v.origin is not None
 
 
@@ -120,7 +120,7 @@ def nav_controller_output(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def actuator_output_status(v: Vehicle, s: TelemetryState) -> Any:
-    """Return ACTUATOR_OUTPUT_STATUS with the pulse of each motor [us]; 900 while disarmed."""
+    """Return ACTUATOR_OUTPUT_STATUS with the pulse width of each motor [us]; 900 while disarmed."""
     motors = s.motors[v.row, : v.rotors].tolist()
     pulses = [1000.0 + 1000.0 * m if v.commander.armed else 900.0 for m in motors]
     return mavlink.MAVLink_actuator_output_status_message(

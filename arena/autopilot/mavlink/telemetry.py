@@ -27,7 +27,7 @@ _HAS_CONTENT = {_COLUMNS[msgid]: test for msgid, test in {**HAS_CONTENT, **RARE_
 
 
 class Telemetry:
-    """Telemetry of V vehicles.
+    """Telemetry of V vehicles: sends the message streams that are due on their links.
 
     packer: packs the frequent messages
     read_state: function that returns the state of all vehicles at the last step; None before the first step
@@ -81,7 +81,7 @@ class Telemetry:
         return links
 
     def start_streams(self, link: MavlinkLink, first_s: float) -> None:
-        """Start the default streams of a link that are not running.
+        """Start each default message stream of a link, except the streams that run already.
 
         first_s: time of the first messages [s]
         """
@@ -90,7 +90,7 @@ class Telemetry:
                 link.streams.set_interval(msgid, 1.0 / hz, first_s)
 
     def begin(self) -> TelemetryState | None:
-        """Return the state of the last step, for the messages of this step.
+        """Return the state of all vehicles after the last step, for the telemetry messages of this step.
 
         Return None before the first step.
         """
@@ -100,7 +100,7 @@ class Telemetry:
         return self.state
 
     def update(self, v: Vehicle) -> None:
-        """Copy values of a vehicle that change rarely, such as its mode and its origin.
+        """Copy the values of a vehicle that change rarely, such as mode and origin, to the telemetry packer.
 
         Values that have not changed are not copied.
         """
@@ -122,7 +122,7 @@ class Telemetry:
         return self._sender.has_content(v.row, _COLUMNS[msgid])
 
     def has_output(self, now: float) -> bool:
-        """Return whether a vehicle has something to send at `now` [s]."""
+        """Return whether any vehicle has a MAVLink message to send at `now` [s]."""
         return self._sender.has_output(now)
 
     def send_streams(self, now: float) -> list[tuple[int, str, bytes]]:

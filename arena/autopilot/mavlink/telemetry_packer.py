@@ -203,7 +203,7 @@ class TelemetryPacker:
         packing.read_setpoints_from(integers(sp.level), *(view(each) for each in used))
 
     def begin(self, state: TelemetryState) -> None:
-        """Copy the time and the values of this step to the inputs of the kernel.
+        """Copy the time and the values of this step to the inputs of the compiled packer (kernel).
 
         The kernel reads the other values from the arrays of the autopilots.
         """
@@ -225,7 +225,7 @@ class TelemetryPacker:
         return self.law.frame_count(v.row, message_ids)
 
     def set_status(self, v: Vehicle) -> None:
-        """Copy mode, arming state and health of a vehicle to the inputs of the kernel."""
+        """Copy mode, arming state and health of a vehicle to the inputs of the compiled packer (kernel)."""
         present, lost = _present(v, xy_valid=True), _present(v, xy_valid=False)
         self._status[v.row] = (
             v.mav_type,
@@ -239,7 +239,7 @@ class TelemetryPacker:
         self._lost[v.row] = lost, _health(v, lost & ~mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION)
 
     def set_place(self, v: Vehicle) -> None:
-        """Copy arming state, origin, home and number of rotors of a vehicle to the inputs of the kernel."""
+        """Copy arming state, origin, home and number of rotors of a vehicle to the compiled packer (kernel)."""
         self._escs[v.row] = v.rotors
         lat, lon, alt, _ = v.origin or (_NAN, _NAN, _NAN, 0.0)
         home_d = v.home_n[2] if v.home_n else _NAN
@@ -247,7 +247,7 @@ class TelemetryPacker:
 
 
 def _tables() -> tuple[list[float], list[PayloadWriter]]:
-    """Return the kernel's table of constants, and a payload writer for each message."""
+    """Return the constant field values of all frequent messages, and one compiled payload writer per message."""
     constants: list[float] = []
     writers, ranges = [], view(_ranges())
     for msgid, contents in FREQUENT.items():
@@ -265,7 +265,7 @@ def _tables() -> tuple[list[float], list[PayloadWriter]]:
 
 
 def _fields_of(msgid: int, names: Sequence[str], column: int, size: int) -> list[tuple[int, int, int]]:
-    """Return the rows of the kernel's field table for some fields of a message, one row per number.
+    """Return (column of its value, number type, position in the payload) of each number in message fields.
 
     column: position of the first value in the table of values.  size: number of values.
     Raises ValueError if the fields contain another number of elements.
@@ -275,10 +275,14 @@ def _fields_of(msgid: int, names: Sequence[str], column: int, size: int) -> list
         code, offset, count = layout(msgid)[name]
         place, rest = divmod(offset, struct.calcsize(f"<{code}"))
         if rest:
-            raise ValueError(f"message {msgid}: field {name} is not aligned to its size")
+            raise ValueError(
+                f"MAVLink message {msgid}: the offset of field {name} is not a multiple of its size"
+            )
         rows += [(column + len(rows) + k, KINDS.index(code), place + k) for k in range(count)]
     if len(rows) != size:
-        raise ValueError(f"message {msgid}: {names} contain {len(rows)} numbers, expected {size}")
+        raise ValueError(
+            f"MAVLink message {msgid}: the fields {names} contain {len(rows)} numbers, expected {size}"
+        )
     return rows
 
 

@@ -12,7 +12,7 @@ LOG_FOLDER = "/log"
 
 @dataclass(frozen=True, slots=True)
 class _Ready:
-    """Content of a file that is in memory already."""
+    """`Content` of a file that describes the autopilot. It is in memory, so that no disk is read."""
 
     data: bytes
     ready: bool = True
@@ -29,23 +29,23 @@ class VehicleFiles:
     library: LogLibrary | None
 
     def logs(self) -> list[LogEntry]:
-        """Return the vehicle's logs, the oldest first."""
+        """Return the stored ULog files of the vehicle, the oldest first."""
         return self.library.logs(self.vehicle) if self.library is not None else []
 
     def read_log(self, name: str) -> Content | None:
-        """Begin to read a log of this vehicle. Return None if it does not exist."""
+        """Start to read a log of this vehicle. Return its `Content`; None if this vehicle has no such log."""
         known = self.library is not None and any(entry.name == name for entry in self.logs())
         return self.library.read(name) if self.library is not None and known else None
 
     def read(self, path: str) -> Content | None:
-        """Begin to read a file. Return None if it does not exist."""
+        """Start to read the file with this path: a log, or a description of the autopilot. None if it does not exist."""
         if path in FILES:
             return _Ready(FILES[path])
         folder, _, name = path.rpartition("/")
         return self.read_log(name) if folder == LOG_FOLDER else None
 
     def entries(self, folder: str) -> list[tuple[str, int | None]] | None:
-        """Return names and sizes [bytes] in a folder; the size of a subfolder is None.
+        """Return (name, size [bytes]) of each file and subfolder in a folder; the size of a subfolder is None.
 
         Return None if the folder does not exist.
         """

@@ -28,7 +28,7 @@ _MODES = (Mode.MISSION, Mode.RTL)
 
 @dataclass(slots=True)
 class _Checked:
-    """Result of the last check of a vehicle's mission and geofence, with the values that it depends on.
+    """Result of the last check of a vehicle's mission and geofence, and the values that were checked.
 
     key: the values that the check depends on; when they change, mission and geofence are checked again
     fence_id: identifier of the uploaded geofence that `fence.areas` was read from
@@ -100,7 +100,7 @@ class AutoModes:
         return not any(fence.breach(point) for point in points)
 
     def leave(self, v: Vehicle, *, armed: bool) -> None:
-        """End a vehicle's mission flight, return or flight to a reposition target.
+        """End the vehicle's flight along a mission, back home (RTL), to a reposition target or on a circle.
 
         Call this for every vehicle that is disarmed, or for which `is_flying` is false.
         """
@@ -146,10 +146,7 @@ class AutoModes:
         )
 
     def _check_lists(self, v: Vehicle, s: CommanderInputs, checked: _Checked, home: Point | None) -> None:
-        """Check geofence and mission again after a change.
-
-        Changes are an upload, and a new origin, home position or parameter.
-        """
+        """Check geofence and mission again after an upload, or after a change of origin, home or a parameter."""
         store, p, i = v.missions, self.params, v.row
         horizontal, vertical = float(p["GF_MAX_HOR_DIST"][i]), float(p["GF_MAX_VER_DIST"][i])
         kept = checked.fence.areas

@@ -31,7 +31,7 @@ class Area:
     inside: bool
 
     def allows(self, p: Point) -> bool:
-        """Return whether the vehicle may be at a point.
+        """Return whether this area of the geofence allows a point: inside an inclusion, or outside an exclusion.
 
         p: north, east [m]
         """

@@ -18,7 +18,7 @@ Point = tuple[float, float, float]
 
 
 class Report(Protocol):
-    """Function that sends a text to the user, and the event with the same content if there is one."""
+    """Function that reports to the user: a text (STATUSTEXT), and optionally a MAVLink event with the same content."""
 
     def __call__(self, severity: int, text: str, event: Event | None = None) -> None: ...
 

@@ -97,7 +97,7 @@ _WITHOUT_POSITION = {
 
 
 class Origin(NamedTuple):
-    """Place and direction of the local frame on Earth.
+    """Position of the origin of the local frame on Earth, and heading of the north axis of this frame.
 
     lat, lon: latitude, longitude [deg]
     alt: altitude AMSL [m]
@@ -211,7 +211,7 @@ def _kept(command: int, params: tuple[float, float, float, float]) -> tuple[floa
 
 
 def item_crc(m: Any, before: int, *, ints: bool) -> int:
-    """Add one item to the checksum of a list, and return the new checksum.
+    """Add one item to the checksum of an uploaded mission, fence or rally list, and return the new checksum.
 
     It is PX4's CRC-32 (without inversions) of the received fields. The checksum of the whole list is its
     identifier.
@@ -224,7 +224,7 @@ def item_crc(m: Any, before: int, *, ints: bool) -> int:
 
 
 def position_of(item: Item, origin: Origin, home_d: float) -> tuple[float, float, float]:
-    """Return the position of an item [m] [NED].
+    """Return the position of a mission or rally item [m] [NED].
 
     home_d: height of home [m] [NED down]
     """

@@ -95,7 +95,7 @@ class Navigator:
         self._follower.cruise = speed
 
     def leave(self, *, armed: bool) -> None:
-        """End the mission flight, the return or the flight to a reposition target.
+        """End the flight along the mission, back home (RTL), to a reposition target or on a circle.
 
         armed: False if the vehicle is disarmed. The cruise speed is then reset, and a mission that has reached its last
             item begins again at the first item
@@ -133,7 +133,7 @@ class Navigator:
             self._load(s)
 
     def _start_current_item(self, s: Situation) -> None:
-        """Check the mission, and begin the item that a client has selected during the flight."""
+        """Check that the mission is valid, and begin the item that a client has selected during the flight."""
         begun, self._seen_changes = self._seen_changes < 0, self.missions.current_changes
         if not (self.missions.items[MISSION] and self.missions.valid):
             rest = "refusing takeoff" if s.landed else "loitering"

@@ -82,7 +82,7 @@ class Orbit:
         return [(n + self.radius * math.cos(a), e + self.radius * math.sin(a), d) for a in angles]
 
     def is_reached(self, p_n: Point, within_up_m: float) -> bool:
-        """Return whether a position is near the circle.
+        """Return whether a vehicle at this position has reached the circle, with a small tolerance.
 
         p_n: position [m] [NED]. within_up_m: largest difference of height [m]
         """

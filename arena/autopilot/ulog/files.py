@@ -45,7 +45,7 @@ class _File:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Bytes that the writing thread adds to a log file at once.
+    """Block of bytes that the writing thread appends to a log file in one write.
 
     last: True if no bytes follow, so that the thread closes the file. It is stored here, because the flight can end while
     an earlier write of the file is in progress.
@@ -58,13 +58,13 @@ class _Part:
 
 @dataclass(slots=True)
 class _Reading:
-    """File that the reading thread reads. See `stored_logs.Content`."""
+    """Log file that the reading thread reads for a download. See `stored_logs.Content`."""
 
     ready: bool = False
     data: bytes | None = None
 
     def read(self, path: Path) -> None:
-        """Read the file. Only the reading thread calls this method."""
+        """Read the log file from the disk. Only the reading thread calls this method."""
         try:
             self.data = path.read_bytes()
         except OSError:
@@ -113,7 +113,7 @@ class UlogFiles:
         return [LogEntry(f.path.name, f.size, f.begun_at) for f in files if f.path is not None]
 
     def read(self, name: str) -> Content | None:
-        """Begin to read a log in a second thread.
+        """Start to read the log with this file name in a background thread. Return its `Content`.
 
         Return None if the log does not exist.
         """
@@ -126,7 +126,7 @@ class UlogFiles:
         return reading
 
     def hand_over(self, now: float) -> None:
-        """Pass the collected bytes to the writing thread twice a second (wall time).
+        """Pass the collected log data to the writing thread twice a second (wall time).
 
         now: time since boot [s]
         """
@@ -142,7 +142,7 @@ class UlogFiles:
         return found
 
     def close(self) -> None:
-        """Write all collected bytes; wait at most 3 s for the disk."""
+        """Write all collected log data before the process ends; wait at most 3 s for the disk."""
         self._submit()
         self._writer.flush(_FLUSH_S)
 

@@ -1,4 +1,4 @@
-"""Memory layout of the periodic log records: one second of records of all vehicles, in order of time.
+"""Reserved memory for one second of periodic ULog records of all vehicles, in order of time.
 
 All vehicles record the same topics at the same steps, so the records of a topic have the same place in the row of each vehicle.
 """
@@ -24,7 +24,7 @@ _CYCLE_S = 1.0
 
 @dataclass(slots=True)
 class Step:
-    """Log records to fill in one step of the cycle of 1 s.
+    """ULog records to fill in one step of the cycle of 1 s, and the functions that compute their values.
 
     prepares: functions that compute the quantities
     copies: pairs of arrays: place in the records, and the quantity
@@ -37,7 +37,7 @@ class Step:
 
 
 class Layout:
-    """Memory for the periodic log records of V vehicles in one second.
+    """Reserved memory for one second of periodic ULog records of V vehicles.
 
     rows: the bytes of the records (V, B)
     steps: work of each step of the cycle
@@ -51,7 +51,7 @@ class Layout:
         quantities: Mapping[str, NDArray[Any]],
         groups: Mapping[str, Callable[[], None]],
     ) -> None:
-        """Reserve the memory and plan the records of each step.
+        """Reserve the memory, and compute which ULog records are filled in each step.
 
         period_s: sensor period [s]
         quantities: quantity -> its array over all vehicles
@@ -86,7 +86,7 @@ class Layout:
         kind: np.dtype[np.void],
         quantities: Mapping[str, NDArray[Any]],
     ) -> None:
-        """Plan a record of a topic in a step.
+        """Add a ULog record of a topic to the records that one step fills.
 
         place: bytes of the record in the row of each vehicle
         """
@@ -121,7 +121,7 @@ def _is_due(topic: str, k: int, period_s: float) -> bool:
 
 
 def _field(records: Records, name: str) -> NDArray[Any]:
-    """Return a field of log records, or one element of a field.
+    """Return one field of all ULog records in an array, or one element of this field, such as `xyz[2]`.
 
     name: such as `xyz` or `xyz[2]`
     """

@@ -1,4 +1,4 @@
-"""Names and types of the fields of all logged topics, in PX4's order of logging.
+"""Names and types of the fields of all logged ULog topics, in the order of PX4's log files.
 
 They are those of PX4 v1.16.
 

@@ -1,4 +1,4 @@
-"""Values that the fields of the log contain, as arrays over all vehicles."""
+"""Values for the fields of the ULog records, as arrays over all vehicles."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _RECENTLY_S = 0.2  # a measurement counts as fused for this time
 
 
 class Sources(Protocol):
-    """Parts of the autopilots from which the log is made.
+    """Parts of the built-in autopilots (estimator, setpoints ...) whose values are logged.
 
     dt: sensor period [s]
     """
@@ -139,7 +139,7 @@ class Quantities:
         self.values["covariances"] = np.zeros((count, _VARIANCES))
 
     def begin(self, now: float, sensors: Mapping[str, Array], motors: Array, consumed_mah: Array) -> None:
-        """Store the time and the newest sensor values and motor commands.
+        """Store the time and the newest sensor values and motor commands, which the log records then contain.
 
         now: time since boot [s]
         sensors: see `Autopilots.step`
@@ -155,7 +155,7 @@ class Quantities:
         np.negative(self._s.allocator.thrust, out=self.values["thrust_z"])
 
     def motors(self) -> None:
-        """Copy the motor commands.
+        """Copy the motor commands to the logged values.
 
         NaN is logged for missing rotors, and for all motors of a disarmed vehicle, as in PX4.
         """
@@ -200,7 +200,7 @@ class Quantities:
         to["globe_valid"][:] = [v.origin is not None and v.inputs.xy_valid for v in s.vehicles]
 
     def setpoint(self) -> None:
-        """Copy the setpoints of the position controllers.
+        """Copy the setpoints of the position controllers to the logged values.
 
         They are NaN for vehicles whose position controller does not run.
         """
@@ -254,7 +254,7 @@ class Quantities:
         ]
 
     def innovations(self) -> None:
-        """Copy the innovations of the estimator with PX4's sign: estimate minus measurement."""
+        """Copy the innovations of the estimator to the logged values, with PX4's sign: estimate minus measurement."""
         est = self._s.est
         found = {"innovation": -est.innovation, "variance": est.innovation_var, "ratio": est.test_ratios()}
         for kind, values in found.items():

@@ -42,7 +42,7 @@ INFO: dict[str, str | int] = {
 
 
 class Sink(Protocol):
-    """Receiver of the bytes of the logs, for example `UlogFiles`.
+    """Interface through which the recorder stores the log data, for example `UlogFiles`.
 
     No method waits for a disk.
     """
@@ -63,7 +63,7 @@ class Sink(Protocol):
         ...
 
     def hand_over(self, now: float) -> None:
-        """Store the received bytes if enough time has passed.
+        """Store the received log data on the disk, if enough time has passed since the last write.
 
         This is called four times per simulated second. now: time since boot [s]
         """
@@ -74,7 +74,7 @@ class Sink(Protocol):
         ...
 
     def close(self) -> None:
-        """Store all received bytes before the process ends."""
+        """Store all received log data before the process ends."""
         ...
 
 
@@ -117,7 +117,7 @@ class UlogRecorder:
     # -- every step ------------------------------------------------------------------------------------------
 
     def step(self, now: float, sensors: Mapping[str, Array], motors: Array, consumed_mah: Array) -> None:
-        """Record the values of one sensor period.
+        """Fill the ULog records of one step (one sensor period) of all vehicles.
 
         The arguments are those of `Quantities.begin`.
         """
@@ -146,7 +146,7 @@ class UlogRecorder:
         self._sink.hand_over(self._now)
 
     def _pass_on(self, i: int, more: bytes = b"") -> None:
-        """Pass the new records of vehicle i to the sink.
+        """Pass the new ULog records of vehicle i to the sink, which stores them.
 
         more: bytes to add after the records
         """
@@ -158,7 +158,7 @@ class UlogRecorder:
     # -- decisions -------------------------------------------------------------------------------------------
 
     def decide(self, now: float) -> None:
-        """Begin and end logs, and record changes of mode, arming and parameters.
+        """Begin and end the logs of the vehicles, and record changes of mode, arming and parameters.
 
         This is called after each decision of the commanders. now: time since boot [s]
         """
@@ -173,7 +173,7 @@ class UlogRecorder:
                 self._record_changes(i, v, now)
 
     def _is_wanted(self, i: int, commander: Commander, now: float) -> bool:
-        """Return whether vehicle i must be logged now, as its logging mode and arming state demand."""
+        """Return whether vehicle i must be logged now, according to SDLOG_MODE and its arming state."""
         mode, armed = self._modes[i], commander.armed
         if mode == _DISABLED:
             return False
@@ -280,7 +280,7 @@ class UlogRecorder:
 
 
 class _Packer:
-    """Packs records of one topic, in the order of its fields."""
+    """Encodes ULog records of one topic from the values of its fields."""
 
     def __init__(self, topic: str) -> None:
         kind = ulog.record_type(FORMATS[topic])

@@ -1,4 +1,4 @@
-"""Topics that are logged periodically: the period of each, and the value that each field contains.
+"""ULog topics that are logged periodically: the period of each topic, and the quantity in each field.
 
 The periods are those of PX4 v1.16's default profile on a flight controller.
 """
@@ -14,7 +14,7 @@ _NAN, _INF = math.nan, math.inf
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """Topic that is logged periodically.
+    """ULog topic that is logged periodically: its period, and the quantity in each field.
 
     period_s: time between two records [s]; 0 records every sensor period
     group: name of the method of `Quantities` that computes the quantities of this topic; "" if they always exist

@@ -18,7 +18,7 @@ def no_network(server: str, reason: str) -> str:
 
 
 def no_pose(server: str, bodies: BodyStatus) -> str:
-    """Return what the user must check when frames arrive without a requested body, such as its name on the server.
+    """Return a message for the user if frames arrive without the pose of a requested body.
 
     Returns "" if all requested bodies are tracked.
     """
@@ -78,7 +78,7 @@ class LateFrames:
         self._text = ""
 
     def diagnosis(self, late_s: float) -> str:
-        """Return a text for the user if frames arrive late, else "". Call this method once a second.
+        """Return a message for the user if frames arrive late, else "". Call this method once a second.
 
         Frames arrive late if the newest frame was late at this call and at the call before it.
         late_s: lateness of the last frame [s]. The text keeps the first lateness, so that it is logged once.
@@ -95,7 +95,7 @@ class LateFrames:
 
 
 class ChangeReport:
-    """Filter that logs each new diagnosis text once, and logs once when the problem has ended."""
+    """Filter that returns each new diagnosis for the log once, and one line when the problem has ended."""
 
     def __init__(self) -> None:
         self._reported = ""

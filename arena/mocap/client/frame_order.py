@@ -14,7 +14,7 @@ _RESTART_COUNT = 9  # old numbers in a row, each greater than the one before: no
 
 
 class FrameOrder:
-    """Detector of repeated frames and of a restart of the server, by the frame numbers.
+    """Detector of repeated frames and of a restart of the motion-capture server, by the frame numbers.
 
     Each frame number is compared with the newest frame number. A single old frame is dropped. Nine old frames
     in a row mean that the server has restarted.

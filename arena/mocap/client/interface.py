@@ -34,14 +34,14 @@ class MocapClient(Protocol):
         """Request one more rigid body. The frames of the other bodies do not stop."""
 
     def definition(self, body: str) -> str:
-        """Return a text that changes when a rigid body is defined again on the server; "" if unknown.
+        """Return a text that changes when a user redefines a rigid body on the server; "" if unknown.
 
         The text is, for example, a hash of the markers of the body. For a server that does not describe its
         bodies, return their names.
         """
 
     def refresh_definitions(self) -> None:
-        """Request the descriptions of the bodies from the server again.
+        """Request the descriptions (names, markers) of the rigid bodies from the server again.
 
         A server may change them without notice.
         """

@@ -30,7 +30,7 @@ _MAX_ROUND_TRIP_S = 2.0
 
 
 class Lateness:
-    """Measures how late the frames of one motion-capture server are.
+    """Measurement of how late the frames of one motion-capture server arrive.
 
     A frame is late if it takes longer than the fastest frames.
 
@@ -64,7 +64,7 @@ class Lateness:
         return 0.5 * (self._high - self._low)
 
     def measure_frame(self, frame: CapturedFrame, now: float, flying: bool) -> float:
-        """Return how late a frame is [s].
+        """Return how late a received frame is [s].
 
         The result is computed from the frame's time stamps and the server's replies to echo requests.
 
@@ -116,7 +116,7 @@ class Lateness:
         return 0.5 * (self._low + self._high) if isfinite(self._low) else self._high
 
     def _drift(self, now: float) -> float:
-        """Extend the interval that contains the clock offset by the greatest possible drift since the last call.
+        """Widen the limits of the clock offset by the drift that is possible since the last call.
 
         Return the time since the last call [s].
         """
@@ -127,7 +127,7 @@ class Lateness:
         return elapsed_s
 
     def _on_late_frame(self, offset: float, late: float, now: float, flying: bool) -> float:
-        """Return the lateness [s] of a frame over the limit, or 0 if it becomes the new reference.
+        """Return how late a frame over the lateness limit is [s], or 0 if it becomes the new reference.
 
         The first frame is the reference, and its time stamp may be wrong. The reference is replaced if all frames of the
         last 3 s were late, no vehicle flies, few frames have agreed with the reference, and no echo reply was received.
@@ -164,7 +164,7 @@ class Lateness:
 
 
 class StreamLateness:
-    """Measures how late the frames of one server are, for receivers that do not check frame numbers.
+    """Measurement of how late frames of one server arrive, for receivers that do not check frame numbers.
 
     This class also detects repeated frames and a restart of the server.
     """
@@ -174,7 +174,7 @@ class StreamLateness:
         self._stamp_s = nan
 
     def measure(self, frame: CapturedFrame, now: float) -> float:
-        """Return how late a frame is [s].
+        """Return how late a received frame is [s].
 
         Return infinity if the frame is repeated or its time stamp cannot be right. Return 0 if the server repeats one time
         stamp, because this server has no clock.

@@ -27,7 +27,7 @@ class Pose(NamedTuple):
 
 
 class Echo(NamedTuple):
-    """Comparison of the server's clock with the receiver's clock.
+    """Comparison of the motion-capture server's clock with the receiver's clock, by a request and its reply.
 
     The receiver sends a request, and the server replies with its time.
 

@@ -60,11 +60,11 @@ class Reception:
         return True
 
     def recent(self, event: str, now: float, within_s: float = RECENT_S) -> bool:
-        """Return whether an event has happened in the last `within_s` seconds."""
+        """Return whether an event, such as a received frame, has happened in the last `within_s` seconds."""
         return now - self._changed_at.get(event, -math.inf) < within_s
 
     def update_frames(self, readable: int, frames: Sequence[CapturedFrame], now: float) -> bool:
-        """Record the frames that one poll returned. Return True if new frames could be decoded.
+        """Record the frames that one `poll` has returned. Return True if at least one new frame was decoded.
 
         readable: number of frames decoded since the start, including frames without a requested body.
         frames: frames returned by this poll.

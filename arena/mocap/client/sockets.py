@@ -128,7 +128,10 @@ class ServerSockets:
         return True
 
     def listen_on(self, port: int) -> None:
-        """Receive datagrams on this UDP port of the same interface, too. Raises OSError."""
+        """Open one more UDP socket, which receives datagrams on this port. Raises OSError.
+
+        The interface of the computer is the same as that of the other sockets.
+        """
         self._add(udp_socket(self.local, port))
 
     def read(self, wall: float) -> list[bytes]:

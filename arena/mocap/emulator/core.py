@@ -112,7 +112,7 @@ class EmulatedCameras:
         return MeasuredFrame(number=number, exposed_s=self.exposure(number), bodies=tuple(bodies))
 
     def _next_noise(self) -> int:
-        """Return the index of the noise values for the next frame. Draw new values if all are used."""
+        """Return the row of the noise values for the next frame. Draw new random values if all are used."""
         if not self._frames_left:
             for i, stream in enumerate(self._streams):
                 self._noise[:, i] = stream.standard_normal((_BLOCK, 6))

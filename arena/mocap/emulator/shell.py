@@ -1,4 +1,4 @@
-"""Sockets, faults and statistics of the motion capture emulator. The caller owns the clock."""
+"""Sockets, injected faults and statistics of the motion capture emulator. The caller provides the time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FrameListener = Callable[[MeasuredFrame, float], None]
 
 
 class EmulatorShell:
-    """Emulated cameras with the server of a vendor. Call `advance` when the simulation time reaches `due`.
+    """Emulated cameras and the emulated server of a vendor. Call `advance` when simulation time reaches `due`.
 
     now: simulation time at which the first frame may be exposed [s].
     on_frame: function that also takes each frame that is sent; None without one.

@@ -19,7 +19,7 @@ _MAX_REQUESTS = 64  # per call: a flood of requests must not delay the frames
 
 
 class ServerProtocol(Protocol):
-    """Interface of a vendor's protocol without sockets: encodes frames, and replies to requests.
+    """Interface of the protocol of a motion-capture vendor: encodes frames, replies to requests. No sockets.
 
     wall: monotonic wall time [s].
     """

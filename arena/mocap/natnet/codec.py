@@ -100,11 +100,11 @@ def message_of(data: bytes) -> int:
     Raises WireError if the packet is shorter than the size in its header.
     """
     if len(data) < _HEAD.size:
-        raise WireError(f"NatNet packet of {len(data)} bytes, expected 4 or more")
+        raise WireError(f"got a NatNet packet of {len(data)} bytes, expected 4 or more")
     message, size = _HEAD.unpack_from(data)
     if len(data) - _HEAD.size < size:
         raise WireError(
-            f"NatNet packet with {len(data) - _HEAD.size} bytes of payload, but its header announces {size} bytes"
+            f"got {len(data) - _HEAD.size} bytes of NatNet payload, expected {size} as in the header of the packet"
         )
     return int(message)
 
@@ -125,7 +125,7 @@ def decode_server_info(data: bytes) -> ServerInfo:
     payload = payload_of(data, SERVERINFO)
     if len(payload) < _NAME_BYTES + 8:
         raise WireError(
-            f"NatNet server information of {len(payload)} bytes, expected {_NAME_BYTES + 8} or more"
+            f"got a NatNet SERVERINFO packet of {len(payload)} bytes, expected {_NAME_BYTES + 8} or more"
         )
     app, version = payload[_NAME_BYTES : _NAME_BYTES + 4], payload[_NAME_BYTES + 4 : _NAME_BYTES + 8]
     clock, port, multicast, group = 0, 0, 0, bytes(4)

@@ -41,5 +41,5 @@ def decode_echo_response(data: bytes) -> tuple[int, int]:
 def _echo_numbers(data: bytes, message: int, layout: struct.Struct) -> tuple[int, ...]:
     payload = codec.payload_of(data, message)
     if len(payload) < layout.size:
-        raise WireError(f"NatNet echo of {len(payload)} bytes, expected {layout.size}")
+        raise WireError(f"got a NatNet echo message of {len(payload)} bytes, expected {layout.size}")
     return layout.unpack_from(payload)

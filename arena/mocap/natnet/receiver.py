@@ -63,7 +63,7 @@ class NatNetReceiver:
         return self._version is not None and complete
 
     def next_request(self) -> bytes:
-        """Return the packet that the handshake must send next."""
+        """Return the request that the client must send next in the handshake with the server."""
         return _CONNECT if self._version is None else _REQUEST_MODELS
 
     @property
@@ -155,7 +155,7 @@ class NatNetReceiver:
             self._version, self._clock_hz = info.version, info.clock_hz
 
     def definition(self, body: str) -> str:
-        """Return a text that changes when a body is defined again; "" if the body is unknown.
+        """Return a text that changes when a user redefines a rigid body; "" if the body is unknown.
 
         The text is a hash of the markers. If the server describes no markers, it is the name and the
         streaming id.
@@ -163,7 +163,7 @@ class NatNetReceiver:
         return self._models.get(body, "")
 
     def _on_models(self, found: Sequence[tuple[int, codec.BodyModel]]) -> None:
-        """Store the streaming ids of the requested bodies. Bodies that have the same name or the same id are ignored."""
+        """Store the streaming ids of the requested bodies, except bodies with the same name or id as another body."""
         counts = self._name_counts = Counter(model.name for _, model in found)
         ids = Counter(i for i, _ in found)
         self._has_models = True

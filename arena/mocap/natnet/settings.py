@@ -1,4 +1,4 @@
-"""NatNet's settings from the YAML for client and emulated server, and the sockets that both open.
+"""Converts the YAML's NatNet settings for client and emulated server, and lists the sockets of both.
 
 Pure.
 """

@@ -72,7 +72,7 @@ class UnicastClients:
         return list(found)
 
     def _make_room(self) -> bool:
-        """Make room in the list for a new client. Return False if the list stays full.
+        """Remove a client from a full list, so that a new one can be added. Return False if the list stays full.
 
         Only clients that never sent a keepalive are removed, the longest silent one first.
         """

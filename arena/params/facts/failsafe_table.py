@@ -88,7 +88,7 @@ EVENTS: Mapping[Event, str] = {
 
 
 class FailsafeActions(NamedTuple):
-    """Actions that PX4 versions `since` to `until` can take after one event.
+    """Table row: the actions that PX4 versions `since` to `until` can take after one event, such as RC loss.
 
     since, until: first and last minor version.
     settings: action -> {parameter: value} that selects the action; {} if the action needs no parameter.
@@ -169,7 +169,7 @@ def settings_for(event: Event, action: Action, version: Version | str) -> Mappin
 
 
 def selected_action(event: Event, values: Mapping[str, float], version: Version | str) -> Action | None:
-    """Return the action that PX4 takes after an event with these parameter values.
+    """Return the action that PX4 takes after an event, for given parameter values.
 
     Returns None if the table does not list these values.
     """
@@ -208,7 +208,7 @@ def rc_input_mode(source: str, version: Version | str) -> int:
 
 
 def rc_priority_modes(version: Version | str) -> tuple[int, ...]:
-    """Return the values of COM_RC_IN_MODE with which an RC transmitter has priority over a joystick."""
+    """Return the values of COM_RC_IN_MODE for which PX4 prefers an RC transmitter to a joystick."""
     minor = Version.of(version).minor
     return tuple(value for since, value in _RC_PRIORITY_MODES if minor >= since)
 

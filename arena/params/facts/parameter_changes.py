@@ -201,7 +201,10 @@ _FUNCTIONS: Mapping[str, Conversion] = {
 
 
 def _conversion(text: str, new: tuple[str, ...]) -> Conversion | None:
-    """Parse a cell of the column `conversion`: the rule from the old value to the new values of a parameter."""
+    """Parse a rule of parameter_changes.csv that converts a parameter's old value to its new values.
+
+    The rule is a cell of the column `conversion`.
+    """
     kind, _, rest = text.partition(" ")
     if not kind:
         return None

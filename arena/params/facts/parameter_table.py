@@ -202,7 +202,7 @@ def _parameter(row: list[str]) -> Parameter:
 
 @cache
 def _spans() -> tuple[tuple[list[str], int, int], ...]:
-    """Return the rows of px4_parameters.csv as (columns, first version, last version).
+    """Return each row of px4_parameters.csv as (columns, first PX4 version, last PX4 version).
 
     A version is its index in `provenance()`.
     """
@@ -216,7 +216,7 @@ def _spans_of(rows: list[str]) -> tuple[tuple[list[str], int, int], ...]:
 
 @cache
 def _parts() -> tuple[list[str], list[str]]:
-    """Return (comment lines, table lines) of px4_parameters.csv. The comments name PX4's tags."""
+    """Return the comment lines and the table lines of px4_parameters.csv. The comments name PX4's tags."""
     lines = files(__package__).joinpath(CSV).read_text(encoding="utf-8").splitlines()
     head = next(place for place, line in enumerate(lines) if not line.startswith("#"))
     return lines[:head], lines[head:]

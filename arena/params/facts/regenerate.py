@@ -52,7 +52,7 @@ class Fact(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Content of px4_parameters.csv: the parameters of each PX4 version, with the file that defines each parameter.
+    """Content of px4_parameters.csv: the parameters of each PX4 version, with their source files in PX4.
 
     facts: version -> parameter name -> properties.
     sources: version -> parameter name -> file in PX4's source tree.
@@ -224,7 +224,7 @@ def _key(version: str) -> tuple[int, ...]:
 def replaced(
     table: Table, version: str, facts: dict[str, Fact], found: Mapping[str, str], of: str, over: bool
 ) -> Table:
-    """Return a copy of the table, with the given parameters for one PX4 version.
+    """Return a copy of the parameter table with new properties for the parameters of one PX4 version.
 
     facts: new parameters of the version.
     found: parameter name -> source file in PX4's tree.
@@ -271,7 +271,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         mark = of or table.of.get(version, "= v" + version)
         places = sources(tree, tuple(facts)) if tree else {}
         table = replaced(table, version, facts, places, mark if mark[0] in "=~" else f"= {mark}", given.over)
-        print(f"{version}: {len(facts)} parameters from {len(files)} files")
+        print(f"PX4 {version}: read {len(facts)} parameters from {len(files)} files")
     given.table.write_text(dump(table))
 
 

@@ -1,4 +1,4 @@
-"""Helper classes of the parameter generation: `Line`, one parameter, and `LineWriter`. Pure."""
+"""Helper classes of the parameter generation: `Line` (one parameter) and `LineWriter`. Pure."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class LineWriter:
         return Line(name, value, meaning, self.required.reasons.get(requirement, "arena's default"))
 
     def within_limits(self, name: str, value: float, requirement: str) -> float:
-        """Return `value`, or the nearest value that PX4 allows.
+        """Return `value`, or the nearest value that PX4 allows for the parameter `name`.
 
         The value is rounded if the parameter is an INT32. If the value had to change, a sentence is added to
         `not_possible`.

@@ -1,4 +1,4 @@
-"""Record of a push (writing parameters to vehicles) in push.json, with which the push can be resumed.
+"""Record of a push (writing parameters to vehicles) in push.json, to resume the push after an interruption.
 
 It contains the wanted values, the old values, and the values written so far. The record is saved before the
 first value of a vehicle is written, and repeatedly during the push. A resumed push writes `wanted` again,
@@ -75,7 +75,7 @@ class PushRecord:
         try:
             raw = json.loads(path.read_text())
             if raw["format"] != _FORMAT:
-                raise ValueError(f"got format {raw['format']!r}, expected {_FORMAT!r}")
+                raise ValueError(f"its key `format` is {raw['format']!r}, expected {_FORMAT!r}")
             return cls(path, {str(name): _parse(vehicle) for name, vehicle in raw["vehicles"].items()})
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}: there is no push to resume") from error
@@ -84,12 +84,12 @@ class PushRecord:
 
     @property
     def unfinished(self) -> bool:
-        """True if the push to a vehicle was interrupted after the first value was written."""
+        """True if the push to at least one vehicle was interrupted after its first value was written."""
         return any(vehicle.written and vehicle.ending != "done" for vehicle in self.vehicles.values())
 
     @property
     def wanted(self) -> dict[str, dict[str, float]]:
-        """{vehicle: {parameter: value}} of the vehicles whose push is not complete."""
+        """Wanted parameters {name: value} of each vehicle whose push is not complete, to resume the push."""
         return {name: dict(v.wanted) for name, v in self.vehicles.items() if v.ending != "done"}
 
     def update(
@@ -153,5 +153,5 @@ def _parse(raw: Any) -> VehicleRecord:
 
 def _number(name: Any, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{name}: got {value!r}, expected a number")
+        raise ValueError(f"parameter {name}: got {value!r}, expected a number")
     return value

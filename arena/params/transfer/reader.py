@@ -1,4 +1,4 @@
-"""Reader of one vehicle's parameters over MAVLink: some by name, or the whole list. Pure.
+"""Reader of one vehicle's parameters over MAVLink: those with given names, or all. Pure.
 
 After PARAM_REQUEST_LIST the vehicle sends the whole list. Parameters whose message was lost are then requested by index.
 """
@@ -105,7 +105,7 @@ class ParamReader(Transfer):
 
 
 class _ParamList:
-    """A vehicle's list of all parameters, as far as it was received.
+    """The part of a vehicle's parameter list that was received so far.
 
     count: length of the list; 0 while unknown.
     received: index in the list -> parameter name.
@@ -152,7 +152,7 @@ class _ParamList:
 
 
 def record_answer(window: RequestWindow[str | int], value: Value, now: float) -> None:
-    """Record that a PARAM_VALUE has arrived, as answer to the requests by its name and by its index."""
+    """Record a PARAM_VALUE as the answer to the requests for this parameter, both by name and by index."""
     window.answer(value.name, now)
     if value.place != NO_INDEX:
         window.answer(value.place, now)

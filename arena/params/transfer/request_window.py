@@ -86,7 +86,7 @@ class _Request:
 
 
 class RequestWindow(Generic[Key]):
-    """Open requests to a vehicle. Each is repeated until it is answered, counts as ignored, or the link fails.
+    """Requests to one vehicle over a lossy link. Each is repeated until it is answered or has failed.
 
     keys: one key per request: a parameter name or an index.
     link: measured quality of the link; several windows can share it.
@@ -101,7 +101,7 @@ class RequestWindow(Generic[Key]):
 
     @property
     def done(self) -> bool:
-        """True if no request waits for an answer."""
+        """True if no request to the vehicle still waits for an answer."""
         return not self._open
 
     def with_state(self, *states: RequestState) -> list[Key]:
@@ -146,7 +146,7 @@ class RequestWindow(Generic[Key]):
             self._close(key, request, state)
 
     def _count_answer(self, key: Key) -> _Request | None:
-        """Count an answer for the link quality, and return its request; None if it is not open.
+        """Count the answer to a request for the link quality, and return the request; None if it is closed.
 
         The answer is ignored and None is returned if the request has not been sent, or is closed. An answer to the probe is
         counted, but None is returned.

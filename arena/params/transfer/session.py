@@ -69,7 +69,7 @@ class PushReport:
 
     @property
     def holds(self) -> bool:
-        """True if reading back has shown that the vehicle has every wanted value."""
+        """True if the push has ended and the vehicle has every wanted value."""
         return self.ending == "done" and all(r.outcome in ("same", "written") for r in self.results.values())
 
     def with_outcome(self, *outcomes: Outcome) -> list[str]:
@@ -197,7 +197,7 @@ def _push_report(connection: _Connection[ParamWriter], reboot_names: frozenset[s
 
 
 def _expected_uid(name: str, target: ParamTarget, record: PushRecord | None) -> str:
-    """Return the hardware uid that the vehicle must have, so that no other vehicle is written.
+    """Return the hardware uid that the vehicle must report, so that a push never writes to a wrong vehicle.
 
     If a push is resumed and its record contains a uid, this uid is returned; otherwise the uid of `target`.
     """
@@ -237,7 +237,7 @@ class _Connection(Generic[AnyTransfer]):
 
     @property
     def why(self) -> str:
-        """Text about a failed connection or a wrong vehicle, for the user; "" without a problem."""
+        """Text for the user about a failed connection or a wrong vehicle; "" if there is no such problem."""
         return self._no_connection or (self.transfer.uid.problem if self.transfer.uid is not None else "")
 
     @property

@@ -1,4 +1,4 @@
-"""Base class of all transfers with one vehicle (reading, writing, rebooting), without sockets and clocks.
+"""Base class for reading and writing a vehicle's parameters and rebooting it, without sockets and clocks.
 
 Callers pass received frames and the time, and send the frames that `due` returns. Any message of the autopilot shows that the
 vehicle is connected. Only a heartbeat (one per second) shows that the vehicle is not armed.
@@ -175,7 +175,7 @@ class Transfer:
         self._check_uid()
 
     def _probe(self, now: float) -> Iterable[Message]:
-        """Return a request that every vehicle answers, if the vehicle has been silent; else return nothing.
+        """Return a request that every vehicle answers if the vehicle has been silent, else an empty list.
 
         The answer shows that the vehicle is still connected, although a lossy link has dropped messages.
         """
@@ -193,7 +193,7 @@ class Transfer:
         raise NotImplementedError
 
     def _on_value(self, value: Value, now: float) -> None:
-        """Process a PARAM_VALUE. It may be the answer to a request of another program."""
+        """Process a PARAM_VALUE, which may be the answer to a request of this program or of another one."""
 
     def _on_error(self, name: str, error: int, why: str) -> None:
         """Process a PARAM_ERROR that is addressed to this program."""

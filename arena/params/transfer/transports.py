@@ -42,7 +42,7 @@ class ParamTransport(Protocol):
     def fileno(self) -> int: ...
 
     def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
-        """Yield (received bytes, MAVLink frames in them) of all data that the vehicle has sent. Never waits."""
+        """Yield (received bytes, MAVLink frames in them) for all data sent by the vehicle. Never blocks."""
 
     def send(self, frame: bytes) -> None:
         """Send a MAVLink frame. A frame that cannot be sent now is dropped.

@@ -59,7 +59,7 @@ class _ParamWrite:
     why: str = ""
 
     def close(self, outcome: Outcome, why: str = "") -> None:
-        """Set the final outcome of this parameter.
+        """Set the final outcome of writing this parameter.
 
         why: reason for the outcome; "" keeps the earlier reason.
         """
@@ -117,7 +117,7 @@ class ParamWriter(Transfer):
 
     @property
     def result(self) -> dict[str, ParamResult]:
-        """{parameter: outcome so far}, in the order of `wanted`."""
+        """Outcome so far of each parameter, as {parameter: outcome}, in the order of `wanted`."""
         return {name: param.result for name, param in self._params.items()}
 
     @property
@@ -223,7 +223,7 @@ class ParamWriter(Transfer):
             self.ending = "done"
 
     def _read_unknown_again(self) -> bool:
-        """Request the parameters again that the vehicle did not have. Return whether there are any.
+        """Request the parameters again that the vehicle did not have. Return False if no request is needed.
 
         In PX4, some parameters exist only after another parameter has a certain value.
         """
@@ -271,7 +271,7 @@ class ParamWriter(Transfer):
         return [name for name, param in self._params.items() if not param.outcome and param.step in steps]
 
     def _start(self, phase: Phase, names: list[str]) -> bool:
-        """Start a phase of the push: reading, writing or reading back. Return False without parameters."""
+        """Start a phase of the push (reading, writing or reading back). Return False if `names` is empty."""
         if names:
             self._phase, self._window = phase, self._new_window(names)
         return bool(names)

@@ -124,7 +124,7 @@ class ActionRunner:
             path = self._slices.get(room, {}).get("faults")
             if not path:
                 raise RunError(
-                    f"cannot inject a fault into {room}: slices/{room}.json has no key `faults`. Are all vehicles simulated?"
+                    f"cannot inject a fault into the process {room}: slices/{room}.json has no key `faults`. Are all vehicles simulated?"
                 )
             inject(path, fault)
 
@@ -135,7 +135,7 @@ class ActionRunner:
 def faults(
     action: Action, vehicles: Mapping[str, VehiclePlan], world: Mapping[str, Any]
 ) -> list[tuple[str, Fault]]:
-    """Return the faults of an action as (process, fault) pairs.
+    """Return the faults that an action injects: (process that receives the fault, fault).
 
     If `action.undo` is set, return the faults that end its effect.
 

@@ -17,12 +17,12 @@ _forks: list[ForkClient] = []
 
 
 def use(forks: ForkClient) -> None:
-    """Use a fork server for each `arena up` that this process starts."""
+    """Set the fork server that starts each `arena up` of this process, so that no packages are imported again."""
     _forks[:] = [forks]
 
 
 def start(argv: Sequence[str], env: Mapping[str, str], output: Path) -> subprocess.Popen[bytes] | ForkedChild:
-    """Start `arena up` in a session of its own. It gets SIGTERM when this process dies.
+    """Start `arena up` in a new session. The kernel sends it SIGTERM when this process dies.
 
     argv: command line, with the interpreter.  env: complete environment.  output: file for its stdout and stderr.
     """
@@ -41,7 +41,7 @@ def start(argv: Sequence[str], env: Mapping[str, str], output: Path) -> subproce
 
 
 def _fork(forks: ForkClient, argv: Sequence[str], env: Mapping[str, str], output: int) -> int | None:
-    """Start `arena up` with the fork server and return its pid; None if the fork server does not start it."""
+    """Request `arena up` from the fork server. Return its pid, or None if the fork server does not start it."""
     cwd = str(Path.cwd())
     if not forks.wait_until_ready() or not forks.serves(argv, is_program=False, cwd=cwd):
         return None

@@ -141,7 +141,7 @@ def slug(name: str) -> str:
 
 @contextlib.contextmanager
 def alone_if_px4(arena: Arena) -> Iterator[None]:
-    """Lock a file while an arena with PX4 flies. Only one such arena flies at a time.
+    """Lock a file during the `with` block, so that only one arena with PX4 flies at a time.
 
     The reason: PX4 binds its ports on every address of the computer. Arenas without PX4 do not wait for the lock.
     """
@@ -165,7 +165,7 @@ def _facts(arena: Arena) -> dict[str, str]:
 
 
 def _write_result(result: Result, run: Path) -> None:
-    """Write the result of the scenario into the run folder, for the report of the run."""
+    """Write the result of the scenario to scenario.json in the run folder, for the report of the run."""
     with contextlib.suppress(OSError):
         (run / SCENARIO_FILE).write_text(result_json(result))
 

@@ -38,7 +38,7 @@ class VehicleStates:
     def update(
         self, truth: Truth | None, telemetry: Mapping[str, Telemetry], crashed: Mapping[str, str], now: float
     ) -> dict[str, VehicleState]:
-        """Return vehicle name -> state at the time `now` [s], or {} without true states.
+        """Return vehicle name -> state at the time `now` [s], or {} while no true states are known.
 
         truth: ground truth of all vehicles, None if there is none yet.
         telemetry: vehicle -> telemetry, with times of reception in simulation time.
@@ -72,7 +72,7 @@ class VehicleStates:
 
 
 def _known_telemetry(telemetry: Telemetry, now: float, *, rotors: float) -> dict[str, Any]:
-    """Return the fields of VehicleState that telemetry gives. Values older than MAX_AGE_S are unknown.
+    """Return the fields of VehicleState that come from telemetry. Values older than MAX_AGE_S are unknown.
 
     rotors: largest rotor command (0..1). A vehicle without recent heartbeat counts as disarmed if its rotors stand still.
     """

@@ -66,7 +66,7 @@ class RunLog:
         return not any(state in ("STOPPED", "STARTING") for state in self.states.values())
 
     def member(self, process: str) -> Member | None:
-        """Return the newest record of a process in state.json, or None without a record.
+        """Return the newest entry of a process in state.json (such as its pid), or None without an entry.
 
         process: name, or "supervisor".
 
@@ -77,12 +77,12 @@ class RunLog:
         return self._members.get(process)
 
     def members(self) -> dict[str, Member]:
-        """Return name -> record of all processes that state.json has listed, including ended processes."""
+        """Return process name -> newest entry in state.json, for running and ended processes."""
         self.member("")
         return dict(self._members)
 
     def update_without_supervisor(self) -> None:
-        """Set the state EXITED for each ended process, after the supervisor has died."""
+        """Set the state of each ended process to EXITED, because a dead supervisor no longer logs it."""
         members = self.members()
         for process, state in self.states.items():
             if state not in ("EXITED", "FATAL", "STOPPED") and not (

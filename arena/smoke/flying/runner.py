@@ -36,7 +36,7 @@ def fly_all(
     flown_by: Fly = fly,
     forks: ForkClient | None = None,
 ) -> list[Result]:
-    """Fly scenarios, those that probably take longest first, and return their results in the given order.
+    """Fly scenarios in parallel, the longest first, and return the results in the order of `scenarios`.
 
     jobs: largest number of scenarios flown at the same time.
     on_result: function that is called with each result when the flight ends.
@@ -64,12 +64,12 @@ def fly_all(
 
 
 def _effort(scenario: Scenario) -> float:
-    """Return a number that is larger for a flight that probably takes longer. The order of equal flights does not change."""
+    """Return the estimated relative duration of a flight. Flights with a long duration start first."""
     return (1 + len(scenario.arena.vehicles)) * scenario.time_limit_s
 
 
 def _fly(options: FlightOptions, flown_by: Fly, task: tuple[int, Scenario]) -> Result:
-    """Fly the scenario of a task in a worker, and return the result. A flight that cannot be made is a failed one."""
+    """Fly one scenario in a worker process. If it raises ArenaError, return a failed result with the error."""
     try:
         return flown_by(task[1], options)
     except ArenaError as error:

@@ -87,7 +87,7 @@ class ScriptedFlight:
         return self.now.vehicles[name]
 
     def until(self, trigger: str, limit_s: float) -> Observation:
-        """Wait for the time of a trigger, such as `uav1.airborne + 3 s` (3 s after takeoff).
+        """Wait until a trigger is reached, such as `uav1.airborne + 3 s` (3 s after takeoff).
 
         limit_s: longest wait in simulation time [s]; AssertionError is raised after it.
         """

@@ -116,9 +116,9 @@ class Session:
 
     @property
     def observer(self) -> Observer:
-        """The observer of the running arena. Raises RunError if no arena is running."""
+        """The observer of the running arena. Raises RunError if this session has no running arena."""
         if self._observer is None:
-            raise RunError("no arena is running")
+            raise RunError("this session has no running arena. Enter its `with` block first")
         return self._observer
 
     def outcome(self) -> dict[str, Any]:
@@ -147,7 +147,7 @@ class Session:
             found = self._until(lambda: set(runs.glob("*/plan.json")) - old, "made no run folder")
             self.run = found.pop().parent
             if self._arena_up is None:
-                raise RunError("no arena is running")
+                raise RunError("this session has no running arena. Enter its `with` block first")
             return self._arena_up.wait(limit_s)
         except subprocess.TimeoutExpired:
             raise RunError(
@@ -198,7 +198,7 @@ class Session:
                     f"these processes did not start within {START_TIMEOUT_S:g} s: {', '.join(waiting)}"
                 )
             if (seen := observer.observe()) is None:
-                raise RunError(f"{observer.ended}; {self._last_output()}")
+                raise RunError(f"the arena ended during its start: {observer.ended}; {self._last_output()}")
             time.sleep(OBSERVATION_PERIOD_S / (SETTLE_SPEED if seen.time_s < SETTLE_S else 1.0))
 
     def _until(self, check: Callable[[], T | None], what: str) -> T:

@@ -1,4 +1,4 @@
-"""Receiver of the telemetry of each vehicle for the referee.
+"""Receiver of each vehicle's telemetry, for the referee that judges a smoke flight.
 
 The telemetry comes from each vehicle's tools port: a UDP port of the router that replies to any program on this computer.
 

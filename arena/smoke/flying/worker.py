@@ -1,5 +1,6 @@
-"""A worker that the fork server has forked: `python -m arena.smoke.flying.worker`. It carries out one task and ends.
+"""Worker process that flies one scenario or campaign flight and ends: `python -m arena.smoke.flying.worker`.
 
+The fork server, a process that has already imported the packages, forks the worker.
 The runner (`arena.smoke.flying.workers`) sends the task by the socket whose number is in CHANNEL_VARIABLE, and receives the result.
 The worker has a fork server of its own, a copy of itself, which forks `arena up`.
 """
@@ -17,7 +18,7 @@ from arena.supervisor.fork_client import ForkClient
 
 
 def main() -> int:
-    """Receive one task, carry it out and send the result. Return the exit code."""
+    """Receive one task, such as a flight, carry it out and send the result to the runner. Return the exit code."""
     runner = os.getppid()
     with Connection(int(os.environ.pop(CHANNEL_VARIABLE))) as answer:
         set_title("arena:flight")

@@ -41,7 +41,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, kw_only=True)
 class Lost:
-    """End of a worker process that has sent no result, for example because it was killed.
+    """Marker for a worker process that ended without sending a result, for example because it was killed.
 
     exit_code: negative for a signal.
     """
@@ -120,7 +120,7 @@ def collected_stops() -> Iterator[list[int]]:
 
 
 def _begin(task: T, work: Callable[[T], R], forks: ForkClient | None) -> _Worker[T]:
-    """Fork a worker process for one task.
+    """Start a worker process for one task: with the fork server, or else as a fork of this process.
 
     A forked worker need not import the modules again.
     """
@@ -135,7 +135,7 @@ def _begin(task: T, work: Callable[[T], R], forks: ForkClient | None) -> _Worker
 
 
 def _fork(task: T, work: Callable[[T], R], forks: ForkClient) -> _Worker[T] | None:
-    """Start a worker with the fork server and send it its task; None if the fork server does not start it."""
+    """Request a worker from the fork server and send it its task. Return None if no worker is started."""
     argv, cwd = [sys.executable, "-m", _MODULE], os.getcwd()  # noqa: PTH109
     if not forks.wait_until_ready() or not forks.serves(argv, is_program=False, cwd=cwd):
         return None
@@ -160,13 +160,13 @@ def _fork(task: T, work: Callable[[T], R], forks: ForkClient) -> _Worker[T] | No
 
 
 def _work(answer: Connection, runner: int, task: T, work: Callable[[T], R]) -> None:
-    """Carry out a task, such as one flight, in a process that was forked from `arena smoke`."""
+    """Carry out a task, such as one flight, in a worker process that was forked from the runner."""
     os.setsid()
     carry_out(answer, runner, task, work)
 
 
 def carry_out(answer: Connection, runner: int, task: T, work: Callable[[T], R]) -> None:
-    """Carry out a task in this process, which is a worker, and send the result.
+    """Carry out a task in this worker process, and send the result to the runner.
 
     runner: pid of the runner. When it dies, this process gets SIGTERM.
     """

@@ -94,9 +94,7 @@ def read_action(text: str, names: Names, place: Place) -> Action:
     if form.lasting and tokens.accept("for"):
         made["for_s"] = tokens.quantity("time", "a time", least=0.0)
     if tokens.next.text == "for":
-        raise tokens.error(
-            f"expected no `for`, because the action `{form.verb}` cannot be undone after a time"
-        )
+        raise tokens.error(f"expected no `for TIME`, because the action `{form.verb}` cannot be undone")
     tokens.end("for a time" if form.lasting and "for_s" not in made else "")
     if form.verb in IN_MS:
         made["number"] = round(float(made["number"]) * 1e3, 6)  # type: ignore[arg-type]
@@ -318,10 +316,7 @@ def _part_rotor(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
 
 
 def _part_already_parsed(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
-    """Do nothing, because the function for an earlier part has parsed this part, too.
-
-    Example: `N E D` is parsed at `N`.
-    """
+    """Do nothing for a part that was parsed with an earlier part, such as `E` and `D` of `N E D`."""
 
 
 _READ_PART: dict[str, Callable[[TokenReader, Names, dict[str, object]], None]] = {

@@ -73,7 +73,7 @@ class Observation:
 
 @dataclass(frozen=True, kw_only=True)
 class Box:
-    """The volume that vehicles must not leave.
+    """Box that vehicles must not leave: the geofence, or the room.
 
     low_n, high_n: lowest and highest north, east, down [m] [NED].
     """
@@ -91,7 +91,7 @@ class Box:
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Place of an entry in a scenario file.
+    """File and line of an entry in a scenario file, with its text.
 
     text: the entry as written.
     """

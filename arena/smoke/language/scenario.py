@@ -180,7 +180,7 @@ class _Reader:
         return arena
 
     def _likely_names(self) -> Names | None:
-        """Return the vehicle and process names of an arena with errors. Then the scenario can still be checked.
+        """Return the vehicle and process names of an arena with errors, so that the scenario can still be checked.
 
         Return None if the names cannot be read.
         """

@@ -68,7 +68,7 @@ class TokenReader:
 
     @property
     def next(self) -> Token:
-        """Next token, which stays in the text. Its kind is "end" after the last token."""
+        """Next token, without consuming it. After the last token, a token of the kind "end"."""
         return self._tokens[self._at] if self._at < len(self._tokens) else Token(kind="end", text="")
 
     def advance(self) -> Token:
@@ -86,7 +86,7 @@ class TokenReader:
         return True
 
     def error(self, expected: str, known: Sequence[str] = ()) -> WrongWordError:
-        """Return an error that names the next token.
+        """Return a WrongWordError with the next token and what was expected instead.
 
         expected: what is allowed here, such as "expected a mode".  known: valid words at this place, for the hint.
         """

@@ -230,4 +230,6 @@ OLD_WORDS: dict[str, str] = {"told": "event"}
 """Words of older scenario files that are still accepted -> words that replace them."""
 
 if {form.verb for form in ACTIONS} != set(get_args(Verb)):
-    raise ValueError("ACTIONS must have exactly one Form per Verb")
+    raise ValueError(
+        "the table ACTIONS must have exactly one Form (syntax) for each Verb of a scenario action"
+    )

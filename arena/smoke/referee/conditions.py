@@ -1,4 +1,4 @@
-"""Evaluates conditions at the newest observation. The result is None if a value is unknown."""
+"""Evaluates the conditions of a scenario at the newest observation of a flight. None means unknown."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _OFFBOARD = "OFFBOARD"
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """Result of a condition for one subject at one observation.
+    """Result of a condition at one observation, for one vehicle, pair of vehicles or process.
 
-    A subject is a vehicle, a pair of vehicles or a process.
+    This vehicle, pair of vehicles or process is called the subject.
 
     who: name of the subject, such as `uav1` or `uav1 and uav2`; "" if the condition has none.
     holds: whether the condition is true; None if unknown.
@@ -33,7 +33,7 @@ class Evaluation:
 
 
 def holds(condition: Condition, flight: FlightHistory) -> Truth:
-    """Return whether the condition is true for all its subjects, or None if this is unknown."""
+    """Return whether a condition is true for all its vehicles or processes, or None if this is unknown."""
     truths = [evaluation.holds for evaluation in evaluate(condition, flight)]
     if False in truths:
         return False

@@ -1,4 +1,4 @@
-"""Tracker of one expectation. It records the observed values until the expectation is decided."""
+"""Tracker of one expectation of a scenario. It records the observed values until success or failure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MAX_LISTED = 4
 
 @dataclass(kw_only=True)
 class _Record:
-    """Observed values of one subject: lowest and highest value, or the sequence of different texts."""
+    """Values observed for one vehicle or process: lowest and highest number, or the sequence of texts."""
 
     texts: list[str] = field(default_factory=list)
     low: float | None = None
@@ -45,7 +45,7 @@ class _Record:
 
 @dataclass(kw_only=True)
 class ExpectationTracker:
-    """Tracker of one expectation during a flight.
+    """Tracker of one expectation of a scenario during a flight.
 
     begun_s: simulation time from which the time of the expectation counts [s].
     done_s: simulation time at which the expectation was fulfilled [s].  failure: why it failed, with the observed values.
@@ -110,7 +110,7 @@ class ExpectationTracker:
         self.outcome, self.failure = "failed", failure
 
     def _describe(self) -> str:
-        """Return the text of a failure: the expectation, and the observed values of each failed subject."""
+        """Return the failure as text: the expectation, and the values observed for each failed vehicle or process."""
         condition, records = self.expectation.condition, self._records
         wrong = {who: record for who, record in records.items() if record.holds is not True} or records
         found = [

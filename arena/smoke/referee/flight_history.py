@@ -67,9 +67,9 @@ class FlightHistory:
             self._timed[1:] = [(now.time_s, now.wall_s)]
 
     def action(self) -> None:
-        """Record the time and all positions at an action, for the quantity `drift_m`.
+        """Record the time and all positions when an action is carried out; `drift_m` counts from there.
 
-        Call it when an action is carried out.
+        The positions are those of the newest observation.
         """
         self.action_s = self.now.time_s
         for name, history in self._histories.items():
@@ -145,7 +145,7 @@ class FlightHistory:
         return None if history.touchdown is None or history.airborne else history.touchdown.speed_m_s
 
     def drift_m(self, name: str) -> float | None:
-        """Return the horizontal distance from the position at the last action [m], or None before the first action."""
+        """Return a vehicle's horizontal distance from its position at the last action [m], or None before any action."""
         start, vehicle = self._histories[name].action_p_n, self.now.vehicles.get(name)
         return None if start is None or vehicle is None else math.dist(start[:2], vehicle.p_n[:2])
 

@@ -1,4 +1,4 @@
-"""Tracker of one rule of `always`. It checks the rule at every observation and records the worst value."""
+"""Tracker of one rule of a scenario (key `always`). It checks every observation and records the worst value."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class _Sum:
 
 @dataclass(kw_only=True)
 class RuleTracker:
-    """Tracker of one rule during a flight."""
+    """Tracker of one rule of a scenario during a flight."""
 
     rule: Rule
     _worst: Evaluation | None = None

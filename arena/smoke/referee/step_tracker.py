@@ -74,7 +74,7 @@ class StepTracker:
 
     @property
     def done_s(self) -> float:
-        """Time at which the last expectation was fulfilled [s], or the begin of a step without expectations."""
+        """Time of the last fulfilled expectation [s]; for a step without expectations, the time of its begin."""
         return max((e.done_s for e in self.expectations if e.done_s is not None), default=self.begun_s or 0.0)
 
     @property

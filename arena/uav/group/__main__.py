@@ -1,4 +1,4 @@
-"""Process that runs the programs of a group: `python -m arena.uav.group SLICE`."""
+"""Process that runs the user programs of a group of vehicles: `python -m arena.uav.group CONFIGURATION.json`."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ class Group:
         return 1 if failed else 0
 
     def _run_program(self, argv: dict[str, tuple[str, ...]]) -> None:
-        """Run the user program for some vehicles, close its vehicles and report its exit code. Never raises an error."""
+        """Run the user program for the vehicles in `argv`, close them and report its exit code. Never raises."""
         membership = Membership(
             argv=dict(argv), once=self._once, threads=self._threads, receiver=self._receiver
         )
@@ -95,7 +95,7 @@ def _compiled(file: str) -> CodeType:
 
 
 def _exit_of(end: SystemExit) -> tuple[int, str]:
-    """Return the exit code and the message of `sys.exit`."""
+    """Return the exit code and the message that a program has passed to `sys.exit`."""
     if end.code is None or isinstance(end.code, int):
         return int(end.code or 0), ""
     return 1, str(end.code)
