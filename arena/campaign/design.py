@@ -23,7 +23,7 @@ _DIGITS = 6  # significant digits of drawn values, so that a value on the comman
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """One flight of a campaign: its arena or scenario, its seed, and its values of the varied settings.
+    """Flight of a campaign: its arena or scenario, its seed, and its values of the varied settings.
 
     id: hexadecimal digits computed from overrides and seed, so that a flight keeps its id when the sweep gets more flights.
     number: position in the campaign, from 1.

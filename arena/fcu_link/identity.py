@@ -76,7 +76,7 @@ class Identity:
         self._reported: set[str] = set()
 
     def fix(self) -> None:
-        """Forbid changes of the expected hardware uid until the process ends.
+        """Prevent changes of the expected hardware uid until the process ends.
 
         The vehicle has an arm permit or is armed.
         """

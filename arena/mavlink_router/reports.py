@@ -20,7 +20,7 @@ def report_changes(process: ProcessContext, router: Router) -> None:
 
 
 def report_ready(process: ProcessContext, router: Router, waited_s: float) -> bool:
-    """If the router is ready, report this to the supervisor. Return whether it is ready.
+    """Report to the supervisor that the router is ready, if it is. Return whether it is ready.
 
     The router is ready if all simulated vehicles are connected, or after `READY_TIMEOUT_S`.
 

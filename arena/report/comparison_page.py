@@ -30,7 +30,7 @@ _MOMENT_WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """One of the two inputs of a comparison: its flights, and the settings of its run.
+    """Input of a comparison, the first or the second: its flights, and the settings of its run.
 
     name: text for the page.
     flights: its logs.

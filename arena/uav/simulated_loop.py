@@ -93,7 +93,7 @@ class LoopClock(LockstepClock):
         )
 
     def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
-        """Let the event loop call the function `chores` every `every_s` seconds of simulation time."""
+        """Make the event loop call the function `chores` every `every_s` seconds of simulation time."""
 
         def again() -> None:
             chores()

@@ -114,7 +114,7 @@ class Swarm:
         await self._report(self._land(uav) for uav in self.uavs)
 
     async def _report(self, landings: Iterable[Awaitable[object]]) -> None:
-        """Await the landings of all vehicles at the same time, and print the errors of vehicles that do not land."""
+        """Wait for the landings of all vehicles at the same time, and print the errors of vehicles that do not land."""
         results = await asyncio.gather(*landings, return_exceptions=True)
         for name, result in zip(self.names, results, strict=True):
             if isinstance(result, VehicleError):

@@ -171,7 +171,7 @@ def test_source_is_never_overwritten(tmp_path):
 def test_csv_log_has_no_mavlink_messages(tmp_path):
     source = tmp_path / "uav1.csv"
     source.write_text(flight_csv())
-    with pytest.raises(InputError, match="without MAVLink messages"):
+    with pytest.raises(InputError, match="contains no MAVLink messages"):
         export(source, "tlog")
 
 

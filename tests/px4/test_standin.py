@@ -92,7 +92,7 @@ def test_unknown_startup_lines_are_reported(tmp_path: Path) -> None:
         ("param set A b\nsimulator_mavlink start -c 4560", "A: got 'b', expected a number"),
         ("param set A 1", "the line `simulator_mavlink start` is missing"),
         ("simulator_mavlink start -c 0", "got '0', expected a port"),
-        (". none", "none: No such file"),
+        (". none", "none: cannot be read: No such file"),
     ],
 )
 def test_an_invalid_startup_is_an_error(tmp_path: Path, text: str, said: str) -> None:

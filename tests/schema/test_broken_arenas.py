@@ -144,7 +144,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "program of a wrong type": (
         "vehicles:\n  uav1: {program: 3}\n",
         "2: vehicles.uav1.program: ",
-        "a path, or a mapping",
+        "the path of a program, or a mapping",
     ),
     "arguments without a program": (
         "vehicles:\n  uav1: {args: [x]}\n",

@@ -195,7 +195,7 @@ def test_the_references_of_a_log_are_a_trajectory(tmp_path):
         ("t,north,east,down\n0,0,0,x\n", "a.csv:2: .*expected a number"),
         ("t,north,east,down\n0,0,0\n", "a.csv:2: got 3 cells"),
         ("t,north,east,down\n0,0,0,0\n", "got 1 rows"),
-        ("t,north,east,down\n1,0,0,0\n0,0,0,0\n", "not after"),
+        ("t,north,east,down\n1,0,0,0\n0,0,0,0\n", "not later than that of the row before"),
     ],
 )
 def test_a_wrong_csv_file_is_refused_with_its_line(tmp_path, text, message):

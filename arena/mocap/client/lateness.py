@@ -116,7 +116,7 @@ class Lateness:
         return 0.5 * (self._low + self._high) if isfinite(self._low) else self._high
 
     def _drift(self, now: float) -> float:
-        """Widen the limits of the clock offset by the drift that is possible since the last call.
+        """Increase the limits of the clock offset by the drift that is possible since the last call.
 
         Return the time since the last call [s].
         """
