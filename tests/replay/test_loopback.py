@@ -26,7 +26,7 @@ def test_loopback_and_multicast_are_allowed() -> None:
     ],
 )
 def test_other_computers_and_connections_to_vehicles_are_refused(bad: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="a replay (can use only|must not connect)"):
+    with pytest.raises(InputError, match=r"a replay (can use only|must not connect)"):
         check_loopback({**GOOD, **bad})
 
 
