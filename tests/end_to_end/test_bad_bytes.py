@@ -20,7 +20,7 @@ from .flight import Flight, Hangar
 pytestmark = pytest.mark.flight
 REPORT = True  # these tests read the summary
 VEHICLES = {"uav1": "tours", "uav2": "tours"}
-FLOOD_S, FLOOD_PER_S = 3.0, 7000
+FLOOD, FLOOD_PER_S = 21_000, 7000
 GROWTH_MB = 6.0
 
 
@@ -85,10 +85,9 @@ def throw(flight: Flight, where: dict[str, list[int]], rng: random.Random) -> in
                 sent += 1
         some = [next(bad) for _ in range(600)]
         few = [x for x in some if len(x) < 1000]
-        until = time.monotonic() + FLOOD_S
         began, floods = time.monotonic(), 0
-        while (now := time.monotonic()) < until:
-            for _ in range(int((now - began) * FLOOD_PER_S) - floods):
+        while floods < FLOOD:
+            for _ in range(min(FLOOD, int((time.monotonic() - began) * FLOOD_PER_S)) - floods):
                 name, port = targets[floods % len(targets)]
                 s.sendto(
                     next(questions) if name == "mocap" else few[floods % len(few)], (flight.address, port)
@@ -110,7 +109,6 @@ def test_garbage_on_any_port_does_not_disturb_a_flight(hangar: Hangar) -> None:
     after = resident_mb(flight)
     grown = {name: round(after[name] - mb, 1) for name, mb in before.items()}
     print(f"{sent} datagrams at {sum(map(len, where.values()))} ports; grown by [MB]: {grown}")
-    assert sent > 0.8 * FLOOD_S * FLOOD_PER_S
 
     assert flight.wait(90) == 0, flight.said()
     assert max(grown.values()) < GROWTH_MB
