@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -50,6 +51,7 @@ class EventLog:
         self._counts: Counter[str] = Counter()
         self._requests: Counter[str] = Counter()
         self.lost = 0
+        self._newest = -math.inf
 
     def transition(
         self, mono: float, process: str, before: State, after: State, reason: str, *, level: Level
@@ -58,7 +60,7 @@ class EventLog:
 
         mono: monotonic time [s].
         """
-        self._write({"mono": mono, "process": process, "from": before, "to": after, "reason": reason})
+        self._write(mono, {"process": process, "from": before, "to": after, "reason": reason})
         self.show(Message(source=process, text=transition_text(after, reason), level=level))
 
     def event(self, mono: float, process: str, text: str, *, level: Level | None = None) -> None:
@@ -72,7 +74,7 @@ class EventLog:
             return
         last = self._counts[process] == MAX_EVENTS_PER_PROCESS
         text = text[:MAX_EVENT_CHARACTERS] + (" (further events are dropped)" if last else "")
-        self._write({"mono": mono, "process": process, "event": text})
+        self._write(mono, {"process": process, "event": text})
         vehicle, _, about = text.partition(": ")
         source, shown = (vehicle, about) if vehicle in self._vehicles else (process, text)
         self.show(Message(source=source, text=shown, level=event_level(text) if level is None else level))
@@ -86,7 +88,7 @@ class EventLog:
         """
         self._requests[process] += 1
         if self._requests[process] <= MAX_REQUESTS_PER_PROCESS:
-            self._write({"mono": mono, "process": process, "audit": dict(entry)})
+            self._write(mono, {"process": process, "audit": dict(entry)})
 
     def show(self, message: Message) -> None:
         """Show a line with the time in front. The line is not written to events.jsonl."""
@@ -108,8 +110,16 @@ class EventLog:
         """Close the file after all entries are written."""
         self._writer.submit(partial(os.close, self._file))
 
-    def _write(self, entry: dict[str, object]) -> None:
-        entry = {"t": datetime.now().astimezone().isoformat(timespec="milliseconds"), **entry}
+    def _write(self, mono: float, entry: dict[str, object]) -> None:
+        """Append an entry to the file. Its time is at least that of the entry before, so that times in the file never decrease.
+
+        A state change has the time at which the supervisor's round began, and packets are received within the round.
+
+        mono: monotonic time [s].
+        """
+        self._newest = max(self._newest, mono)
+        wall = datetime.now().astimezone().isoformat(timespec="milliseconds")
+        entry = {"t": wall, "mono": self._newest, **entry}
         if (time_s := self._time_s()) is not None:
             entry["time_s"] = round(time_s, 3)
         self._writer.submit(partial(self._append, json.dumps(entry).encode() + b"\n"))

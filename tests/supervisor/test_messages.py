@@ -98,6 +98,19 @@ def test_event_about_a_vehicle_is_shown_under_its_name(tmp_path: Path) -> None:
     )
 
 
+def test_times_in_the_file_never_decrease(tmp_path: Path) -> None:
+    writer = BackgroundWriter("files", limit=100)
+    log = EventLog(tmp_path / "events.jsonl", lambda message: None, writer)
+    log.event(5.3, "router", "received within the round that began at 5.0")
+    log.transition(5.0, "mocap", State.STARTING, State.READY, "reported ready", level=Level.DETAIL)
+    log.audit(5.2, "router", {"request": "arm"})
+    log.event(5.4, "router", "later")
+    log.close()
+    assert writer.flush(60.0)
+    found = [json.loads(line)["mono"] for line in (tmp_path / "events.jsonl").read_text().splitlines()]
+    assert found == [5.3, 5.3, 5.3, 5.4]
+
+
 def test_lines_below_the_level_are_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
     for level in Level:
         quiet, normal = Lines(Level.RESULT), Lines()
