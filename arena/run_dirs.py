@@ -14,6 +14,7 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 RUNTIME_DIR_VARIABLE = "ARENA_RUNTIME_DIR"
 """Environment variable for tests: the only folder in which runtime folders are created and searched."""
@@ -120,6 +121,17 @@ def _is_ours(folder: Path) -> bool:
     except OSError:
         return False
     return _only_owner_may_write(found, os.getuid())
+
+
+def open_lock_file(name: str) -> IO[bytes]:
+    """Open a file of this user in the folder for temporary files, to lock it. The file stays, because a waiting process may have it open.
+
+    name: file name without the user id and the ending.
+    Raises OSError, also if another user has put a symbolic link in its place.
+    """
+    path = Path(tempfile.gettempdir()) / f"arena-{name}-{os.getuid()}.lock"
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+    return os.fdopen(os.open(path, flags, 0o600), "r+b")
 
 
 def runtime_bases(*, shared: bool = False) -> list[Path]:

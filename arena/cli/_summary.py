@@ -55,7 +55,7 @@ def slowness(outcome: Mapping[str, Any]) -> str:
     factor, asked = real_time.get("factor"), real_time.get("asked")
     if factor is None or asked is None or factor >= SLOW_FACTOR * asked:
         return ""
-    return f"SLOWER THAN REAL TIME: {factor:.2f} simulated seconds per second, {asked:g} was requested"
+    return f"SLOWER THAN REQUESTED: {factor:.2f} simulated seconds per second, {asked:g} was requested"
 
 
 def failsafes(run: Path) -> list[str]:

@@ -40,7 +40,7 @@ def _real_time(s: Mapping[str, Any]) -> list[str]:
     if factor is None or asked is None or factor >= SLOW_FACTOR * asked:
         return []
     return [
-        f"SLOWER THAN REAL TIME: {factor:.2f} simulated seconds per second, {asked:g} was requested:"
+        f"SLOWER THAN REQUESTED: {factor:.2f} simulated seconds per second, {asked:g} was requested:"
         " results that depend on wall time do not hold"
     ]
 

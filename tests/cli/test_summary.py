@@ -82,7 +82,7 @@ def test_verdict_says_that_a_flight_was_slower_than_asked(
     tmp_path: Path, asked: float | None, slow: bool
 ) -> None:
     run = make_run(tmp_path, {"uav1": vehicle()}, real_time={"factor": 0.65, "asked": asked})
-    assert ("SLOWER THAN REAL TIME: 0.65 simulated seconds per second" in verdict(run)) is slow
+    assert ("SLOWER THAN REQUESTED: 0.65 simulated seconds per second" in verdict(run)) is slow
 
 
 def test_verdict_without_an_outcome_says_so(tmp_path: Path) -> None:

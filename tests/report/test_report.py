@@ -74,7 +74,7 @@ def test_crash_is_in_the_text(tmp_path):
 )
 def test_flight_below_real_time_is_in_the_text(factor, asked, slow):
     outcome = {"real_time": {"factor": factor, "asked": asked}}
-    expected = "SLOWER THAN REAL TIME: 0.65 simulated seconds per second, 1 was requested"
+    expected = "SLOWER THAN REQUESTED: 0.65 simulated seconds per second, 1 was requested"
     assert (expected in as_text(summarise([], {}, outcome, []))) is slow
 
 

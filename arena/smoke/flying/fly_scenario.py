@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import os
 import re
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from arena.errors import ArenaError, InputError, RunError
+from arena.run_dirs import open_lock_file
 from arena.schema import Arena
 from arena.smoke.flying.session import LaunchOptions, Session
 from arena.smoke.language.model import named_processes
@@ -148,8 +147,7 @@ def alone_if_px4(arena: Arena) -> Iterator[None]:
     if not any(v.autopilot == "px4" for v in arena.vehicles):
         yield
         return
-    path = Path(tempfile.gettempdir()) / f"arena-smoke-px4-{os.getuid()}.lock"
-    with path.open("w") as file:
+    with open_lock_file("smoke-px4") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
