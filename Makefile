@@ -26,10 +26,10 @@ lint: .venv/ready
 unit: bytecode
 	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 3 --dist loadfile -q
 
-# Arenas at real time need cores: two flights of a few vehicles share two cores, arenas of many vehicles fly alone.
+# Flights of a few vehicles mostly wait: three share two cores. Arenas of many vehicles fly alone.
 
 flights: bytecode
-	$(BIN)/python -m pytest -m "flight and not nightly" -n 2 --dist loadfile -q
+	$(BIN)/python -m pytest -m "flight and not nightly" -n 3 --dist loadfile -q
 	$(BIN)/python -m pytest -m "crowd and not nightly" -q
 
 # Long campaigns: every cell of the process table, every shipped scenario, twelve vehicles, full fuzz and estimator campaigns.
