@@ -120,7 +120,7 @@ def inject(path: str | Path, fault: Fault) -> None:
 
 
 def word(fault: Fault, key: str, choices: Collection[str]) -> str:
-    """Return the value of a key of an injected fault that must be one of the given words.
+    """Return the value of one key of a fault, after a check that the value is one of the given words.
 
     Raises InputError if the value is not one of `choices`.
     """
@@ -131,7 +131,7 @@ def word(fault: Fault, key: str, choices: Collection[str]) -> str:
 
 
 def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple[str, ...]:
-    """Return the value of a key of an injected fault that must be a list of given words.
+    """Return the value of one key of a fault, after a check that the value is a list of given words.
 
     Raises InputError if the value is not a list of `count` different words of `choices`.
     """
@@ -147,7 +147,7 @@ def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple
 
 
 def flag(fault: Fault, key: str) -> bool:
-    """Return the value of a key of an injected fault that must be true or false.
+    """Return the value of one key of a fault, after a check that the value is true or false.
 
     Raises InputError for another value.
     """
@@ -158,7 +158,7 @@ def flag(fault: Fault, key: str) -> bool:
 
 
 def number(fault: Fault, key: str, low: float, high: float) -> float:
-    """Return the value of a key of an injected fault that must be a number in a range.
+    """Return the value of one key of a fault, after a check that the value is a number in a range.
 
     Raises InputError if the value is not a finite number from `low` to `high`.
     """
@@ -169,7 +169,7 @@ def number(fault: Fault, key: str, low: float, high: float) -> float:
 
 
 def whole(fault: Fault, key: str, low: int, high: int) -> int:
-    """Return the value of a key of an injected fault that must be an integer in a range.
+    """Return the value of one key of a fault, after a check that the value is an integer in a range.
 
     Raises InputError if the value is not an integer from `low` to `high`.
     """
@@ -180,7 +180,7 @@ def whole(fault: Fault, key: str, low: int, high: int) -> int:
 
 
 def vector(fault: Fault, key: str, most: float) -> tuple[float, float, float]:
-    """Return the value of a key of an injected fault that must be a vector of three numbers.
+    """Return the value of one key of a fault, after a check that the value is a vector of three numbers.
 
     Raises InputError if a value is not a number from -`most` to `most`.
     """

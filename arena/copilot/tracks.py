@@ -122,7 +122,9 @@ class Tracks:
         )
 
     def distance_to_track(self, p_n: Array) -> Array:
-        """Return the distance [m] (N,) of each estimated position to the captured track; NaN if unknown.
+        """Return the distance [m] (N,) from each estimated position to the nearest recently captured position.
+
+        NaN if unknown.
 
         The track is made of the captured positions of the last 0.5 s. The nearest of them counts.
 

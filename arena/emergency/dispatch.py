@@ -108,7 +108,7 @@ class TargetConnections:
                 self.router.sendto(frame, self.target.tools)
 
     def readers(self) -> dict[int, Callable[[], None]]:
-        """Return the open sockets to the vehicle: file descriptor -> function that reads its data."""
+        """Return the open connections to the vehicle: file descriptor -> function that reads from it."""
         found: dict[int, Callable[[], None]] = {
             sock.fileno(): partial(self._read, sock) for sock in (self.router, self.panic) if sock is not None
         }

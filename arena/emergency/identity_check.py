@@ -1,4 +1,4 @@
-"""Check that a real vehicle is the vehicle of the run, by the hardware uid of its autopilot. Pure.
+"""Check by the autopilot's hardware uid that a connection leads to the right real vehicle of a run. Pure.
 
 Two vehicles may have the same MAVLink system id. The hardware uid is different for each autopilot.
 """
@@ -42,7 +42,7 @@ class _SourceState:
 
 
 class IdentityCheck:
-    """Decides which sources of MAVLink data are connected to the right vehicle, by the hardware uid.
+    """Decides by the hardware uid which sources of MAVLink data are connected to the right vehicle.
 
     A source is a UDP address, a serial device or a link process.
     Only telemetry of a source that has sent the right uid counts. Commands may be sent only to such a source, and to the
@@ -71,7 +71,7 @@ class IdentityCheck:
         self._opened_at: float | None = None
 
     def receive(self, data: bytes, source: Source, now: float) -> bool:
-        """Process received data. Return whether their source is the vehicle, by its hardware uid.
+        """Process data from a source. Return whether this source has sent the hardware uid of the right vehicle.
 
         If it returns False, the telemetry in the data must not be used.
         """

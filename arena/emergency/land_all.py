@@ -69,7 +69,7 @@ def kill_all(
     yes: bool = False,
     timeout_s: float = KILL_TIMEOUT_S,
 ) -> int:
-    """Stop all motors, in flight too. Return the exit code.
+    """Stop the motors of all selected vehicles, even in flight. Return the exit code.
 
     Raises InputError without `yes`.
     """
@@ -120,7 +120,7 @@ def _command_own(action: Action, selection: Selection, elsewhere: Callable[[], b
 
 
 def _command_of_user(action: Action, selection: Selection, uid: int, report: Callable[[bool], None]) -> int:
-    """Land (or stop) the vehicles of another user, in a process with the rights of this user.
+    """Land (or stop) the vehicles of another user, in a process that has the rights of that other user.
 
     Return the exit code.
     """

@@ -136,7 +136,7 @@ class LandingSequence:
                     self._pilot.on_refusal()
 
     def take_events(self) -> list[str]:
-        """Return the texts since the last call for the user: a pilot took or left manual control."""
+        """Return the new messages for the user, each only once: a pilot has taken or left manual control."""
         found, self._pilot.events = self._pilot.events, []
         return found
 
@@ -190,7 +190,10 @@ class LandingSequence:
         return frames
 
     def _missing_telemetry(self, now: float) -> list[bytes]:
-        """Return requests for HEARTBEAT and EXTENDED_SYS_STATE, which confirm a landing, if they do not arrive."""
+        """Return requests for those messages that confirm a landing and have not arrived yet.
+
+        These messages are HEARTBEAT and EXTENDED_SYS_STATE.
+        """
         if now - self._began < REQUEST_AFTER_S:
             return []
         missing = {mav.HEARTBEAT: self.reported.armed, mav.EXTENDED_SYS_STATE: self.reported.landed}

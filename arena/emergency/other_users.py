@@ -27,7 +27,7 @@ _FOUND, _NONE = b"F", b"N"
 
 @dataclass(kw_only=True)
 class UserProcess:
-    """Process that lands (or stops) the vehicles of one other user, with the rights of this user.
+    """Process that lands (or stops) the vehicles of another user, with the rights of that other user.
 
     pid: process id. pipe: file descriptor on which the process reports whether the user has an active run.
     """

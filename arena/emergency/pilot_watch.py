@@ -40,7 +40,7 @@ class PilotWatch:
         return f"pilot has control ({self.mode}): not commanded"
 
     def on_heartbeat(self, armed: bool, mode: str, now: float) -> None:
-        """Process arming state and mode of a heartbeat of the vehicle's autopilot. now: monotonic [s]."""
+        """Process the arming state and flight mode from a heartbeat of the autopilot. now: monotonic [s]."""
         manual = armed and mode in MANUAL_MODES
         seen = self._radio or now - self._input_at <= INPUT_S
         self.may_bypass = not (manual and seen)
@@ -55,7 +55,7 @@ class PilotWatch:
             self._left_at = now
 
     def on_stick_positions(self, now: float) -> None:
-        """Record that the vehicle receives stick positions of a radio. now: monotonic [s]."""
+        """Record that the vehicle receives stick positions from a pilot's radio. now: monotonic [s]."""
         self._input_at = now
 
     def on_refusal(self) -> None:

@@ -152,10 +152,10 @@ def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
 
 
 def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:
-    """Add a vehicle whose PX4 has ended to the vehicles on the floor; remove it when its PX4 is ready again.
+    """Update the table of vehicles that are on the floor, from a new state of the PX4 of one vehicle.
 
     The vehicle is added if its PX4 has ended, and removed if its PX4 is ready again.
-    found: vehicle -> reason why the vehicle is on the floor
+    found: the table: vehicle -> reason why the vehicle is on the floor
     state: new state of the process, such as READY or EXITED
     """
     if state in _ENDED:

@@ -44,7 +44,7 @@ class Gains(NamedTuple):
 
 @cache
 def steady_gains(noise_m: float, period_s: float) -> Gains:
-    """Return the constant filter gains: those to which a Kalman filter converges for this noise and period.
+    """Return the gains to which a Kalman filter converges, for a given position noise and frame period.
 
     noise_m: noise of one position, rms per axis [m].  period_s: time between two frames [s].
     """

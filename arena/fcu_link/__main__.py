@@ -216,7 +216,7 @@ class FcuLinkShell:
             self._process.confirm(request)
 
     def _set_time(self, now: float) -> None:
-        """Set the date, the computer's boot id and its time in suspend, for the record of the axes check."""
+        """Store the date, the boot id of this computer and how long it was suspended, for the axes check's record."""
         suspended_s = time.clock_gettime(time.CLOCK_BOOTTIME) - now
         self._core.axes.set_time(
             self._computer, suspended_s, time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())

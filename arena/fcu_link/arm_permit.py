@@ -45,7 +45,10 @@ class ArmPermit:
         self.events.append(f"arm permit granted by {by}")
 
     def on_heartbeat(self, armed: bool) -> None:
-        """Store the arming state of a heartbeat. If disarmed after an interruption, withdraw the arm permit."""
+        """Store the arming state. Withdraw the permit if the vehicle is disarmed after an interruption.
+
+        armed: arming state, as reported in a heartbeat of the vehicle
+        """
         self._armed = armed
         why, self._interruption = self._interruption, ""
         if why and not armed:

@@ -38,7 +38,7 @@ _ROOM_UNSEEN = (
 
 
 class AxesCheck:
-    """Guided identity and axes check of one real vehicle.
+    """Identity and axes check of one real vehicle, which a person moves by hand as instructed.
 
     The captured rigid body must be that of the vehicle (identity) and must have the axes of its IMU (axes).
 
@@ -139,7 +139,7 @@ class AxesCheck:
     # -- the vehicle and its body
 
     def set_time(self, computer: str, suspended_s: float, date: str) -> None:
-        """Set the date and the times of this computer that the record of a check contains.
+        """Store the date, the boot id of this computer and how long it was suspended, for the record of a check.
 
         computer: boot id of this computer
         suspended_s: time in suspend since the boot [s]
@@ -165,7 +165,7 @@ class AxesCheck:
         self._boot = BootTime(computer=self._computer, at_s=now + self._suspended_s - boot_s)
 
     def on_reboot(self) -> None:
-        """Discard the start time of the autopilot after its reboot or exchange."""
+        """Discard the stored boot time after a reboot or exchange of the autopilot, and stop a running check."""
         self.stop("the autopilot has rebooted")
         self._boot = None
 
@@ -186,12 +186,12 @@ class AxesCheck:
             self._delay_param = value
 
     def on_pose(self, m: Any, now: float) -> None:
-        """Add a captured pose that is sent to the vehicle as ODOMETRY to a running axes check."""
+        """Use a captured pose in a running axes check. The same pose is sent to the vehicle as ODOMETRY."""
         if self._check is not None:
             self._check.on_pose(m.q, (m.x, m.y, m.z), now)
 
     def on_frames(self, frames: Sequence[CapturedFrame], now: float) -> None:
-        """Add captured frames with all bodies of the room to a running axes check.
+        """Use captured frames, which contain all bodies of the room, in a running axes check.
 
         now: time of arrival [s]
         """

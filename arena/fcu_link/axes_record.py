@@ -19,7 +19,7 @@ BOOT_TOLERANCE_S = 5.0  # quartz clocks drift by up to 1 s in 3 h
 
 @dataclass(frozen=True, kw_only=True)
 class BootTime:
-    """Time at which an autopilot was started.
+    """Time at which an autopilot booted.
 
     computer: boot id of this computer, see `computer_start`
     at_s: time of the autopilot's start, counted from the boot of this computer [s]
@@ -29,7 +29,7 @@ class BootTime:
     at_s: float
 
     def same_as(self, other: BootTime) -> bool:
-        """Return whether two recorded boot times belong to the same start of the autopilot.
+        """Return whether two recorded boot times belong to the same boot of the autopilot (no reboot between them).
 
         They differ by 5 s at most, on the same computer without a reboot of it.
         """

@@ -279,7 +279,7 @@ class FcuLink:
         return out
 
     def from_simulator(self, data: Buffer, found: ParsedFrames, now: float) -> None:
-        """Process data from the world (the simulator): queue its sensor messages for the flight controller."""
+        """Process data from the simulator: queue its sensor messages for the flight controller."""
         for frame in found.frames:
             if self.identity.source is None:
                 self.counts["to the vehicle: not connected (simulator)"] += 1
@@ -389,7 +389,7 @@ class FcuLink:
         self._events.append(f"{self._s.vehicle}: {text}")
 
     def events(self) -> list[str]:
-        """Return the messages for the user since the last call, each with the vehicle's name."""
+        """Return the new messages for the user, each only once and with the vehicle's name."""
         for source in (self.identity, self.permit, self.axes, self.params, self._streams):
             for text in source.events:
                 self._say(text)

@@ -170,7 +170,7 @@ class ParamCheck:
                 p.due, p.tries, p.asked = True, 0, -math.inf
 
     def _report(self, now: float) -> None:
-        """Report to the user whether all required parameters are correct, when all have been read.
+        """Report to the user, once all parameters have been read, whether their values are as required.
 
         Add another event whenever the list of parameters with wrong values changes.
         """

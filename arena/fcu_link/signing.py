@@ -79,7 +79,7 @@ class LinkSigning:
         return found._replace(frames=frames)
 
     def timestamp_heartbeats(self) -> list[tuple[Source, bytes]]:
-        """Return heartbeats that bring the current signing timestamp to sources without a valid signature.
+        """Return heartbeats that give the signing timestamp to senders whose frames had no valid signature.
 
         Each item is (receiver, heartbeat). A source gets at most one heartbeat a second.
 

@@ -28,7 +28,7 @@ class SilenceReport:
         self.restart(now)
 
     def restart(self, now: float) -> None:
-        """Set the counters of received data to zero, because the vehicle is received."""
+        """Set the counters of received data to zero, because messages of the vehicle arrive again."""
         self._since, self._bytes, self._foreign = now, 0, 0
 
     def on_data(self, data: Buffer, found: ParsedFrames) -> None:

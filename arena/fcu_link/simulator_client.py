@@ -1,6 +1,6 @@
-"""TCP client of the world's simulator port, for hardware in the loop (HITL).
+"""TCP connection of a real flight controller to the simulator, for hardware in the loop (HITL).
 
-The world cannot distinguish this client from PX4 SITL.
+The world (the simulator) cannot distinguish this client from PX4 SITL.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MAX_READS = 16
 
 
 class SimulatorClient:
-    """TCP connection from the link process to the world, for hardware in the loop.
+    """TCP connection from the link process to the simulated world, for hardware in the loop.
 
     It is open only while the flight controller sends data.
 
@@ -52,7 +52,7 @@ class SimulatorClient:
         return self._connected
 
     def tick(self, wanted: bool, now: float) -> None:
-        """Connect to the world while `wanted` is true; disconnect while it is false.
+        """Connect to the simulated world while `wanted` is true; disconnect while it is false.
 
         wanted: whether the flight controller is connected to this process.
         """
@@ -83,9 +83,9 @@ class SimulatorClient:
             yield self._stream.feed(data)
 
     def write(self, data: bytes) -> None:
-        """Send whole MAVLink frames to the world, or nothing.
+        """Send MAVLink frames to the simulated world. Close the connection if only a part can be sent.
 
-        Half a frame would make the next frame unreadable.
+        Half a frame would make the next frame unreadable. If the world does not read, the frames are dropped.
         """
         if self._socket is None or not self._connected:
             return
@@ -143,7 +143,7 @@ class SimulatorClient:
 
 
 def controller_greeting(system: int) -> bytes:
-    """Return the first bytes to send to the world: a heartbeat of the flight controller.
+    """Return the first bytes to send to the simulated world: a heartbeat of the flight controller.
 
     system: MAVLink id of the flight controller.
     """

@@ -96,7 +96,7 @@ class _Topics:
 
 
 def read_ulog_flight(path: Path, row_hz: float = ROW_HZ) -> Flight:
-    """Return the flight in a ULog file, with `row_hz` rows per second.
+    """Return the log in a ULog file as a `Flight`, with `row_hz` rows per second.
 
     The column `time.seconds` is the time since PX4 booted.
 

@@ -236,7 +236,10 @@ def later_parts(path: Path) -> tuple[Path, ...]:
 
 
 def _tail_of(part: Path) -> tuple[Path, ...]:
-    """Return the tail file with the last messages of a part; () if the part itself contains these messages."""
+    """Return the tail file with the last messages of a part; () if there is none, or if it is not needed.
+
+    It is not needed if the part itself contains these messages.
+    """
     tail = tail_path(part)
     try:
         found = _metadata_of(tail, TAIL_METADATA)

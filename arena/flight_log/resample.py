@@ -44,7 +44,7 @@ def sender_times(stamps: Array, received: Array) -> Array:
 
 
 def _smallest_delays(delay: Array, received: Array) -> Array:
-    """Return the smallest delay from sending to reception up to each message, with clock drift added [s] (m,).
+    """Return, for each message, the smallest delay so far, which may grow by the drift of the clocks [s] (m,).
 
     delay: time of reception minus time stamp [s] (m,). received: times of reception [s] (m,).
     """
@@ -150,7 +150,7 @@ def attitude(times: Array, values: Array, at: Array) -> Array:
 
 
 def held(times: Array, at: Array, max_age_s: float) -> tuple[Indices, NDArray[np.bool_]]:
-    """Find the valid sample for each row of a log: the last received one that is not newer than the row.
+    """Find, for each row of a log, the last received sample that is not newer than the row.
 
     Return its index (n,) and a mask (n,), which is false if there is no such value or it is older than `max_age_s`.
     times: [s] (m,), in the order of reception; they need not increase.  at: [s] (n,).  max_age_s: [s].

@@ -50,7 +50,7 @@ class VehicleRecord:
         self._end = time_s
 
     def add_up(self, time_s: float, data: bytes) -> None:
-        """Add a recorded datagram that was sent to the vehicle, or a reference that its program published."""
+        """Add a recorded datagram that was sent to the vehicle, or a wanted state that its program published."""
         self.program.add(time_s, data)
 
     def add_pose(self, time_s: float, exposed_s: float, pose: tuple[float, ...]) -> None:

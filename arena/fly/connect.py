@@ -21,7 +21,7 @@ _OFFBOARD = "OFFBOARD"
 
 
 class FollowedClock:
-    """Simulation clock of an interactive session: the world does not wait while the person waits or sleeps.
+    """Simulation clock of an interactive session. The simulation continues while the person does nothing.
 
     path: path of the simulation clock without suffix
     """
@@ -94,7 +94,7 @@ class Session:
         return ""
 
     def _holder(self, mode: str) -> str:
-        """Return who has control of the vehicle, which this session does not fly. mode: its flight mode."""
+        """Return who controls a vehicle that this session does not fly, as text. mode: flight mode of the vehicle."""
         try:
             control = self.vehicle.facts().get("control")
         except RunError:  # the supervisor has ended

@@ -1,4 +1,4 @@
-"""Converts frames of the motion capture emulator to those that a client would receive from it. Pure."""
+"""Converts frames of the motion capture emulator to the form that its clients use. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _COMPARE_CLOCKS_S = 0.2  # as a client does
 
 
 class FrameConverter:
-    """Converter from frames of the motion capture emulator to frames of its client, with poses in NED.
+    """Converter of frames of the motion capture emulator to the form that its clients use, with poses in NED.
 
     bodies: rigid bodies of the emulator's configuration, each with `number` and `name`.
     """
@@ -23,7 +23,7 @@ class FrameConverter:
         self._echo = Echo(sent=-inf, received=-inf, answered_s=-inf)
 
     def convert(self, frame: MeasuredFrame, now: float) -> CapturedFrame:
-        """Convert a frame of the emulator to the frame that a motion-capture client would make of it.
+        """Convert a frame of the emulator in the same way as a motion-capture client.
 
         Server and client have the same clock and no network between them, so all times in `echo` are equal. Like a client, the
         converter compares the clocks five times a second.

@@ -27,7 +27,7 @@ class MemberContext(ProcessContext):
 
     @property
     def orphaned(self) -> bool:
-        """Flag that the supervisor has died: always False, because the process of the members checks this itself.
+        """Flag that the supervisor has died; always False for a member, because a member need not check this.
 
         The process that runs the members detects itself that the supervisor has died, and ends them all.
         """

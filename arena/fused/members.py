@@ -120,7 +120,7 @@ class Members:
         return self._panic.drain_panic(receive)
 
     def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
-        """Deliver the datagrams that autopilots have sent, and run all members (router, ...) for one step.
+        """Deliver the datagrams of the autopilots, and run all members (router, ...) for one simulation step.
 
         now: simulation time [s].
         """
@@ -211,7 +211,7 @@ class _Forwarder:
             self._link.waiting.append(data)
 
     def step(self, now: float) -> None:
-        """Run the pose forwarder for one step: send new poses to the autopilot, and read its messages.
+        """Run the pose forwarder for one simulation step: send new poses, and read the autopilot's messages.
 
         now: simulation time [s].
         """
@@ -269,7 +269,7 @@ class _Sensors:
             self._core.on_datagram(row, data, self._time.now())
 
     def step(self, now: float) -> None:
-        """Compute the measurements of the emulated sensors in one step, and send them through the router.
+        """Send the emulated sensors' measurements that are due in this simulation step through the router.
 
         now: simulation time [s].
         """
@@ -301,7 +301,7 @@ class _Recorder:
         self._recorder.on_frame(frame, True, now)
 
     def step(self, now: float, *, references: bool = True) -> None:
-        """Record the datagrams and the true state of all vehicles of one step.
+        """Record the datagrams and true states of all vehicles in one simulation step.
 
         now: simulation time [s].  references: read the references of user programs from the socket.
         """

@@ -108,7 +108,7 @@ class FusedRouter:
         return self._poll.fileno()
 
     def step(self, now: float, *, faults: bool = True) -> None:
-        """Do the periodic work of the router, such as heartbeats. Call this once per step of the world.
+        """Do the periodic work of the router, such as heartbeats. Call this once per simulation step.
 
         Apply injected faults, send delayed datagrams and heartbeats, and report warnings and events to the supervisor.
         faults: read the socket of the injected faults.

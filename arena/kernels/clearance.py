@@ -1,4 +1,4 @@
-"""Finds the bodies with so much free space around them that they cannot collide in the next sensor period.
+"""Finds the bodies that are too far from everything else to collide within the next sensor period.
 
 Each body is a sphere about its origin. The room consists of a floor at height 0 and of boxes along the axes.
 """
@@ -25,7 +25,7 @@ _SPEED_CHANGE = 1.0
 
 
 class Clearance:
-    """Finder of those of V bodies that have so much free space around them that they cannot touch anything.
+    """Finder of the bodies (of V) that cannot touch anything soon, because the space around them is free.
 
     The distances are those between spheres around the bodies, boxes and the floor.
 
@@ -74,7 +74,7 @@ class Clearance:
         return True
 
     def _measure(self) -> None:
-        """Measure the distances between all bodies, and to boxes and floor. Set `free` and `_spare` by them.
+        """Measure the distances of all bodies to each other, to boxes and to the floor; update `free` and `_spare`.
 
         `_spare` is the smallest distance minus the space that its bodies need.
         """
@@ -92,9 +92,9 @@ class Clearance:
                     self.free[j] = False
 
     def _use(self, i: int, spare: float) -> None:
-        """Update the smallest spare distance `_spare` with one spare distance of body i.
+        """Process one measured distance of body i: if no distance is to spare, mark the body as not free.
 
-        A body without spare distance is not free.
+        Also keep the smallest spare distance in `_spare`.
 
         spare: the distance minus the space that its bodies need [m]
         """

@@ -66,7 +66,7 @@ class EstimateValidity:
             self.yaw[i] = aligned and (unused or now - vision.last_yaw[i] < timeout)
 
     def _has_converged(self, i: int, now: float) -> bool:
-        """Return whether the variances of vehicle i are small, and its alignment is longer ago than `settle_s`."""
+        """Return whether vehicle i has small variances, and was aligned more than `settle_s` ago."""
         for k in range(len(self.limits)):
             if not self.cov[i, k, k] < self.limits[k]:
                 return False

@@ -130,15 +130,12 @@ class OrdinaryDatagrams:
             self._senders[client * MAX_SENDERS + i] = known[i]
 
     def take_z_bits(self, v: int) -> int:
-        """Return z of the last LOCAL_POSITION_NED since the last call, as bits of a float32; -1 without one.
-
-        Only messages since the last call count.
-        """
+        """Return z of the newest LOCAL_POSITION_NED, as bits of a float32; -1 if none is new since the last call."""
         bits, self._z_bits[v] = self._z_bits[v], -1
         return bits
 
     def find(self, socket: int, sender: int, data: Buffer, start: int, end: int, now: float) -> int:
-        """Return the number of the set that receives a datagram; `NOT_ORDINARY` if Python must route the datagram.
+        """Return the number of the set of receivers for a datagram; `NOT_ORDINARY` if Python must route it.
 
         An ordinary datagram is counted as sent to all its receivers; of others nothing is remembered.
         socket: index of the socket that received it. sender: number of the sender's address
@@ -238,9 +235,9 @@ class OrdinaryDatagrams:
         return crc_at + _CRC + signature
 
     def _crc(self, data: Buffer, start: int, end: int, seed: int) -> int:
-        """Return the CRC-16/MCRF4XX of data[start:end] and the seed byte (CRC_EXTRA).
+        """Compute the CRC-16/MCRF4XX over data[start:end], followed by the seed byte (CRC_EXTRA).
 
-        Without a table, which would have to be loaded again for nearly every message.
+        It is computed without a table, which would have to be loaded again for nearly every message.
         """
         crc = 0xFFFF
         for i in range(start, end + 1):

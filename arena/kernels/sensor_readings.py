@@ -40,7 +40,7 @@ def add_field(noise: Floats, field_n: Floats, r_nb: Floats) -> None:
 
 
 def add_altitude(noise: Floats, origin_m: float, p_n: Floats) -> None:
-    """Add the true altitude above sea level [m] to column 0, the altitude error of the barometer.
+    """Add the true altitude above sea level [m] to the barometer's altitude error (column 0), in place.
 
     origin_m: altitude of the arena's origin [m]
     p_n: position [m] [NED] (V, 3)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class StreamSender:
-    """Packer of the periodic messages of V vehicles, each with K MAVLink links, from S kinds of messages.
+    """Packer of the periodic messages (S kinds) of V vehicles, which have K MAVLink links each.
 
     schedule: of all links; link k of vehicle i has the row i * K + k
     packing: packs the frequent messages

@@ -177,7 +177,7 @@ class EventList:
                 continue
 
     def on_status(self, status: Mapping[str, Any]) -> None:
-        """Add an event for each change of a vehicle's state since the last call, such as `armed`.
+        """Add an event for each state of a vehicle (such as `armed`) that has changed since the last call.
 
         status: reply of the supervisor to the request `view`.
         """

@@ -48,7 +48,7 @@ class Backlog:
         self.dropped = 0
 
     def tick(self, now: float) -> None:
-        """Measure the offset from the wall clock, by which the kernel stamps datagrams, to the monotonic clock.
+        """Measure the offset between the wall clock (of the datagrams' time stamps) and the monotonic clock.
 
         The kernel stamps received datagrams by the wall clock, which may jump. Call this method a few times a
         second. now: monotonic [s].
@@ -56,7 +56,7 @@ class Backlog:
         self._ages.update(time.time(), now)
 
     def receive(self, key: int) -> tuple[Buffer, Address]:
-        """Receive a datagram that may be old from a socket, and remove its frames that are too old.
+        """Receive from a socket a datagram that may be old, and remove the frames that are too old.
 
         Call this method if `waits.may_be_old` returned True.
 

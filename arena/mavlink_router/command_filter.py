@@ -87,7 +87,7 @@ class CommandFilter:
         self._news |= set(self._gates)
 
     def changes(self) -> tuple[list[str], dict[str, Any]]:
-        """Return events (lines of text) and changed facts, as {name: value}, since the last call.
+        """Return what is new since the last call: events (lines of text), and changed facts as {name: value}.
 
         Both are for the supervisor. The hardware link of a real vehicle reports its events and who has
         control of it, so both are left out here.

@@ -189,7 +189,10 @@ class ImpairedRouter:
         return f"the ground station's heartbeat {'is sent again' if on else 'is not sent'}"
 
     def _links_of(self, fault: Fault) -> tuple[str, list[_ImpairedLink]]:
-        """Return the name of the vehicle that a fault concerns, and its links, which represent one radio."""
+        """Return the name of the vehicle that a fault concerns, and all router links of this vehicle.
+
+        The links represent one radio, so that a fault applies to all of them.
+        """
         router = self._router
         name = word(fault, "vehicle", router.links)
         links = [self._links[of[name]] for of in (router.links, router.ground_links) if name in of]
