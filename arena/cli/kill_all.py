@@ -25,7 +25,7 @@ def register(app: typer.Typer) -> None:
         run: Annotated[Optional[Path], typer.Option(help="The run folder.")] = None,  # noqa: UP045
         only: Annotated[str, typer.Option(help="Vehicles to stop, such as uav1,uav2; all by default.")] = "",
         spared: Annotated[
-            str, typer.Option("--except", help="Vehicles not to stop, such as uav1,uav2.")
+            str, typer.Option("--except", help="Vehicles whose motors must keep running, such as uav1,uav2.")
         ] = "",
         yes: Annotated[
             bool, typer.Option("--yes", help="Required. Confirms that flying vehicles will fall.")

@@ -1,4 +1,4 @@
-"""Class `UAV` with the names, arguments and units of the ISR Flying Arena thesis (MAVROS)."""
+"""Class `UAV` with the method names, arguments and units of the MAVROS class of the ISR Flying Arena thesis."""
 
 from __future__ import annotations
 

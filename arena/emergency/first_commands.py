@@ -17,7 +17,7 @@ from arena.wire.mavlink_ids import EMERGENCY
 
 
 def component_for(target: Target) -> int:
-    """Return the MAVLink component id from which land-all commands a vehicle."""
+    """Return the MAVLink component id that `land-all` uses as the sender of its commands to a vehicle."""
     return EMERGENCY.component_at(signs=target.signs)
 
 

@@ -136,7 +136,7 @@ class LandingSequence:
                     self._pilot.on_refusal()
 
     def take_events(self) -> list[str]:
-        """Return the new messages for the user, each only once: a pilot has taken or left manual control."""
+        """Return the texts for the user that are new since the last call: a pilot took manual control, or gave it back."""
         found, self._pilot.events = self._pilot.events, []
         return found
 

@@ -49,9 +49,9 @@ class VisionLink:
 
 
 class RecorderLink:
-    """Input of the recorder: the router's copies of datagrams, and references (wanted states) of programs.
+    """Input of the recorder: copies of datagrams from the router, and the wanted states that programs publish.
 
-    The copies are passed in memory. References arrive on a socket.
+    The copies are passed in memory. The wanted states (references) arrive on a socket.
 
     listen: address of the socket.  sockets: addresses of the router's sockets, in their order.
     vehicles: as for `CopySenders`.

@@ -72,7 +72,7 @@ class FaultInjectionShell(RouterShell):
             at = self._delay_time(now)
         except RunError as error:
             self._process.event(
-                f"fault injection: delays cannot be measured any more, so loss and delay of all links are set to 0 ({error})"
+                f"fault injection: no simulation clock for delays ({error}). Loss and delay of all links are set to 0"
             )
             self.impaired.clear()
             self._leave_clock()

@@ -1,4 +1,4 @@
-"""Verdict on a guided motion: identity and axes of the captured body, and delay of its poses. Pure."""
+"""Verdict on a motion by hand, as `arena preflight` instructs: is it the right body, are its axes right, how late are its poses? Pure."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Job:
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
-        """Return the vehicles whose user programs run in this process, the process of a program group."""
+        """Return the vehicles of this program group: the programs of all of them run in this process."""
         return self.arena.groups[self.group]
 
     @property

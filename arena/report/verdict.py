@@ -197,7 +197,7 @@ def _commanded_landings(run: RunData, found: Sequence[Happening]) -> Iterator[st
 
 
 def _charge(group: Sequence[Happening], run: RunData, found: Sequence[Happening]) -> str:
-    """Return a text with the lowest battery charge at commanded landings that a drained battery caused.
+    """Return a text with the lowest battery charge at which a landing was commanded, after a fault has drained the battery.
 
     Return "" unless a fault has drained a battery and no failsafe has acted.
     """

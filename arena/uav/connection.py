@@ -113,7 +113,7 @@ class Connection:
         self._backend.send_setpoint(message)
 
     def command(self, number: int) -> Command:
-        """Create a command to the autopilot with the backend, without sending it.
+        """Return a command to the autopilot, made by the backend (pymavlink or MAVSDK). It is not sent yet.
 
         number: MAV_CMD. Raises NotConfirmedError as `send` does.
         """

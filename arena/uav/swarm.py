@@ -55,7 +55,7 @@ class Swarm:
 
     @classmethod
     def from_args(cls) -> Swarm:
-        """Return all vehicles of a group (`run: once` in the YAML). Call it inside a coroutine."""
+        """Return all vehicles that this program flies (`run: once` in the YAML). Call it inside a coroutine."""
         return cls(AsyncUAV.all_from_args())
 
     def now(self) -> float:

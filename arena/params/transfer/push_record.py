@@ -80,7 +80,7 @@ class PushRecord:
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}: there is no push to resume") from error
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise InputError(f"{path} is not the record of a push: {error}") from error
+            raise InputError(f"{path} is not the record of `arena params push`: {error}") from error
 
     @property
     def unfinished(self) -> bool:

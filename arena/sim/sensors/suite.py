@@ -174,7 +174,7 @@ def _noise_ratio(period_s: float) -> float:
 def _profile_values(
     table: Mapping[str, type[Sensor]], profiles: Sequence[Mapping[str, Any]], what: str
 ) -> Array:
-    """Return one property of every sensor axis, such as the noise, from all profiles (V, axes).
+    """Return one property of every sensor axis, such as the noise, from the profile of each vehicle (V, axes).
 
     what: name of the property: noise, bias, walk or range
     """

@@ -15,7 +15,7 @@ from arena.smoke.referee.verdict import Outcome, StepResult
 
 @dataclass(kw_only=True)
 class StepTracker:
-    """Tracker of one step during a flight. All times are simulation time.
+    """State of one step of a scenario during its flight. All times are simulation time.
 
     rose_s: time at which the condition of the trigger last became true [s]; None if never.
     held: true if that condition was true at the last observation.
