@@ -277,8 +277,8 @@ def test_delayed_datagrams_leave_when_the_world_ends(running):
     assert running.received(running.program) == attitude(1)
     assert (
         running.events[-1]
-        == "fault injection: delays cannot be measured any more, so loss and delay of all links are set to 0 "
-        "(the world that serves the simulation clock has ended)"
+        == "fault injection: no simulation clock for delays (the world that serves the simulation clock has ended). "
+        "Loss and delay of all links are set to 0"
     )
     running.autopilot.sendto(heartbeat(1), running.link)
     running.turn(lambda: select.select([running.program], [], [], 0)[0], "in time again")

@@ -280,7 +280,7 @@ def test_file_that_is_no_record_is_refused(tmp_path: Path, vehicles: str) -> Non
         PushRecord.read(file)
     for text in ("", "[]", "{}", '{"format": "arena params push 1"' + vehicles + "}"):
         file.write_text(text)
-        with pytest.raises(InputError, match="is not the record of a push"):
+        with pytest.raises(InputError, match="is not the record of `arena params push`"):
             PushRecord.read(file)
 
 
