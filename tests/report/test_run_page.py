@@ -12,6 +12,7 @@ import pytest
 from recorded_flights import flight_csv, make_run
 from report_payload import payload, traces
 
+from arena.report import vehicle_rows
 from arena.report.run_data import read_run
 from arena.report.run_page import run_page
 from arena.report.run_report import main
@@ -120,6 +121,18 @@ def test_time_axes_are_equal(flown):
 def test_page_needs_no_network(flown):
     assert not re.search(r"""(src|href)=["']?(https?:)?//""", flown)
     assert "<link" not in flown and "@import" not in flown
+
+
+def test_landing_error_without_a_landing_time_has_a_page(tmp_path, monkeypatch):
+    """A vehicle that was armed and never left the floor has a landing error, and neither touchdown nor landing."""
+    monkeypatch.setattr(vehicle_rows, "flown_times", lambda flight: [])
+    whole = vehicle_rows.analyse
+    monkeypatch.setattr(
+        vehicle_rows,
+        "analyse",
+        lambda *a, **k: (found := whole(*a, **k)) | {"landing": found["landing"] | {"error_m": 0.0}},
+    )
+    assert '<td class="n">0.000 m</td>' in run_page(read_run(make_run(tmp_path / "run")))
 
 
 def test_texts_from_yaml_and_the_air_are_escaped(tmp_path):
