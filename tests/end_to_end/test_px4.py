@@ -247,9 +247,13 @@ def test_px4_that_never_connects_is_reported_and_others_fly(hangar: Hangar, scri
 
 
 class GroundStation:
-    """A receiver at the port for ground stations. newest: (system id, message type) -> message."""
+    """A receiver at the port for ground stations. newest: (system id, message type) -> message.
 
-    def __init__(self, address: str) -> None:
+    replies: reply to each HEARTBEAT with one. The built-in autopilot sends its streams only to a station that sends.
+    """
+
+    def __init__(self, address: str, *, replies: bool = False) -> None:
+        self._replies = replies
         self.newest: dict[tuple[int, str], Any] = {}
         self.in_the_air: dict[int, list[Any]] = {}
         self.was_ready: set[int] = set()
@@ -266,15 +270,21 @@ class GroundStation:
         self._socket.close()
 
     def _listen(self) -> None:
-        while data := self._receive():
-            for m in self._codec.parse(data):
+        own = mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+        )
+        while received := self._receive():
+            for m in self._codec.parse(received[0]):
                 self._hear(m, m.get_srcSystem())
+                if self._replies and m.get_type() == "HEARTBEAT":
+                    self._socket.sendto(self._codec.pack(own), received[1])
 
-    def _receive(self) -> bytes:
+    def _receive(self) -> tuple[bytes, Any] | None:
         try:
-            return self._socket.recv(65536)
+            data, sender = self._socket.recvfrom(65536)
         except OSError:
-            return b""
+            return None
+        return (data, sender) if data else None
 
     def _hear(self, m: Any, system: int) -> None:
         self.newest[system, m.get_type()] = m
