@@ -54,7 +54,9 @@ def fork_server(channel: socket.socket, ours: socket.socket) -> int | None:
 
 
 def _other_work(channel: socket.socket, ours: socket.socket) -> Work:
-    """Answer fork requests on a socket. Return what a forked process must run; in the server itself, a no-op.
+    """Fork a process for each request on a socket. Return the function that the caller must run then.
+
+    In a forked process the function does its work. In the server, at the end of its requests, it does nothing.
 
     No error may leave this function: the caller of `fork_server` could handle it, and do the work of its parent a second time.
     """

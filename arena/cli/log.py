@@ -144,7 +144,8 @@ def compare(
         Align | None,
         typer.Option(
             "--align",
-            help="moment that becomes time 0 of both flights; default: the first of these moments that both flights contain",
+            help="event at time 0 of both flights: step (first setpoint away from the start), offboard or takeoff; "
+            "default: the first of them that both logs contain",
         ),
     ] = None,
     vehicle: Vehicles = None,

@@ -17,7 +17,7 @@ from arena.uav.setpoints import AttitudeKind
 
 
 class UAV:
-    """Vehicle with the coroutines that programs of the ISR Flying Arena thesis (MAVSDK) use to fly it.
+    """Vehicle for programs of the ISR Flying Arena thesis (MAVSDK version). It has the coroutines that they call.
 
     drone_ns: name of the vehicle. In the thesis this argument is the UDP port. Both come from `sys.argv[1]`, which is the name here.
     The other arguments, the data groups and the exceptions are those of `arena.compat.uav_mavros.UAV`.

@@ -152,9 +152,8 @@ def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
 
 
 def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:
-    """Update the table of vehicles that are on the floor, from a new state of the PX4 of one vehicle.
+    """Add a vehicle to the table of vehicles on the floor if its PX4 has ended; remove it if its PX4 is ready again.
 
-    The vehicle is added if its PX4 has ended, and removed if its PX4 is ready again.
     found: the table: vehicle -> reason why the vehicle is on the floor
     state: new state of the process, such as READY or EXITED
     """

@@ -92,7 +92,7 @@ class Clearance:
                     self.free[j] = False
 
     def _use(self, i: int, spare: float) -> None:
-        """Process one measured distance of body i: if no distance is to spare, mark the body as not free.
+        """Process one measured distance of body i: if it is too small for free flight, mark the body as not free.
 
         Also keep the smallest spare distance in `_spare`.
 

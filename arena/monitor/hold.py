@@ -71,7 +71,10 @@ class Hold:
             self._end(f"NOT CONFIRMED: {refusal}")
 
     def due(self, now: float) -> list[bytes]:
-        """Return the MAVLink frames to send now. After TIMEOUT_S, set the result NOT CONFIRMED instead."""
+        """Return the MAVLink frames of the HOLD command to send now.
+
+        After TIMEOUT_S without a confirmation of the vehicle, return none and set the result to NOT CONFIRMED.
+        """
         if self.result:
             return []
         state = self._telemetry.heartbeat

@@ -36,10 +36,10 @@ class Axes:
 
 
 def fit_axes(rates: tuple[Array, Array], down: tuple[Array, Array]) -> Axes | None:
-    """Return the rotation between the captured axes and the sensor axes; None if it is not determined.
+    """Return the rotation between the axes of the rigid body in motion capture and those of the inertial sensors.
 
-    It is the rotation with which captured rotation rates and gravity agree best with the measured values. The
-    motion may be too small to determine it.
+    It is the rotation with which captured rotation rates and gravity agree best with the measured values. Return
+    None if the motion was too small to determine it.
 
     rates, down: captured and measured rotation rates [rad/s] [FRD] (N, 3), directions down [-] [FRD] (M, 3),
     at the same times

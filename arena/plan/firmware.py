@@ -180,7 +180,7 @@ def _declination_deg(arena: Arena, v: Vehicle) -> float | None:
 
 
 def _for_autopilot(required: Requirements, autopilot: str) -> Requirements:
-    """Return the requirements; for the built-in autopilot without rotor geometry and RC mapping.
+    """Return the requirements of an autopilot. The built-in autopilot needs no rotor geometry and no RC mapping.
 
     The built-in autopilot has no parameters for both, because it reads them from the vehicle's profile.
     """

@@ -59,7 +59,7 @@ class Pair:
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """Difference B minus A of two flights, until the first of them leaves OFFBOARD.
+    """Differences of the values of two flights (B minus A). They end when the first of the flights leaves OFFBOARD.
 
     t: times since the common moment [s] (m,).  position: [m] [NED] (m, 3).  yaw: [deg] (m,).
     """

@@ -1,4 +1,4 @@
-"""Cross-checks of the geofence. Pure.
+"""Checks of the geofence against other keys of the YAML: the room and the start positions. Pure.
 
 The box must not be empty. With simulated vehicles, the box must lie inside the room, and they must start inside the box.
 """

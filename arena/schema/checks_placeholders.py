@@ -13,7 +13,7 @@ from arena.schema.tools import Tool
 
 
 def placeholders(c: Check) -> Iterator[Problem]:
-    """Refuse unknown placeholders in arguments, and a vehicle's placeholder in a tool of the whole arena."""
+    """Refuse unknown placeholders in arguments, and placeholders for one vehicle in a tool that runs once per arena."""
     for path, texts, of_vehicle in _places(c):
         for text in texts:
             for message in _problems(text, of_vehicle=of_vehicle):

@@ -36,7 +36,7 @@ class Foxglove(Strict):
 
 
 class LogKeys(Strict):
-    """Logs of a flight in the run folder: `flight.mcap`, `csv/VEHICLE.csv` and `ulog/VEHICLE.ulg`."""
+    """YAML keys of the logs in the run folder: `flight.mcap`, `csv/VEHICLE.csv` and `ulog/VEHICLE.ulg`."""
 
     rate_hz: Annotated[float, Field(ge=1, le=250)] = 30.0
     """Rows per second of the CSV files, and recorded true states per second of simulated vehicles [Hz]."""

@@ -13,7 +13,7 @@ from arena.plan.model import Plan
 
 
 def check_request(vehicle: str, by: str, *, stop: bool) -> dict[str, str]:
-    """Return the request that makes a vehicle's link process start or stop the check of `arena preflight`.
+    """Return the request to a vehicle's link process: start or stop the identity and axes check (`arena preflight`).
 
     by: person who asks for the check.
     """

@@ -81,7 +81,7 @@ class MavsdkCommand:
         wire.telemetry.acks.clear()
 
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """Send the command with MAVSDK. Send a repetition of it without MAVSDK.
+        """Send the command: the first time with MAVSDK, after a missing reply as a MAVLink message.
 
         MAVSDK's own repetitions would follow the wall clock.
         """

@@ -114,20 +114,27 @@ def test_arena_up_continues_if_no_fork_server_can_be_started(monkeypatch):
 
 
 def test_killed_fork_server_is_replaced_by_an_interpreter(start, tmp_path):
-    """The first program kills the fork server; the second program starts all the same."""
+    """The first program kills the fork server; the second program, which starts after that, starts all the same."""
     kill = (
-        "import os, signal\n"
-        "for pid in map(int, open(f'/proc/{os.getppid()}/task/{os.getppid()}/children').read().split()):\n"
-        "    if pid != os.getpid(): os.kill(pid, signal.SIGKILL)\n"
+        "import os, pathlib, signal, sys, time\n"
+        "pids = pathlib.Path(f'/proc/{os.getppid()}/task/{os.getppid()}/children').read_text().split()\n"
+        "server, = set(map(int, pids)) - {os.getpid()}\n"
+        "os.kill(server, signal.SIGKILL)\n"
+        "pathlib.Path(sys.argv[1]).touch()\n"
+        "while not pathlib.Path(sys.argv[2]).exists(): time.sleep(0.01)\n"
     )
-    first = program_of(tmp_path, kill)
+    killed, ended = tmp_path / "killed", tmp_path / "ended"
+    first = replace(
+        program_of(tmp_path, kill, str(killed), str(ended)), ready="file", ready_value=str(killed)
+    )
     (other := tmp_path / "other").mkdir()
-    code = "import sys; sys.exit(5 if 'arena.fork_server' in sys.modules else 0)"
-    second = replace(program_of(other, code), name="q")
+    code = "import sys; open(sys.argv[1], 'w'); sys.exit(5 if 'arena.fork_server' in sys.modules else 0)"
+    second = replace(program_of(other, code, str(ended)), name="q", needs=("p",))
     run = start(plan_of(first, second), "until_done", "forks")
     run.wait()
     processes = run.outcome["processes"]
-    assert processes["p"]["exit_code"] == 0 and processes["q"]["starts"] == 1
+    assert (processes["p"]["exit_code"], processes["q"]["exit_code"]) == (0, 0), run.log("p")
+    assert processes["q"]["starts"] == 1
 
 
 def test_forked_program_dies_with_the_supervisor(start, tmp_path):

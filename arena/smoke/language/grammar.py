@@ -159,7 +159,9 @@ def _condition(
     if rule and made["kind"] == "tracking":
         made["rms"] = tokens.accept("rms")
     elif tokens.next.text == "rms":
-        raise tokens.error("expected no `rms`, because `rms` is allowed only after `tracking` under `always`")
+        raise tokens.error(
+            "expected no `rms`: it is allowed only in a rule under `always`, as in `tracking(uav1) < 0.3 m rms`"
+        )
     return Condition(place=place, negated=negated, **made)  # type: ignore[arg-type]
 
 

@@ -38,7 +38,7 @@ class ScenarioFile(Strict):
     name: Annotated[str, Field(min_length=1, max_length=80)] | None = None
     """The scenario's name. Default: the name of the file."""
     about: Annotated[str, Field(min_length=1, max_length=300)] | None = None
-    """What the scenario tests, in one sentence: the fault, and what the vehicles must do. `arena smoke --list` and the
+    """Purpose of the scenario in one sentence: the fault, and what the vehicles must do. `arena smoke --list` and the
     report show it. Default: none."""
     arena: Annotated[Any, BeforeValidator(_arena)]
     """The path of the arena's YAML, relative to the scenario file. With a list of paths, the scenario is flown once in
