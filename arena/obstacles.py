@@ -113,7 +113,7 @@ class Obstacle:
         return self._placed(unit_edges(self.shape))
 
     def _placed(self, unit: Array) -> Array:
-        """Scale, rotate and move points of a shape with sides of -1 to 1 to the obstacle's place [m] [NED] (..., 3)."""
+        """Convert points of a unit shape (-1 to 1) to points of this obstacle [m] [NED] (..., 3)."""
         import numpy as np
 
         return np.asarray(

@@ -16,7 +16,7 @@ Serve = Callable[[socket.socket], Work | None]
 
 
 class OtherWork(BaseException):
-    """Exception that ends the inherited work of a forked process, which then does `work` instead.
+    """Exception that a forked process raises to leave the code of its parent. It then runs `work` instead.
 
     work: does the other work, and returns an exit code.
     """
@@ -54,7 +54,7 @@ def fork_server(channel: socket.socket, ours: socket.socket) -> int | None:
 
 
 def _other_work(channel: socket.socket, ours: socket.socket) -> Work:
-    """Fork a process for each request on a socket. Return the function that the caller must run then.
+    """Serve requests to fork processes. Return the function that this or a forked process must run next.
 
     In a forked process the function does its work. In the server, at the end of its requests, it does nothing.
 

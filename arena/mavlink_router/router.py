@@ -132,7 +132,7 @@ class Router:
         return self._socket_table.handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
-        """Remove tools that send nothing any more, and mark vehicles without heartbeat as not connected.
+        """Remove tools that have stopped sending, and mark vehicles without heartbeat as not connected.
 
         A tool is any program on this computer that sends to the `tools` address of a vehicle. now: monotonic [s].
         """
@@ -342,7 +342,7 @@ class Router:
     def _receivers_key(
         self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
     ) -> int:
-        """Return to which vehicles a client's MAVLink frame is sent, as the key of a set in `VehicleSets`."""
+        """Return the vehicles that receive a client's MAVLink frame, as the key of a set in `VehicleSets`."""
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
             self._counts.dropped["a vehicle's message, returned by a client"] += 1

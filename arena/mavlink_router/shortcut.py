@@ -81,7 +81,7 @@ class Shortcut:
         return [(data, self.ordinary.receivers[found])] if found >= 0 else None
 
     def set_receivers(self, link: AutopilotLink, receivers: Destinations) -> None:
-        """Set the receivers of messages to all that arrive on a vehicle's link; () until they are known."""
+        """Set the receivers of a vehicle's broadcast messages. receivers: () until the router knows them."""
         self.ordinary.set_receivers(link.number, receivers)
 
     def set_senders(self, endpoint: Endpoint) -> None:

@@ -1,1 +1,1 @@
-"""Live web page of a running arena, made with viser: `arena monitor`. No other process needs this process."""
+"""Live web page of a running arena, made with viser: `arena monitor`. The arena also runs without this process."""

@@ -82,9 +82,9 @@ class Access:
 
     @property
     def cookie_name(self) -> str:
-        """Return the name of the page's cookie. It contains the port.
+        """Return the name of the page's cookie, which contains the port so that two pages have different names.
 
-        Browsers send a cookie to all ports of a host, so each page needs a name of its own.
+        Browsers send a cookie to all ports of a host.
         """
         return f"arena_monitor_{self.port}"
 

@@ -113,7 +113,7 @@ class ClientView:
             one.update(*found)
 
     def change_arena(self, vehicles: Sequence[str]) -> None:
-        """Replace the vehicles that the user can choose by those of another arena."""
+        """Show the vehicles of another arena in the list from which the user chooses a vehicle."""
         self._vehicles = tuple(vehicles)
         self._vehicle.options = list(vehicles) or ["-"]
         self._on_vehicle()

@@ -134,7 +134,7 @@ class History:
         self._samples: list[tuple[float, FleetSnapshot]] = []
 
     def add(self, time_s: float, fleet: FleetSnapshot) -> bool:
-        """Add a snapshot of all vehicles. Return False if it was too soon after the last snapshot and not added.
+        """Add a snapshot of all vehicles. Ignore it and return False if it is too soon after the last snapshot.
 
         A time that goes back, such as after a jump in a replay, begins a new history.
         """

@@ -72,7 +72,7 @@ def setpoint_positions(fleet: FleetSnapshot) -> Array:
 
 
 def follows_program(fleet: FleetSnapshot) -> tuple[bool, ...]:
-    """Return for each vehicle whether its program flies it (armed and OFFBOARD), so that its path is drawn."""
+    """Return for each vehicle whether a user program flies it: it is armed and in OFFBOARD mode."""
     return tuple(a is True and m == "OFFBOARD" for a, m in zip(fleet.armed, fleet.modes, strict=True))
 
 

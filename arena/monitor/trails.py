@@ -27,7 +27,7 @@ class Trails:
         self.number = 0
 
     def add(self, p_n: Array) -> bool:
-        """Add the present positions of all vehicles. Return True if the present piece of the trails is complete.
+        """Add the present positions of all vehicles. Return True if the last piece of the trails is now complete.
 
         Then call `next_piece`.
 
@@ -37,7 +37,7 @@ class Trails:
         return len(self._points) > self._steps
 
     def piece(self) -> tuple[Array, NDArray[np.int_]]:
-        """Return the segments of the present piece [m] [world axes] (S, 2, 3), and their vehicle indices (S,)."""
+        """Return the segments of the last piece of the trails [m] [world axes] (S, 2, 3), and their vehicle indices (S,)."""
         if len(self._points) < 2:
             return np.zeros((0, 2, 3)), np.zeros(0, int)
         points = np.stack(self._points)

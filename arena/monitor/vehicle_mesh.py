@@ -136,7 +136,7 @@ def _nose(size: float, height: float) -> Any:
 
 
 def _trimesh() -> Any:
-    """Return the module trimesh, which is installed with viser. It has too few types for mypy."""
+    """Import and return the module trimesh, without types, because mypy rejects the incomplete ones of trimesh."""
     return importlib.import_module("trimesh")
 
 

@@ -11,7 +11,7 @@ from arena.motion_check.verdict import Verdict, judge
 
 
 class GuidedCheck:
-    """Guided check that a captured rigid body belongs to a vehicle (identity) and has its axes (axes).
+    """Guided check that a captured rigid body belongs to a vehicle, and that both have the same axes.
 
     A person moves the vehicle by hand. The check ends with a verdict.
 
@@ -46,14 +46,14 @@ class GuidedCheck:
             self._motion.on_imu(accel_b, gyro_b, now)
 
     def on_pose(self, q_nb: Sequence[float], p_n: Sequence[float], now: float) -> None:
-        """Store a captured pose of the vehicle, which is sent to the autopilot now."""
+        """Store a captured pose of the vehicle. Call this method when the pose is sent to the autopilot."""
         norm = math.sqrt(sum(x * x for x in q_nb))
         if self.verdict is None and math.isfinite(norm) and norm > 0.5:
             self._recorded.add_pose(now, tuple(x / norm for x in q_nb), tuple(p_n))
             self._motion.on_pose(now)
 
     def on_other(self, body: str, q_nb: Sequence[float], now: float) -> None:
-        """Store the attitude of a captured body that is not the vehicle's own, as it arrives."""
+        """Store the attitude of a captured body that is not the vehicle's own. now: time of arrival [s]."""
         if self.verdict is None and body != self._body:
             self._recorded.add_other(body, now, q_nb)
 

@@ -122,9 +122,9 @@ def _vector(m: Array) -> Array:
 
 
 def _peak(scores: Array, best: int) -> float:
-    """Estimate the offset of the maximum, which lies between grid points, from the best score [grid steps].
+    """Return how far the true maximum of the scores is from the best grid point [grid steps].
 
-    A parabola through three scores gives the maximum.
+    The maximum of a parabola through the best score and its two neighbours is the true maximum.
     """
     if not 0 < best < len(scores) - 1:
         return 0.0

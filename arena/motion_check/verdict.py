@@ -1,4 +1,4 @@
-"""Verdict on a motion by hand, as `arena preflight` instructs: is it the right body, are its axes right, how late are its poses? Pure."""
+"""Verdict of the motion check of `arena preflight`: identity, axes and delay of a captured body. Pure."""
 
 from __future__ import annotations
 

@@ -138,7 +138,7 @@ def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
 
 
 def requirements(arena: Arena, v: Vehicle) -> Requirements:
-    """Return the requirements that the YAML has for one vehicle's PX4, such as failsafes, and their reasons.
+    """Return what one vehicle's PX4 must provide by the YAML, such as failsafe actions, with the reasons.
 
     `generate` converts the requirements to parameters of a PX4 version.
     """

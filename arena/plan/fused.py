@@ -78,9 +78,7 @@ def could_be_member(process: str) -> bool:
 
 
 def fuse(arena: Arena, processes: Sequence[ProcessSpec]) -> tuple[ProcessSpec, ...]:
-    """Join the processes of a plan to one process `world`: motion capture, forwarders, router, recorder.
-
-    Return the new list of processes.
+    """Move motion capture, forwarders, router and recorder into the process `world`. Return the new processes.
 
     A process that waits for a joined process then also waits for `world`, and for the processes that the joined process
     waited for, such as PX4.

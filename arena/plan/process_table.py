@@ -359,7 +359,7 @@ def _group_listens(job: Job) -> Iterator[Listen]:
 
 
 def listens(arena: Arena, kind: str, vehicle: Vehicle | None) -> Iterator[Listen]:
-    """Yield the ports that a process binds alone, and that must be free when it starts.
+    """Yield the ports that must be free when a process starts.
 
     Multicast ports that several receivers share are not included.
 

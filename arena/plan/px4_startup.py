@@ -54,7 +54,7 @@ def px4_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int
 
 
 def _airframe(v: Vehicle) -> dict[str, float]:
-    """Return the parameters that replace those of PX4's airframe file: an output per motor, and MAV_TYPE.
+    """Return the parameters that differ from PX4's airframe file: the output of each motor, and MAV_TYPE.
 
     The airframe has outputs for four motors only. The rotor geometry is among the firmware parameters.
     """

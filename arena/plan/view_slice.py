@@ -48,9 +48,9 @@ def _vehicle(arena: Arena, v: Vehicle) -> Json:
 
 
 def _captures(arena: Arena) -> list[Json]:
-    """Return the settings of the receiver of the real vehicles' captured poses, as a list.
+    """Return the settings of the motion-capture receivers with which viewers get poses of real vehicles.
 
-    The list has one entry, or none if no server sees real vehicles.
+    The list has one entry, or is empty if no server sees real vehicles.
 
     Simulated vehicles need none: their true state is in shared memory.
     """

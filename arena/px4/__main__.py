@@ -40,7 +40,7 @@ def main() -> int:
 
 
 def serve(context: ProcessContext) -> int:
-    """Run PX4 until it ends, the world ends, or a stop is requested.
+    """Run PX4 until PX4 or the simulated world ends, or a stop is requested.
 
     Return 0 if a stop was requested or the world ended, 1 if PX4 ended by itself.
     """
@@ -88,7 +88,7 @@ def leave_core_of(world_pid: int) -> None:
 
 
 def _watch(context: ProcessContext, process: subprocess.Popen[bytes], world: SimClock | None) -> int:
-    """Log PX4's output and report its state to the supervisor, until PX4 or the world ends.
+    """Log PX4's output and report its state to the supervisor, until PX4 or the simulated world ends.
 
     Return the exit code of this process.
     """

@@ -105,7 +105,7 @@ class Px4Links:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors whose data the next `begin` sends in messages of their own, such as HIL_GPS.
+        """Names of the sensors, such as GPS, for which the next `begin` sends a separate message (HIL_GPS).
 
         The caller must sample these sensors before `begin`.
         """

@@ -119,10 +119,7 @@ class McapFile:
         return tail
 
     def _stop(self) -> None:
-        """Stop writing the record and its tail file after a failure, so that no data collect in the memory.
-
-        The files are `flight.mcap` and `flight.mcap.tail`.
-        """
+        """Stop writing `flight.mcap` and `flight.mcap.tail` after a failure, so that no data collect in memory."""
         self._stop_tail()
         self._bytes_of(self._record.close)
 

@@ -46,7 +46,7 @@ class CopySenders:
         self._names = {int(v["id"]): str(v["name"]) for v in vehicles}
 
     def owner(self, sender: Address) -> tuple[str, bool] | None:
-        """Return the vehicle and direction of datagrams from a router address, or None if it is unknown.
+        """Return the vehicle and direction of datagrams from a router address; None for an unknown address.
 
         Direction: True for datagrams to the vehicle.
         """

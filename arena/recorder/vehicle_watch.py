@@ -68,7 +68,7 @@ class VehicleWatch:
         return found
 
     def is_above_floor(self, height_m: float) -> bool:
-        """Return whether the true height [m] of a vehicle is above its starting height.
+        """Return whether a vehicle is more than AIRBORNE_HEIGHT_M above its starting height. height_m: true height [m].
 
         The first call stores the starting height.
         """

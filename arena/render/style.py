@@ -65,7 +65,7 @@ def paint_colour(paint: Paint, vehicle: Colour) -> Colour:
 
 
 def mixed(first: Colour, second: Colour, share: float) -> Colour:
-    """Return a mixture of two colours.
+    """Return the colour between two colours, mixed by a given share.
 
     share: 0 for the first colour, 1 for the second.
     """

@@ -26,7 +26,7 @@ LOOK_BACK_NS = 30 * NS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """Messages of one replay step, and the replay's times after the step.
+    """Result of `Playback.step`: the messages to send now, and the replay's times after the step.
 
     clock_ns: new time of the clock [ns].  record_ns: new time of the record [ns].
     items: messages to send, in this order.  jumped: the replay has jumped to this time of the record before the step.
@@ -141,7 +141,7 @@ class Playback:
         self._anchor(wall)
 
     def _seek(self, place: int, *, whole: bool = True) -> None:
-        """Continue to read the record at a given time.
+        """Continue the playback with the recorded messages from a given recorded time on.
 
         place: this time [ns].
         whole: also collect the state messages before this time.

@@ -27,7 +27,7 @@ _SPEED_S = 0.25  # time over which the speed at the end of a held setpoint is me
 
 
 def constant_spans(flight: Flight) -> Spans:
-    """Find the time spans in OFFBOARD in which the position reference was constant for at least `HELD_S`.
+    """Find the time spans in OFFBOARD in which the position setpoint was constant for at least `HELD_S`.
 
     Return (first row, last row) of each span.
     """

@@ -106,7 +106,7 @@ def verdict(run: RunData, found: Sequence[Happening]) -> Verdict:
 
 
 def _source(path: str) -> str:
-    """Return the name of the replayed source: the run folder of a record, or the file name of a log."""
+    """Return the name of the replayed flight: its run folder for a record, or the file name for a log."""
     source = Path(path)
     return f"the flight {source.parent.name}" if source.name == FILE_NAME else source.name
 

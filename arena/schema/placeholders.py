@@ -28,7 +28,7 @@ _NO_VARIABLE = frozenset({"run", "rt"})
 
 @dataclass(frozen=True, kw_only=True)
 class Placeholder:
-    """Row of the table of placeholders: how to compute the value that replaces one such as `{mass_kg}`.
+    """Placeholder such as `{mass_kg}`, with the rule that computes the value to insert for it.
 
     meaning: meaning of the value, with its unit, for the reference page.
     value: function that returns the value as text, for an arena and a vehicle.

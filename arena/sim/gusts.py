@@ -41,7 +41,7 @@ _OUT = (math.sqrt(1.5), math.sqrt(0.75) * (1.0 / math.sqrt(3.0) - 1.0))  # from 
 
 
 class Gusts:
-    """Random gusts at V vehicles.
+    """Generator of random gusts for V vehicles.
 
     Each vehicle has a random generator of its own. Adding a vehicle therefore does not change the gusts at the other vehicles.
 

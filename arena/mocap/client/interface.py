@@ -18,7 +18,7 @@ class MocapClient(Protocol):
 
     @property
     def counts(self) -> Counter[str]:
-        """Number of frames that `poll` returned (key `frames`), and of dropped datagrams by reason."""
+        """Counts since the start: frames that `poll` returned (key `frames`), and dropped datagrams by reason."""
 
     def fileno(self) -> int:
         """Return a file descriptor that is readable when `poll` can return new frames."""

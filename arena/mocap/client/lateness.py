@@ -127,11 +127,12 @@ class Lateness:
         return elapsed_s
 
     def _on_late_frame(self, offset: float, late: float, now: float, flying: bool) -> float:
-        """Return how late a frame over the lateness limit is [s], or 0 if it becomes the new reference.
+        """Return how late a late frame is [s], or 0 if later frames are to be compared with this frame.
 
-        The first frame is the reference, and its time stamp may be wrong. The reference is replaced if all frames of the
-        last 3 s were late, no vehicle flies, few frames have agreed with the reference, and no echo reply was received.
-        offset: arrival minus time of sending, by two clocks [s]. late: lateness relative to the reference [s].
+        The lateness of a frame is relative to a reference frame. The first frame is the reference, and its time stamp
+        may be wrong. The reference is replaced if all frames of the last 3 s were late, no vehicle flies, few frames
+        have agreed with the reference, and no echo reply was received. offset: arrival minus time of sending, by two
+        clocks [s]. late: lateness relative to the reference [s].
         """
         if self._late_since is None or flying or self._prompt_s > _PROVEN_S or isfinite(self._low):
             self._late_since = now

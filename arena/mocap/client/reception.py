@@ -50,7 +50,7 @@ class Reception:
         self._foreign_address, self._foreign_at = "", -math.inf
 
     def update(self, event: str, count: int, now: float) -> bool:
-        """Store the count of an event, such as received frames. Return True if the count has changed.
+        """Store how often an event has happened, such as a received frame. Return True if the count has changed.
 
         event: name of the event, such as "frames". count: number of these events since the client was opened.
         """

@@ -32,7 +32,7 @@ class _EmulatorProcess:
                 self._poll.register(fd, select.POLLIN)
 
     def serve(self) -> None:
-        """Simulate the cameras and send their frames until a stop signal arrives or the world ends."""
+        """Simulate the cameras and send their frames until a stop signal arrives or the simulation ends."""
         try:
             while not self._process.stopping:
                 if (now := self._sleep_until(self._shell.due)) is not None:

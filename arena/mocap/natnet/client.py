@@ -1,4 +1,4 @@
-"""NatNet client: opens UDP sockets for a `NatNetReceiver`, and sends its requests in time. Never blocks."""
+"""NatNet client: opens UDP sockets for a `NatNetReceiver`, and sends its requests at the right times. Never blocks."""
 
 from __future__ import annotations
 

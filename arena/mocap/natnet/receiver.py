@@ -230,9 +230,9 @@ class NatNetReceiver:
         )
 
     def _shared_ids(self, bodies: Sequence[codec.Body]) -> dict[str, int]:
-        """Return {name: streaming id} for each id that several bodies of a frame have.
+        """Return {name of requested body: streaming id} for each id that occurs several times in a frame.
 
-        It is not known which of these bodies is the requested one.
+        It is not known which of the bodies with this id is the requested one.
         """
         if len(bodies) < 2 or len({body.streaming_id for body in bodies}) == len(bodies):
             return {}

@@ -1,4 +1,4 @@
-"""The requirements that an arena has for a vehicle's PX4, independent of the PX4 version. Data only.
+"""Requirements of an arena that a vehicle's PX4 must meet, for any PX4 version. Data only.
 
 The defaults of failsafes are defined in `arena.schema.models` only, so every field here must be given.
 """

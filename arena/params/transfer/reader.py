@@ -1,4 +1,4 @@
-"""Reader of one vehicle's parameters over MAVLink: those with given names, or all. Pure.
+"""Reader of all or some parameters of one vehicle over MAVLink. Pure.
 
 After PARAM_REQUEST_LIST the vehicle sends the whole list. Parameters whose message was lost are then requested by index.
 """
@@ -26,7 +26,7 @@ _MAX_LIST_REQUESTS = 5
 
 
 class ParamReader(Transfer):
-    """Transfer that reads parameters from one vehicle: those with the given names, or all.
+    """Transfer that reads all or some parameters from one vehicle.
 
     names: names of the parameters to read; None: the vehicle's whole list.
     values: parameter name -> value read.

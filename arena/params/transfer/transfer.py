@@ -175,9 +175,10 @@ class Transfer:
         self._check_uid()
 
     def _probe(self, now: float) -> Iterable[Message]:
-        """Return a request that every vehicle answers if the vehicle has been silent, else an empty list.
+        """Return a request to test the connection if the vehicle has sent nothing for a while, else an empty list.
 
-        The answer shows that the vehicle is still connected, although a lossy link has dropped messages.
+        Every vehicle answers this request. The answer shows that the vehicle is still connected, although a lossy
+        link has dropped messages.
         """
         if now - max(self._received_at or now, self._probed_at) < _PROBE_PERIOD_S:
             return []

@@ -124,7 +124,7 @@ class SerialParamTransport:
 
 
 class SignedParamTransport:
-    """Connection to a vehicle that signs its MAVLink messages.
+    """Connection to a vehicle with MAVLink message signing.
 
     The connection signs frames to the vehicle, and ignores frames without a valid signature.
     """

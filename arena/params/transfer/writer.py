@@ -223,7 +223,7 @@ class ParamWriter(Transfer):
             self.ending = "done"
 
     def _read_unknown_again(self) -> bool:
-        """Request the parameters again that the vehicle did not have. Return False if no request is needed.
+        """Read again the parameters that were missing in the vehicle. Return False if no request is needed.
 
         In PX4, some parameters exist only after another parameter has a certain value.
         """

@@ -82,7 +82,7 @@ class RunLog:
         return dict(self._members)
 
     def update_without_supervisor(self) -> None:
-        """Set the state of each ended process to EXITED, because a dead supervisor no longer logs it."""
+        """Mark each ended process as EXITED. Call it if the supervisor is dead and cannot log the end itself."""
         members = self.members()
         for process, state in self.states.items():
             if state not in ("EXITED", "FATAL", "STOPPED") and not (
