@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,20 @@ def test_results_keep_the_order_of_the_scenarios(tmp_path: Path, options: Flight
     )
     assert [r.scenario for r in found] == ["c", "a", "b"] and sorted(reported) == ["a", "b", "c"]
     assert len({r.verdict.ended for r in found} | {f"in {os.getpid()}"}) == 4
+
+
+def test_longest_flights_begin_first(tmp_path: Path, options: FlightOptions):
+    """Else the longest flight can be the last, which keeps one core busy while the others wait."""
+    given = scenarios(tmp_path, "short", "long", "longer")
+    begun: list[str] = []
+    runner.fly_all(
+        [replace(s, time_limit_s=limit) for s, limit in zip(given, (30.0, 60.0, 90.0), strict=True)],
+        options,
+        jobs=1,
+        on_result=lambda result: begun.append(result.scenario),
+        flown_by=passed,
+    )
+    assert begun == ["longer", "long", "short"]
 
 
 def test_failed_flight_does_not_affect_others(tmp_path: Path, options: FlightOptions):

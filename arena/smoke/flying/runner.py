@@ -55,9 +55,8 @@ def fly_all(
 
     try:
         work = partial(_fly, options, flown_by)
-        run_all(
-            list(enumerate(scenarios)), work, jobs=jobs, on_end=note, forks=forks if flown_by is fly else None
-        )
+        tasks = sorted(enumerate(scenarios), key=lambda task: -_effort(task[1]))
+        run_all(tasks, work, jobs=jobs, on_end=note, forks=forks if flown_by is fly else None)
     except KeyboardInterrupt:
         raise Interrupted([results[i] for i in sorted(results)]) from None
     return [results[i] for i in sorted(results)]
