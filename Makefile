@@ -8,29 +8,38 @@
 # make bench   the benchmarks that need nothing else, as tables; px4, contract, tracking and thesis are commands of their own
 PYTHON ?= python3
 BIN := .venv/bin
+# A file's tests share fixtures, so one worker runs them. The slowest files are first (tests/conftest.py).
+SPREAD := --dist loadfile --no-loadscope-reorder
+# Many containers set it. Then each process of an arena, and each worker of pytest, would compile its modules again.
+export PYTHONDONTWRITEBYTECODE =
 
 # `site` is also the name of a folder that it makes
-.PHONY: demo test lint unit flights nightly bench thesis docs site kernels wheels clean
+.PHONY: demo test lint collected unit flights nightly bench thesis docs site kernels wheels clean
 
 demo: bytecode
 	$(BIN)/arena up examples/01_two_quads/arena.yaml --headless --until-done --time-limit 120 --monitor
 	$(BIN)/arena render examples/01_two_quads --size 960x540 --fps 15
 
-test: lint site unit flights
+test:
+	$(MAKE) --jobs=2 --output-sync=target lint site collected
+	$(MAKE) unit flights
 
 lint: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-# Half of the time, a unit test waits for a process or a socket: three workers for two cores.
+# pytest compiles the tests with its own asserts. The workers of the next runs find the result.
+collected: bytecode
+	-$(BIN)/python -m pytest --collect-only -q > /dev/null
+
+# Half of the time, a unit test waits for a process or a socket: five workers for two cores.
 unit: bytecode
-	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 3 --dist loadfile -q
+	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 5 $(SPREAD) -q
 
-# Flights of a few vehicles mostly wait: three share two cores. Arenas of many vehicles fly alone.
-
+# Flights of a few vehicles mostly wait: four share two cores. Arenas of many vehicles share them with one other.
 flights: bytecode
-	$(BIN)/python -m pytest -m "flight and not nightly" -n 3 --dist loadfile -q
-	$(BIN)/python -m pytest -m "crowd and not nightly" -q
+	$(BIN)/python -m pytest -m "flight and not nightly" -n 4 $(SPREAD) -q
+	$(BIN)/python -m pytest -m "crowd and not nightly" -n 2 $(SPREAD) -q
 
 # Long campaigns: every cell of the process table, every shipped scenario, twelve vehicles, full fuzz and estimator campaigns.
 nightly: bytecode
@@ -53,7 +62,6 @@ site: .venv/ready
 
 kernels: .venv/compiled
 
-# Where PYTHONDONTWRITEBYTECODE is set, as in many containers, each process of an arena would compile its modules again.
 bytecode: .venv/compiled
 	$(BIN)/python -m compileall -q arena
 

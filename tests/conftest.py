@@ -34,8 +34,38 @@ def no_px4_by_chance(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureReq
         monkeypatch.delenv("PX4_HOME", raising=False)
 
 
+SLOWEST_FILES = (
+    "end_to_end/test_chaos.py",
+    "end_to_end/test_px4.py",
+    "end_to_end/test_mixed_fleet.py",
+    "end_to_end/test_monitor.py",
+    "end_to_end/test_land_all.py",
+    "clients/test_mavsdk.py",
+    "end_to_end/test_copilot.py",
+    "end_to_end/test_hitl.py",
+    "end_to_end/test_signals.py",
+    "end_to_end/test_supervisor_killed.py",
+    "end_to_end/test_failing_programs.py",
+    "uav/test_vehicle_control.py",
+    "emergency/test_direct_link.py",
+    "params/test_session.py",
+    "end_to_end/test_fused.py",
+    "end_to_end/test_process_air.py",
+    "clients/test_mavproxy.py",
+    "end_to_end/test_two_quads.py",
+    "end_to_end/test_arm_permit.py",
+    "supervisor/test_landing_without_files.py",
+    "supervisor/test_shutdown.py",
+    "supervisor/test_fork_client.py",
+)
+"""Test files that take longest, in this order. They begin first, so that no worker flies alone at the end of the suite."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Record which tests are marked px4 or browser; keywords would also match folder names."""
+    """Put the slowest files first, and record which tests are marked px4 or browser; keywords would also match folder names."""
+    place = {name: number for number, name in enumerate(SLOWEST_FILES)}
+    here = Path(__file__).parent
+    items.sort(key=lambda item: place.get(item.path.relative_to(here).as_posix(), len(place)))
     for item in items:
         for mark in COUNTED:
             if item.get_closest_marker(mark) is not None:
