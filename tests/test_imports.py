@@ -27,6 +27,7 @@ GROUND = {
     "obstacles",
     "wire",
     "clock",
+    "clock_reading",
     "process_context",
     "process_ties",
     "process_title",
@@ -53,6 +54,7 @@ MAY: dict[str, set[str]] = {
     "obstacles": {"geometry", "obstacle_surface"},
     "motion_check": {"constants", "geometry"},
     "clock": {"errors"},
+    "clock_reading": set(),
     "socket_watch": set(),
     "process_context": {"background_writer", "errors", "process_title"},
     "process_ties": set(),
@@ -64,7 +66,7 @@ MAY: dict[str, set[str]] = {
     "transport": {"errors"},
     "wire": {"constants", "errors", "geometry", "kernels"},
     "mocap": {"errors"},  # the table of vendors; their packages are found by name
-    "mocap.client": {"errors", "geometry", "mocap", "transport"},
+    "mocap.client": {"clock_reading", "errors", "geometry", "mocap", "transport"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
     "params": {"constants", "errors", "wire", "clock", "run_dirs", "signing_key", "transport"},
     "mocap.emulator": GROUND | {"mocap"},

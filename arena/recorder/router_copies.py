@@ -18,6 +18,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.clock_reading import read_together
 from arena.transport import Address, enable_stamps, listen_udp, receive_stamped
 from arena.wire.mavlink_frame import parse_frames
 from arena.wire.mavlink_ids import PROGRAM_COMPONENT
@@ -93,7 +94,8 @@ class RouterCopies:
         vehicle.
         """
         receive, find, source = receive_stamped, self.senders.find, self._socket
-        offset_s = time.monotonic() - time.time()
+        unix_s, monotonic_s = read_together(time.time)
+        offset_s = monotonic_s - unix_s
         for _ in range(MAX_DATAGRAMS):
             try:
                 data, sender, stamp_s = receive(source)

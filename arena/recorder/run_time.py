@@ -6,6 +6,7 @@ import time
 from typing import Protocol
 
 from arena.clock import SimClock
+from arena.clock_reading import read_together
 
 # Each wake-up costs CPU time, also without data. Sockets and truth page hold the data of more than 0.2 s.
 _LONGEST_PERIOD_S = 0.1
@@ -70,7 +71,8 @@ class UnixTime:
     """
 
     def __init__(self, period_s: float) -> None:
-        self._offset_s = time.time() - time.monotonic()
+        unix_s, monotonic_s = read_together(time.time)
+        self._offset_s = unix_s - monotonic_s
         self._period_s = period_s
         self._next_s = time.monotonic() + period_s
 

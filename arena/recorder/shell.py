@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from operator import itemgetter
 from typing import Any
 
+from arena.clock_reading import read_together
 from arena.errors import ArenaError, RunError
 from arena.mocap.client import CapturedFrame, ChangeReport, open_client
 from arena.process_context import ProcessContext, ShutdownPolicy
@@ -41,8 +42,8 @@ class RecorderShell:
             if settings["clock"]
             else UnixTime(period_s)
         )
-        now_s = self._time.now()
-        self._run_clock = RunClock(now_s, time.monotonic())
+        now_s, monotonic_s = read_together(self._time.now)
+        self._run_clock = RunClock(now_s, monotonic_s)
         self._copies = RouterCopies(tuple(settings["listen"]), settings["vehicles"])
         self._truth = _truth_sampler(settings)
         self._recorder = FlightRecorder(process, now_s)
@@ -69,7 +70,7 @@ class RecorderShell:
                     f"{self._process.name}: the simulated world has ended; the recorder ends, too"
                 )
                 return
-            if self.step(self._time.now(), time.monotonic()):
+            if self.step(*read_together(self._time.now)):
                 return
 
     def step(self, now_s: float, monotonic_s: float) -> bool:

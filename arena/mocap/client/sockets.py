@@ -13,6 +13,7 @@ import sys
 import time
 from collections import Counter
 
+from arena.clock_reading import read_together
 from arena.mocap.client.reception import Reception
 from arena.transport import enable_stamps, receive_stamped
 
@@ -174,7 +175,8 @@ class ServerSockets:
     def _read(self, s: socket.socket, wall: float) -> list[tuple[bytes, float | None]]:
         found: list[tuple[bytes, float | None]] = []
         stamps = self._stamps
-        offset_s = time.monotonic() - time.time() if stamps else 0.0
+        unix_s, monotonic_s = read_together(time.time) if stamps else (0.0, 0.0)
+        offset_s = monotonic_s - unix_s
         for _ in range(_MAX_DATAGRAMS):
             try:
                 data, sender, stamp_s = receive_stamped(s) if stamps else (*s.recvfrom(65535), None)
