@@ -32,9 +32,9 @@ lint: .venv/ready
 collected: bytecode
 	-$(BIN)/python -m pytest --collect-only -q > /dev/null
 
-# Half of the time, a unit test waits for a process or a socket: five workers for two cores.
+# Half of the time, a unit test waits for a process or a socket: four workers for two cores.
 unit: bytecode
-	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 5 $(SPREAD) -q
+	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 4 $(SPREAD) -q
 
 # Flights of a few vehicles mostly wait: four share two cores. Arenas of many vehicles share them with one other.
 flights: bytecode

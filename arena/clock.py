@@ -329,7 +329,7 @@ class ClockServer:
         return True
 
     def may_advance(self, now: float, wall: float) -> bool:
-        """Return whether the world may advance in lockstep: all clients must be asleep.
+        """Return whether the world may advance in lockstep: all clients must be waiting for a later simulation time.
 
         A client that has been awake for more than one second of wall time is added to `dropped` and not waited for any more.
         """

@@ -70,9 +70,9 @@ class FaultReceiver:
         return -1 if self._socket is None else self._socket.fileno()
 
     def take(self) -> list[Fault]:
-        """Return the faults received since the last call; {} for a datagram that is not a fault.
+        """Return the list of faults received since the last call.
 
-        If there is none, the call costs one system call.
+        A datagram that is no fault gives an empty fault {}. If nothing was received, the call costs one system call.
         """
         found: list[Fault] = []
         while self._socket is not None and len(found) < _MAX_FAULTS:

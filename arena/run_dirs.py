@@ -103,7 +103,7 @@ def _is_file_of(path: Path, owner: int) -> bool:
 
 
 def _only_owner_may_write(found: os.stat_result, owner: int) -> bool:
-    """Return whether a file status shows a folder that the given owner owns and nobody else may write.
+    """Return whether the file status is that of a folder that belongs to `owner` and that only `owner` may write.
 
     Whoever writes to a runtime folder chooses the addresses that land-all commands.
     """

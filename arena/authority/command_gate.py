@@ -154,7 +154,7 @@ class CommandGate:
         self.authority.on_state(armed, mode, now)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request of the supervisor: refuse arming, release the vehicle, or restore earlier refusals.
+        """Process a request of the supervisor: refuse arming, release the vehicle, or refuse again what was refused before a restart.
 
         Requests for other vehicles are ignored.
 

@@ -99,7 +99,9 @@ def measured(
     lab = load_arena(arena, set_ or [])
     real = [v for v in selected_vehicles(lab, vehicles) if not v.simulated]
     if not real:
-        print("no real vehicle, so nothing was measured: simulated vehicles use the values of their profile")
+        print(
+            "no real vehicle, so no value must be measured: simulated vehicles use the values of their profile"
+        )
     for vehicle in real:
         print("\n".join(measured_lines(vehicle, unmeasured(lab, vehicle, px4_version))))
 

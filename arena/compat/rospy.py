@@ -83,7 +83,7 @@ class Publisher:
         self._vehicle = vehicle
 
     def publish(self, message: PoseStamped) -> None:
-        """Log the position of the message [m] [ENU] as the reference of the vehicle.
+        """Log the position in a ROS message [m] [ENU] as the wanted position of the vehicle.
 
         Nothing is logged before the `UAV` exists.
         """

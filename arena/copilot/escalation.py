@@ -74,7 +74,7 @@ class Decision:
 
 
 def may_end(mode: str, order: Order | None) -> bool:
-    """Return whether the copilot may command a vehicle in its present flight mode.
+    """Return whether the copilot may end the present flight mode of a vehicle by a command.
 
     It may do so in the modes that user programs use (`OPEN`), and in a landing that the copilot itself has commanded. Only
     a termination, which is more severe, ends such a landing.

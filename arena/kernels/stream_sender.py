@@ -82,7 +82,7 @@ class StreamSender:
         return not self.needs_position[column] or bool(self.packing.xy_valid[i])
 
     def _has_rare(self, i: int, now: float) -> bool:
-        """Return whether vehicle i must now send a message that Python code builds, instead of this kernel."""
+        """Return whether a message of vehicle i is due that this kernel cannot build; Python code builds such rare messages."""
         count, schedule = len(self.links), self.schedule
         for row in range(i * count, (i + 1) * count):
             if schedule.is_due(row, now):

@@ -107,7 +107,7 @@ class Router:
 
     @property
     def links(self) -> dict[str, int]:
-        """{vehicle name: index in `sockets`} of the socket that exchanges messages with the autopilot (router link)."""
+        """Router link of each vehicle: {vehicle name: index in `sockets` of the socket for messages of its autopilot}."""
         return {v.vehicle.name: v.main.socket for v in self._vehicles}
 
     @property

@@ -105,7 +105,7 @@ class Shortcut:
         ordinary.from_clients = ordinary.to_vehicles = ordinary.bytes_in = 0
 
     def collect_height(self, v: VehicleRoutes) -> None:
-        """Update the height of a vehicle from the last LOCAL_POSITION_NED that the kernel has routed."""
+        """Update the height of a vehicle from the last LOCAL_POSITION_NED that the compiled loop of the router has routed."""
         bits = self.ordinary.take_z_bits(v.number)
         if bits >= 0:
             v.telemetry.on_z_n(*_FLOAT.unpack(_BITS.pack(bits)))

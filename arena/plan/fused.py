@@ -69,9 +69,9 @@ def why_one(arena: Arena) -> str:
 
 
 def could_be_member(process: str) -> bool:
-    """Return whether this process is `world`, or a process that a fused arena runs inside `world`.
+    """Return whether the process `world` of a fused arena does the work of this process.
 
-    These are motion capture, forwarders, router and recorder.
+    These processes are `world` itself, motion capture, forwarders, router and recorder.
     """
     kind = process.partition(".")[0]
     return kind == "world" or kind in _MEMBERS

@@ -115,7 +115,7 @@ class ReplayLoop:
         for name in self._clock.dropped[self._dropped :]:
             self._dropped += 1
             self._process.event(
-                f"{name} has not waited on the simulation clock for 1 s: the replay no longer waits for it"
+                f"{name} has been busy for 1 s and has not returned to the simulation clock: the replay no longer waits for it"
             )
         if self.playback.finished and not self._at_end:
             self._next_stats = wall

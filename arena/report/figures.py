@@ -300,7 +300,7 @@ def column(group: str, part: str, scale: float = 1.0) -> Callable[[Drawn], Array
 
 
 def actual(quantity: str, part: str, scale: float = 1.0) -> Callable[[Drawn], Array]:
-    """Return a function that reads one quantity of a vehicle (n,) from the best source in its log.
+    """Return a function that reads a quantity of one vehicle from the best source in its log, as an array (n,).
 
     `Flight` explains which source is used.
 

@@ -184,7 +184,7 @@ def difference(pair: Pair) -> Difference:
     t = a.t[rows]
     if t.size < 2 or t[-1] - t[0] < _LEAST_S:
         raise InputError(
-            f"{a.label} and {b.label} overlap for less than {_LEAST_S:g} s after their {pair.moment}, so they cannot be compared"
+            f"{a.label} and {b.label} cannot be compared: with {pair.moment} at time 0, they have less than {_LEAST_S:g} s in common"
         )
     at_b = np.stack([_interpolated(t, b.t, column) for column in b.flight.pos.T], axis=1)
     yaw_b = _interpolated(t, b.t, _continuous(b.flight.euler[:, 2]))

@@ -249,7 +249,7 @@ def _of_arena(event: Event, run: RunData) -> Happening:
 
 
 def _happening(event: Event, run: RunData, kind: Kind, level: Level, text: str) -> Happening:
-    """Return the list entry of an event. A text that begins with a vehicle name concerns this vehicle only."""
+    """Return the list entry of an event. `text` describes the event; if it begins with `NAME: `, only vehicle NAME is concerned."""
     first, _, about = text.partition(": ")
     if first in run.names:
         return Happening(at_s=event.at_s, kind=kind, level=level, vehicles=(first,), text=about)

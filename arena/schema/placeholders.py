@@ -180,7 +180,7 @@ def filled(text: str, arena: Arena, vehicle: Vehicle | None) -> str:
 
 
 def variables(arena: Arena, vehicle: Vehicle | None) -> tuple[tuple[str, str], ...]:
-    """Return (name, value) of a program's or tool's environment variables, one for each placeholder."""
+    """Return the environment variables of a program or tool as pairs (name, value): one variable for each placeholder."""
     return tuple(
         (variable(name), PLACEHOLDERS[name].text(arena, vehicle))
         for name in known(of_vehicle=vehicle is not None)
