@@ -211,9 +211,9 @@ class Authority:
             self._change(Role.PILOT, self._mode, now)
 
     def _has_pilot(self, now: float) -> bool:
-        """Return whether a pilot flies the vehicle: it is in a manual mode that no command requested.
+        """Return False if no pilot can have control in a manual mode, because no stick positions arrive.
 
-        With `radio: none` a pilot has control only while stick positions reach the vehicle.
+        This applies only to a real vehicle with `radio: none` in the YAML. Otherwise the result is True.
         """
         silent = self._heartbeats_since > _INPUT_HEARTBEATS and now - self._input_at > _INPUT_S
         return not (self._input_needed and silent)
@@ -294,7 +294,7 @@ class Authority:
     # -- requests of the operator --------------------------------------------------------------------------------------
 
     def release(self, by: str, now: float) -> None:
-        """End the control of the vehicle by land-all or the copilot, as `arena release` requests.
+        """Release a vehicle that land-all or the copilot has landed or stopped (command `arena release`).
 
         Programs may then take OFFBOARD again.
 
@@ -317,7 +317,7 @@ class Authority:
 
     @property
     def standing(self) -> dict[str, Any]:
-        """Return the active refusals of commands, so that this process can `restore` them after its restart.
+        """State of the refusals of commands, to be passed to `restore` after a restart of this process.
 
         The result is {} if commands are not refused.
 
@@ -381,7 +381,7 @@ class Authority:
 
 
 def _leads_to(asked: str, mode: str) -> bool:
-    """Return whether a vehicle can be in the flight mode `mode` because the mode `asked` was requested.
+    """Return whether the present flight mode can be the result of a mode request.
 
     AUTO.TAKEOFF, for example, ends in AUTO.LOITER.
 

@@ -154,7 +154,7 @@ class CommandGate:
         self.authority.on_state(armed, mode, now)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request of the supervisor: refuse arming, release the vehicle, or refuse again what was refused before a restart.
+        """Process a request of the supervisor: refuse arming, release the vehicle, or restore refusals after a restart.
 
         Requests for other vehicles are ignored.
 
@@ -181,7 +181,7 @@ class CommandGate:
         return [f"{self.name}: {text}" for text in found]
 
     def changed_facts(self, place: str = "") -> dict[str, Any]:
-        """Return the facts (values for the supervisor) that have changed since the last call.
+        """Return the values for the supervisor, such as who has control, that have changed since the last call.
 
         VEHICLE.control: role that commands the vehicle. VEHICLE.blocked: why programs must not command the vehicle.
         VEHICLE.standing: refusals that must survive a restart of the process (see `Authority.standing`).

@@ -135,7 +135,10 @@ def _of_command(data: Buffer, frame: Frame) -> Request | None:
 
 
 def _arming_kind(data: Buffer, frame: Frame) -> Kind:
-    """Return what an arming command requests: ARM, DISARM or KILL. As in PX4, a param1 that rounds to 0 disarms."""
+    """Return the kind of an arming command: ARM, DISARM or KILL (forced disarming).
+
+    As in PX4, a command disarms if its param1 is not finite, or is between -0.5 and 0.5.
+    """
     if abs(value := _number(data, frame, 0)) >= 0.5 and math.isfinite(value):
         return Kind.ARM
     forced = abs(_number(data, frame, 1) - FORCE_ARM_DISARM) < 0.5

@@ -54,7 +54,7 @@ class ActuatorTests:
         self.running.clear()
 
     def apply(self, motors: NDArray[np.float64], now: float) -> None:
-        """Replace the motor commands of the motors that are being tested.
+        """Replace the commands of the tested motors by the values of their tests.
 
         Tests that have ended are removed.
 

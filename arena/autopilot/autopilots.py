@@ -18,9 +18,9 @@ from arena.authority import CommandGate
 from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams
 from arena.autopilot.control.control_allocator import ControlAllocator
 from arena.autopilot.control.controllers import Cascade, steps_per_period
-from arena.autopilot.control.setpoints import Level, Setpoints
+from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
-from arena.autopilot.estimation.land_detector import LandDetector, TakeoffRamp, climb_requested
+from arena.autopilot.estimation.land_detector import ClimbDetector, LandDetector, TakeoffRamp
 from arena.autopilot.estimation.vision_input import VisionInput
 from arena.autopilot.flight_modes import Mode
 from arena.autopilot.make_vehicles import load_params, make_vehicles
@@ -32,8 +32,9 @@ from arena.autopilot.mode_flight import ModeFlight
 from arena.autopilot.stored_logs import LogLibrary
 from arena.autopilot.ulog.recorder import Sink, UlogRecorder
 from arena.autopilot.vehicle import Vehicle
-from arena.kernels.arrays import array
+from arena.kernels.arrays import array, integers, view
 from arena.kernels.motor_outputs import MotorOutputs
+from arena.kernels.motor_release import MotorRelease
 from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
@@ -44,7 +45,6 @@ _REPORTED_MODES = {mode: mode_words(mode.custom_mode) for mode in Mode}  # names
 REPEATABLE_BOOT_UNIX_US = (
     1_767_225_600_000_000  # 1 January 2026, fixed so that repeated flights send equal messages
 )
-_IDLE = 0.1  # motor command of an armed vehicle on the ground
 
 
 class Autopilots:
@@ -81,6 +81,7 @@ class Autopilots:
         self.allocator = ControlAllocator.of([x["profile"] for x in vehicles])
         self.land = LandDetector(self.params, n)
         self.takeoff = TakeoffRamp(self.params, n)
+        self._climb = ClimbDetector(self.params, self.sp, self.est, self.cascade.position.v_sp_n)
         self._radio_on = [bool(x.get("sticks", False)) for x in vehicles]
         self.vehicles = make_vehicles(settings, self.params, self.est)
         self._boot_unix_us = int(settings.get("boot_unix_us", REPEATABLE_BOOT_UNIX_US))
@@ -114,11 +115,28 @@ class Autopilots:
         )
         self.motors, self.thrust = array(outputs.motors), array(outputs.thrust)
         self._armed_since = np.full(n, np.inf)
-        self._steps, self._now, self._params_version = 0, 0.0, self.params.version
+        self._release = MotorRelease(
+            outputs,
+            self.takeoff.law,
+            integers(self.sp.level),
+            self.armed,
+            view(self._armed_since),
+            self.land.at_rest,
+            self.est.at_rest,
+        )
+        self._read_params()
+        self._steps, self._now = 0, 0.0
         self._consumed_mah = np.zeros(n)
         self._dead_motors: list[tuple[int, int]] = []
         self._tested: list[Vehicle] = []
         self._ulog_sink, self._ulog = ulog, UlogRecorder(self, ulog) if ulog is not None else None
+
+    def _read_params(self) -> None:
+        for v in self.vehicles:
+            v.commander_params = CommanderParams.read(self.params, v.row)
+        array(self._release.spoolup_s)[:] = self.params["COM_SPOOLUP_TIME"]
+        array(self._release.tilt_landed)[:] = np.radians(self.params["MPC_TILTMAX_LND"])
+        self._params_version = self.params.version
 
     # -- interface to the world ------------------------------------------------------------------------------
 
@@ -166,7 +184,7 @@ class Autopilots:
         return sent
 
     def _read_state(self) -> TelemetryState | None:
-        """Return the state of all vehicles after the last step, for telemetry.
+        """Return the newest state of all vehicles, for telemetry.
 
         Return None before the first step.
         """
@@ -254,48 +272,30 @@ class Autopilots:
     # -- decisions, every 0.02 s ------------------------------------------------------------------------------------
 
     def _decide(self, now: float) -> None:
-        est, sp = self.est, self.sp
         self._consumed_mah += self._sensors["battery_current_a"] * (self.flight.dt / 3.6)
-        climbing = climb_requested(sp, est, self.params) & self.armed
-        sink = np.where(sp.has_level(Level.POSITION), self.cascade.position.v_sp_n[:, 2], np.nan)
-        self.land.update(now, est, self.thrust, climbing, sink)
+        self._climb.update(self.armed)
+        climbing = self._climb.climbing
+        self.land.update(now, self.est, self.thrust, climbing, self._climb.sink)
         self.takeoff.update(now, self._armed_since, self.land.landed, climbing)
         self._sense(now)
         offboard = np.array([v.commander.mode is Mode.OFFBOARD for v in self.vehicles])
-        full = np.where(offboard, self.params["MPC_Z_VEL_MAX_UP"], self.params["MPC_TKO_SPEED"])
         for v in self.vehicles:
             self._decide_one(v)
             self._telemetry.update(v)
             self.interfaces[v.row].wake_if_changed()
-        flying, begun = self.takeoff.flying, np.isfinite(self.takeoff.begun)
-        self.cascade.position.speed_up[:] = self.takeoff.climb_rate_limit(now, full)
-        self.cascade.position.tilt_max[:] = np.where(
-            flying, np.inf, np.radians(self.params["MPC_TILTMAX_LND"])
-        )
-        self.cascade.reset(~(flying | begun))
-        self.armed = np.array([v.commander.armed for v in self.vehicles])
-        self._armed_since = np.array([v.commander.armed_since for v in self.vehicles])
-        on = self.armed & ~sp.has_level(Level.NONE)
-        # Armed on the ground without a setpoint to climb: the motors idle, whatever the controllers command.
-        running = on & (flying | begun)
-        array(self._outputs.up_from)[:] = np.where(
-            running, self._armed_since + self.params["COM_SPOOLUP_TIME"], np.inf
-        )
-        array(self._outputs.idle)[:] = np.where(on, _IDLE, 0.0)[:, None] * self.allocator.present
-        # Poses are rejected in flight. An armed vehicle that stands on the ground may align with them again.
-        est.at_rest = self.armed & ~running & self.land.at_rest
+        self.cascade.position.speed_up[:] = self.takeoff.climb_rate_limit(now, offboard)
+        self.armed[:] = [v.commander.armed for v in self.vehicles]
+        self._armed_since[:] = [v.commander.armed_since for v in self.vehicles]
+        self._release.update()
 
     def _sense(self, now: float) -> None:
         est = self.est
-        tilt = np.arccos(np.clip(est.r_nb[:, 2, 2], -1, 1)).tolist()
         xy, z, yaw = est.xy_valid(now).tolist(), est.z_valid(now).tolist(), est.yaw_valid(now).tolist()
+        tilt, rejected = est.tilt.tolist(), est.pose_rejected.tolist()
         landed, flying = self.land.landed.tolist(), self.takeoff.flying.tolist()
         battery, aligned = self._sensors["battery_remaining"].tolist(), est.aligned.tolist()
-        rejected: list[bool] = np.any(est.test_ratio > 1.0, axis=1).tolist()
         if self._params_version != self.params.version:
-            for v in self.vehicles:
-                v.commander_params = CommanderParams.read(self.params, v.row)
-            self._params_version = self.params.version
+            self._read_params()
         for v in self.vehicles:
             i = v.row
             params = v.commander_params

@@ -204,7 +204,10 @@ class Commander:
             self.disarm(s, force=True, why="by stick gesture")
 
     def _check_sticks(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Select the manual mode that the estimate allows, and change to POSCTL if the pilot moves the sticks."""
+        """Change to a simpler mode while the estimate is not valid, and to POSCTL when the pilot moves the sticks.
+
+        ALTCTL and STABILIZED change back to the selected mode when the estimate is valid again.
+        """
         flies = self.mode in (Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED)
         if flies and self.intended in (Mode.POSCTL, Mode.ALTCTL):
             possible = possible_mode(self.intended, s, params)
@@ -237,7 +240,7 @@ class Commander:
             self.terminate("attitude failure")
 
     def _check_position(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run the failsafe for a lost position estimate.
+        """Run the failsafe if the present mode needs a position estimate and the estimate is not valid.
 
         In OFFBOARD the loss counts as lost offboard control, as in PX4. COM_OBL_RC_ACT 6 (terminate) and 7
         (disarm) are run at once. Its other actions need a position, so the vehicle descends instead.
@@ -317,9 +320,10 @@ class Commander:
             self._act_on_link_loss(params.nav_rcl_act, s, params, "manual control lost")
 
     def _act_on_link_loss(self, action: int, s: CommanderInputs, params: CommanderParams, why: str) -> None:
-        """Run the failsafe action of NAV_DLL_ACT or NAV_RCL_ACT, unless the present mode is at least as severe.
+        """Run the failsafe action for a lost data link or RC, unless a mode of the same or higher severity is active.
 
         Severity increases in the order HOLD, RTL, LAND, DESCEND, TERMINATE. Action 6 (disarm) is always run.
+        action: value of NAV_DLL_ACT or NAV_RCL_ACT; in HOLD every action is run
         """
         reaction = {1: Mode.HOLD, 2: home_or_land(s), 3: Mode.LAND, 5: Mode.TERMINATE}.get(action)
         if action == 6:

@@ -84,9 +84,9 @@ class Event(NamedTuple):
     text: str = ""
 
     def with_text(self, text: str) -> Event:
-        """Return the event with its STATUSTEXT, if this text contains no more information than the event.
+        """Attach a text (STATUSTEXT) to the event if the text only repeats the event. Return the event.
 
-        Otherwise return the event unchanged.
+        Ground stations that show the event can then drop the text. For other event types, return the event unchanged.
         """
         return self._replace(text=text) if self.says_all else self
 

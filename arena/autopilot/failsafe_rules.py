@@ -1,4 +1,4 @@
-"""Tables of the failsafes: modes by severity, exceptions (COM_DLL_EXCEPT, COM_RCL_EXCEPT), actions. Pure."""
+"""Tables for failsafe decisions: order of severity of the modes, bits of COM_*_EXCEPT, manual modes. Pure."""
 
 from __future__ import annotations
 

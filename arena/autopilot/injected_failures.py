@@ -20,7 +20,7 @@ _MAX_MOTORS = 12
 
 @dataclass(slots=True)
 class InjectedFailures:
-    """Active failures of one vehicle, which a client has injected.
+    """Failures that clients have injected into one vehicle and that are active now.
 
     baro, vision: True if the barometer or external vision gives no data
     battery: True if the battery is reported as empty

@@ -1,4 +1,4 @@
-"""Creates the parameters and `Vehicle` objects of the built-in autopilots from the settings of the world."""
+"""Creates the parameters and `Vehicle` objects of the built-in autopilots from the settings of the simulated world."""
 
 from __future__ import annotations
 

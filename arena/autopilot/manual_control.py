@@ -23,7 +23,7 @@ _CENTRE, _LOW, _ASIDE = 0.1, -0.8, 0.9  # limits of the gestures
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManualInput:
-    """Stick positions and completed gesture of a vehicle at one step.
+    """Stick positions of one vehicle at one step, and the stick gesture (arm, disarm) that the pilot has completed.
 
     sticks: positions from the source in use; None if manual control is lost or was never received
     speed: greatest speed of the four sticks, filtered [1/s]; at 1 a stick moves from the centre to its end in 1 s
@@ -65,7 +65,7 @@ class ManualControl:
         self._first = self._first or source
 
     def sticks_of(self, source: ManualControlSource) -> Sticks:
-        """Return the last stick positions from a source; centred sticks if none were received."""
+        """Return the newest stick positions from a source; centred sticks if none were received."""
         return self._sticks.get(source, CENTRED)
 
     def is_available(self, now: float, in_mode: int, loss_s: float) -> bool:

@@ -1,4 +1,4 @@
-"""Rules of the manual modes: when they can be entered, when they allow arming, when moved sticks take over. Pure.
+"""Rules of the manual modes: when the vehicle may enter them or arm, and when moved sticks change the mode. Pure.
 
 The rules are those of PX4 v1.16.
 """
@@ -35,7 +35,7 @@ def stick_problem(mode: Mode, s: CommanderInputs) -> str:
 
 
 def possible_mode(intended: Mode, s: CommanderInputs, params: CommanderParams) -> Mode:
-    """Return the mode to fly after a pilot has selected POSCTL or ALTCTL: a simpler mode without a valid estimate.
+    """Return the mode in which the vehicle can fly: the selected mode, or a simpler mode if the estimate is not valid.
 
     POSCTL without a valid position becomes ALTCTL with COM_POSCTL_NAVL 0, and a descent (DESCEND) with COM_POSCTL_NAVL 1.
     ALTCTL without a valid height or heading becomes STABILIZED.

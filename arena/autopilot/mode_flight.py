@@ -21,7 +21,7 @@ from arena.wire.sticks import CENTRED
 
 
 class ModeFlight:
-    """Writes the setpoints of V vehicles, each in its flight mode.
+    """Execution of the flight modes of V vehicles: computes the setpoints that the controllers follow.
 
     position: position controller, whose last velocity setpoints continue when a pilot takes over
     dt: time between two calls of `fly` [s]
@@ -51,7 +51,7 @@ class ModeFlight:
         self.auto.leave(v, armed=False)
 
     def fly(self, v: Vehicle, s: CommanderInputs, *, newly_armed: bool) -> None:
-        """Write the setpoint of an armed vehicle for its present mode."""
+        """Compute and store the setpoint of an armed vehicle for its present mode."""
         c, i, task = v.commander, v.row, self._tasks[v.row]
         if newly_armed:
             v.set_home_to_current_position()
@@ -90,7 +90,7 @@ class ModeFlight:
             c.request_mode(Mode.HOLD, s, v.commander_params)
 
     def _fly_by_hand(self, v: Vehicle, s: CommanderInputs) -> None:
-        """Write the setpoint of a vehicle in a manual mode, from its sticks.
+        """Compute and store the setpoint of a vehicle in a manual mode, from its stick positions.
 
         Lost sticks count as released until the failsafe acts.
         """

@@ -117,7 +117,7 @@ def _open(found: Startup, options: Sequence[str]) -> None:
 
 
 def rotors(params: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return position and direction of each rotor from the CA_ROTOR* parameters.
+    """Return position and spin direction of each rotor, from the CA_ROTOR* parameters.
 
     The form is the same as in a vehicle profile.
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import errno
 import fcntl
+import math
 import os
 import selectors
 import signal
@@ -38,20 +39,30 @@ BANNER = "arena's stand-in for PX4: the built-in autopilot behind PX4's simulato
 UP = "Startup script returned successfully"
 FREE_RUN = 10
 """Number of first samples without a reply. PX4 does not reply while it looks for its sensors."""
+MAX_GAP_S = 0.5
+"""Longest gap between two sensor samples that is filled by interpolation [s].
+
+Gaps occur with hardware in the loop: a computer that is late sends only the newest sample.
+"""
 _MAG, _BARO = 0x1C0, 0x1A00
 _CONTROLS, _ARMED, _LOCKSTEP = 16, 128, 1
 _TRUTH_US = 5000.0
 _GEOMETRY = ("CA_ROTOR", "PWM_MAIN_FUNC", "MAV_TYPE")  # parameters that the built-in autopilot does not have
 _RETRY_S, _POLL_S = 0.05, 0.2
+_FULL_BATTERY = {
+    "battery_v": np.array([16.2]),
+    "battery_current_a": np.array([0.0]),
+    "battery_remaining": np.array([1.0]),
+}
 _BYTES = 65536
 
 
 class StandIn:
-    """Core of the PX4 stand-in of one vehicle: built-in autopilot behind the interfaces of PX4 SITL, without sockets.
+    """Replacement of PX4 SITL for one vehicle: the built-in autopilot with PX4's simulator API and MAVLink links.
 
-    The caller passes received bytes in and sends the replies.
+    Opens no sockets: the caller passes received bytes in and sends the replies.
 
-    The sensor period is the time between the first two samples.
+    The sensor period is the shortest time between two of the first FREE_RUN samples.
 
     params: parameters set by the startup script and the environment
     """
@@ -62,7 +73,8 @@ class StandIn:
         self._codec.robust_parsing = True
         self._autopilot: Autopilots | None = None
         self._held = {"mag_b": np.zeros((1, 3)), "baro_alt_m": np.zeros(1)}
-        self._first_us = 0
+        self._inertial: dict[str, Array] = {}
+        self._last_us, self._period_us = 0, math.inf
         self.samples = 0
         self.armed = False
 
@@ -99,7 +111,7 @@ class StandIn:
         return self._autopilot.events() if self._autopilot is not None else []
 
     def receive(self, link: str, data: bytes) -> None:
-        """Process a MAVLink datagram that arrived on a link of the PX4 stand-in.
+        """Pass a MAVLink datagram from one of the links to the autopilot.
 
         link: `router`, `vision`, `panic` or `ground`
         """
@@ -131,16 +143,35 @@ class StandIn:
     def _sample(self, m: Any) -> bytes:
         self.samples += 1
         self._hold(m)
-        if self.samples == 1:
-            self._first_us = m.time_usec
+        passed_us, self._last_us = m.time_usec - self._last_us, m.time_usec
         if self._autopilot is None:
-            dt = (m.time_usec - self._first_us) * 1e-6
-            if dt <= 0.0:
+            if self.samples > 1 and passed_us > 0:
+                self._period_us = min(self._period_us, passed_us)
+            if self.samples < FREE_RUN or self._period_us == math.inf:
                 return b""
-            self._autopilot = self._make(dt)
-        motors = self._autopilot.step(m.time_usec * 1e-6, self._sensors(m))[0]
+            self._autopilot = self._make(self._period_us * 1e-6)
+        motors = self._step(self._autopilot, m, passed_us)
         self.armed = bool(self._autopilot.armed[0])
         return self._controls(m.time_usec, motors) if self.samples > FREE_RUN else b""
+
+    def _step(self, autopilot: Autopilots, m: Any, passed_us: float) -> Array:
+        """Step the autopilot to the time of a HIL_SENSOR message, and return the motor outputs (rotors,) [-].
+
+        If samples are missing, also step through the gap, with interpolated rates and accelerations. The
+        estimator has a fixed step: without these steps it would lose the rotation during the gap.
+        passed_us: time since the previous sample [us]
+        """
+        new = _inertial(m)
+        old, self._inertial = self._inertial or new, new
+        steps = round(passed_us / self._period_us)
+        if not 1 < steps <= MAX_GAP_S * 1e6 / self._period_us:
+            steps = 1
+        for left in range(steps - 1, 0, -1):
+            between = {name: new[name] + left / steps * (old[name] - new[name]) for name in new}
+            time_s = (m.time_usec - left * self._period_us) * 1e-6
+            autopilot.step(time_s, {**between, **self._held, **_FULL_BATTERY})
+        motors: Array = autopilot.step(m.time_usec * 1e-6, {**new, **self._held, **_FULL_BATTERY})[0]
+        return motors
 
     def _make(self, dt: float) -> Autopilots:
         profile = {"rotors": self._rotors, "params": {}}
@@ -154,25 +185,11 @@ class StandIn:
         return Autopilots({"vehicles": [vehicle]}, dt)
 
     def _hold(self, m: Any) -> None:
-        """Store the newest magnetometer and barometer readings, which only some HIL_SENSOR messages contain."""
+        """Store the magnetometer and barometer readings of a HIL_SENSOR message, if it contains them."""
         if m.fields_updated & _MAG == _MAG:
             self._held["mag_b"] = np.array([[m.xmag, m.ymag, m.zmag]])
         if m.fields_updated & _BARO == _BARO:
             self._held["baro_alt_m"] = np.array([m.pressure_alt])
-
-    def _sensors(self, m: Any) -> dict[str, Array]:
-        """Convert HIL_SENSOR to the sensor arrays that `Autopilots.step` takes.
-
-        The battery is always full.
-        """
-        return {
-            "accel_b": np.array([[m.xacc, m.yacc, m.zacc]]),
-            "gyro_b": np.array([[m.xgyro, m.ygyro, m.zgyro]]),
-            **self._held,
-            "battery_v": np.array([16.2]),
-            "battery_current_a": np.array([0.0]),
-            "battery_remaining": np.array([1.0]),
-        }
 
     def _controls(self, time_usec: int, motors: Array) -> bytes:
         controls = np.zeros(_CONTROLS)
@@ -285,6 +302,14 @@ class Shell:
             print(text, flush=True)
 
 
+def _inertial(m: Any) -> dict[str, Array]:
+    """Return the acceleration [m/s^2] [FRD] and body rate [rad/s] [FRD] of a HIL_SENSOR message, each (1, 3)."""
+    return {
+        "accel_b": np.array([[m.xacc, m.yacc, m.zacc]]),
+        "gyro_b": np.array([[m.xgyro, m.ygyro, m.zgyro]]),
+    }
+
+
 def _bind(port: int, partner: str) -> socket.socket:
     """Return a UDP socket bound to the port.
 
@@ -301,7 +326,7 @@ def take_lock(instance: int, host: str) -> IO[bytes]:
     Raises RunError if another stand-in with the same instance and address is running.
     """
     path = Path(tempfile.gettempdir()) / f"arena-standin-{os.getuid()}-{host}-{instance}.lock"
-    file = path.open("ab")
+    file = open(path, "ab", opener=lambda name, flags: os.open(name, flags | os.O_NOFOLLOW, 0o600))  # noqa: SIM115 (held by the caller)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

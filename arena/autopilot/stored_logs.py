@@ -19,7 +19,7 @@ class Content(Protocol):
 
 
 class LogEntry(NamedTuple):
-    """Entry in the list of the logs of a vehicle: file name, size and start of the log.
+    """Entry in the list of the logs of a vehicle: file name, size and start time.
 
     name: file name.  size: [bytes].  begun_s: start of the log, time since boot [s]
     """

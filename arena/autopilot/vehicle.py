@@ -305,7 +305,7 @@ class Vehicle:
         self.offboard_setpoint, self.offboard_setpoint_at = setpoint, now
 
     def refuse_offboard_setpoint(self, reason: str) -> None:
-        """Count a refused offboard setpoint. Report the first one, and later one of every hundred, to the user.
+        """Count a refused offboard setpoint. Report the 1st, 101st, 201st ... refusal to the user.
 
         reason: reason of the refusal; "" is counted but not reported
         """

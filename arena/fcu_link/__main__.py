@@ -223,7 +223,7 @@ class FcuLinkShell:
         )
 
     def _update_axes_check(self) -> None:
-        """Advance a running axes check: receive all bodies of the room, and report the progress.
+        """Advance a running axes check: receive the poses of all bodies in the room, and report the progress.
 
         At the end of the check, its record is written.
         """

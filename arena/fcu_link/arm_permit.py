@@ -30,15 +30,19 @@ class ArmPermit:
             return []
         return [f"no arm permit: run arena arm-permit {self._vehicle}"]
 
-    def grant(self, by: str, *, connected: bool) -> None:
-        """Grant the permit to arm if the vehicle is connected.
+    def grant(self, by: str, *, connected: bool, carried: bool = False) -> None:
+        """Grant the permit to arm if the vehicle is connected and nobody carries it for its axes check.
 
         by: name of the person who grants the permit. connected: whether the vehicle is connected.
+        carried: whether the identity and axes check is running. A permit would be valid at its end, beside the person.
         """
         if not self._needed:
             return
         if not connected:
             self.events.append(f"no arm permit from {by}: the vehicle is not connected")
+            return
+        if carried:
+            self.events.append(f"no arm permit from {by}: the axes check is running")
             return
         self.by = by
         self._interruption = ""

@@ -54,7 +54,7 @@ class AxesCheck:
         self.events: list[str] = []
         self.status: dict[str, Any] = {"number": 0, "state": "idle", "text": "", "lines": []}
         self._check: GuidedCheck | None = None
-        self._by = self._definition = self._uid = ""
+        self._by = self._definition = self._last_known = self._uid = ""
         self._boot: BootTime | None = None
         self._computer, self._suspended_s, self._date = "", 0.0, ""
         self._clock, self._lateness = ClockOffset(), Lateness(_STALE_S)
@@ -152,10 +152,11 @@ class AxesCheck:
 
         definition: "" while it is unknown
         """
-        if definition and self._definition and definition != self._definition:
+        if definition and self._last_known and definition != self._last_known:
             self.stop("the rigid body was defined again during the check")
             self.events.append("its rigid body was defined again: the axes check is not valid any more")
         self._definition = definition
+        self._last_known = definition or self._last_known
 
     def on_boot_time(self, boot_s: float, now: float) -> None:
         """Store how long the autopilot has been running.

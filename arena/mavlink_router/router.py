@@ -144,10 +144,10 @@ class Router:
                 self._forget_routes(v)
 
     def heartbeat(self, frame: bytes, *, operator: bool = True) -> list[Out]:
-        """Return the datagrams that carry a ground station's heartbeat `frame` to the vehicles.
+        """Return the heartbeat `frame` with the addresses to which the router must send it: vehicles and recorder.
 
-        As soon as a ground station was received, it is sent on ground station links, too. Autopilots send STATUSTEXT only on links with
-        such heartbeats, and those of the ground station are too rare when a simulation is fast.
+        After a ground station was received, the frame is also sent on the ground station links: autopilots send STATUSTEXT only on
+        links with heartbeats of a ground station, whose own heartbeats are too rare when a simulation is fast.
         operator: an operator is present. Without one, vehicles that need it for this heartbeat receive none.
         """
         served = [v for v in self._vehicles if operator or not v.vehicle.needs_operator]

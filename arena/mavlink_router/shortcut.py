@@ -72,16 +72,16 @@ class Shortcut:
             self.ordinary.set_receivers(len(links) + v.number, v.up_and_record)
 
     def route(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out] | None:
-        """Return the datagrams to send, or None if the received datagram is not ordinary.
+        """Find the receivers of an ordinary datagram. Return None for other datagrams, which the router must process.
 
-        The arguments are those of `Router.on_datagram`.
+        The arguments are those of `Router.on_datagram`. The result contains the datagram and its receivers.
         """
         number = self._number_of_address.get(sender, _UNKNOWN)
         found = self.ordinary.find(socket, number, data, 0, len(data), now)
         return [(data, self.ordinary.receivers[found])] if found >= 0 else None
 
     def set_receivers(self, link: AutopilotLink, receivers: Destinations) -> None:
-        """Set the receivers of a vehicle's broadcast messages. receivers: () until the router knows them."""
+        """Set the receivers of broadcast messages from a vehicle's link. receivers: () until they are known."""
         self.ordinary.set_receivers(link.number, receivers)
 
     def set_senders(self, endpoint: Endpoint) -> None:

@@ -220,7 +220,7 @@ def pack_frame(
 
 @functools.lru_cache(maxsize=64)
 def _frame_layout(names: tuple[str, ...]) -> tuple[struct.Struct, tuple[bytes, ...]]:
-    """Return the byte layout of a recorded motion capture frame, and its body names with a final zero byte.
+    """Return the byte layout of recorded motion capture frames, and the names of their bodies as bytes that end with 0.
 
     The layout is without the head of CDR.
     """

@@ -41,7 +41,7 @@ class KeyExchange:
         self._next = 0.0
 
     def receive(self, data: Buffer, frames: Sequence[Frame]) -> None:
-        """Check with which key the vehicle signs, by the heartbeats of its autopilot. Other frames are ignored."""
+        """Find in the autopilot's heartbeats which key the vehicle signs with. Other frames are ignored."""
         for frame in frames:
             if (frame.sysid, frame.compid, frame.msgid) != (self._system, AUTOPILOT, mav.HEARTBEAT):
                 continue

@@ -23,9 +23,9 @@ class Codec:
     """
 
     def __init__(self, system: int, component: int, sender: Any = None) -> None:
-        """Create a codec that counts sequence numbers in `sender`, or in a sender of its own without one.
+        """Create a codec that sends with this system and component id.
 
-        sender: object of pymavlink's class MAVLink
+        sender: object of pymavlink's class MAVLink that counts the sequence numbers; None creates a new object
         """
         self._sender = sender or mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self.counts: Counter[str] = Counter()
@@ -70,7 +70,7 @@ class Codec:
             return None
 
     def parse(self, datagram: Buffer, wanted: Container[int] | None = None) -> list[Any]:
-        """Return every message of a datagram that the dialect contains. Never raises.
+        """Decode the messages of a datagram. Messages that the dialect does not contain are left out. Never raises.
 
         wanted: message ids to decode; None decodes all
         """

@@ -56,7 +56,10 @@ class Sender:
         return frozenset(range(self.first, self.last + 1)) | ({self.signed} if self.signed else set())
 
     def component_at(self, *, signs: bool) -> int:
-        """Return the component id that this process uses at one vehicle. signs: the vehicle signs its messages."""
+        """Return the component id with which this process sends to a vehicle.
+
+        signs: whether the vehicle signs its messages.
+        """
         return self.signed if signs and self.signed is not None else self.component
 
 

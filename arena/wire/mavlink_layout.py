@@ -55,7 +55,10 @@ def layout(msgid: int) -> dict[str, Field]:
 
 
 def _layout_of(fields: str) -> dict[str, Field]:
-    """Return the position of each field of a payload whose fields are listed as in `px4_messages.FIELDS`."""
+    """Return the position of each field of a payload.
+
+    fields: the fields in wire order, written as in `px4_messages.FIELDS`
+    """
     found, offset = {}, 0
     for field in fields.split(", "):
         kind, name = field.split()
@@ -123,7 +126,7 @@ def decoder(msgid: int) -> Callable[[Buffer, Frame], Any]:
 
 
 def _grouped(values: tuple[Any, ...], lengths: list[int]) -> list[Any]:
-    """Combine unpacked numbers into one value per field: the numbers of an array become a tuple."""
+    """Combine unpacked numbers into one value per field: the elements of an array field become a tuple."""
     found: list[Any] = []
     k = 0
     for length in lengths:

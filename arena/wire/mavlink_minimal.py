@@ -71,7 +71,7 @@ class HardwareUid(NamedTuple):
     uid2: bytes
 
     def __str__(self) -> str:
-        """Return uid2 in hexadecimal digits, or else uid, or "" if the autopilot reports none of them."""
+        """Return the hardware uid in hexadecimal digits: uid2, or uid if uid2 is not reported, or "" without both."""
         if any(self.uid2):
             return self.uid2.hex()
         return f"{self.uid:016x}" if self.uid else ""
@@ -122,7 +122,7 @@ def parse_heartbeat(data: Buffer, at: Frame) -> HeartbeatFields:
 
 
 def parse_landed_state(data: Buffer, at: Frame) -> int:
-    """Decode an EXTENDED_SYS_STATE and return its `landed_state`, a MAV_LANDED_STATE."""
+    """Decode an EXTENDED_SYS_STATE and return its `landed_state` (MAV_LANDED_STATE)."""
     return int(_EXTENDED.unpack(_payload(data, at, _EXTENDED.size))[1])
 
 
@@ -138,7 +138,7 @@ def parse_channel_count(data: Buffer, at: Frame) -> int:
 
 
 def parse_statustext(data: Buffer, at: Frame) -> tuple[int, str]:
-    """Decode a STATUSTEXT and return its severity, a MAV_SEVERITY, and its text.
+    """Decode a STATUSTEXT and return (severity as MAV_SEVERITY, text).
 
     The tab at its end, with which PX4 marks a text that it also sends as an event, is left out.
     """
@@ -152,7 +152,7 @@ def parse_hardware_uid(data: Buffer, at: Frame) -> HardwareUid:
 
 
 def parse_boot_ms(data: Buffer, at: Frame) -> int:
-    """Decode a SYSTEM_TIME and return the time since the autopilot's start [ms]."""
+    """Decode a SYSTEM_TIME and return the time since the autopilot booted [ms]."""
     return int(_SYSTEM_TIME.unpack(_payload(data, at, _SYSTEM_TIME.size))[1])
 
 

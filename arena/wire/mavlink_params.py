@@ -1,4 +1,4 @@
-"""Encoder and decoder for MAVLink's parameter messages, in PX4's variant. No sockets, no clocks.
+"""Encoder and decoder for MAVLink's parameter messages, with integers as PX4 encodes them. Pure.
 
     PARAM_REQUEST_READ (20)   <h B B 16s     index (-1: by name), system, component, name
     PARAM_REQUEST_LIST (21)   <B B           system, component
@@ -157,7 +157,7 @@ def fitted(value: float, kind: int) -> float:
 
 
 def alike(a: float, b: float, kind: int) -> bool:
-    """Return whether two parameter values count as equal.
+    """Return whether two values of a parameter are equal, apart from rounding in a .params file.
 
     Floats are equal if they agree in all digits that a .params file contains.
     """

@@ -1,4 +1,4 @@
-"""Messages that an autopilot receives many times a second, as plain tuples with the fields that are used, and a packer of poses.
+"""Fast decoders of the setpoints and poses that an autopilot receives, and a packer of poses.
 
 They are faster than pymavlink's objects. Tests compare them with pymavlink.
 """
@@ -39,7 +39,7 @@ class Odometry(NamedTuple):
 
 
 class OdometryPacker:
-    """Packer of ODOMETRY payloads for poses of one vehicle: local NED, body FRD, from vision, velocities unknown.
+    """Packer of ODOMETRY payloads that contain captured poses of one vehicle (NED, FRD), without velocities.
 
     covariance: of the pose, upper triangle (21,).
     """

@@ -190,7 +190,7 @@ class SignedConnection:
 
 
 def is_signed(data: Buffer, frame: Frame) -> bool:
-    """Return whether a frame has a signature, right or wrong."""
+    """Return whether a frame has a signature, valid or not."""
     return data[frame.start] == _MAGIC and bool(data[frame.start + 2] & _SIGNED)
 
 

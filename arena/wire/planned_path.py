@@ -48,12 +48,12 @@ def path_messages(points_n: Array, time_us: int) -> list[mavlink.MAVLink_message
 
 
 def may_contain_path(data: bytes) -> bool:
-    """Return quickly whether a datagram begins with a message of a planned path."""
+    """Return whether the first message of a datagram belongs to a planned path. The message is not decoded."""
     return len(data) > 9 and data[7] == _LOW and data[8] == _MIDDLE and data[9] == _HIGH and data[0] == 0xFD
 
 
 class PathAssembler:
-    """Assembler that combines the messages of one vehicle's program to its planned path.
+    """Assembler of the planned path of one vehicle, from the messages of its program.
 
     points: [m] [NED] (k, 3), as tuples.  changes: count of changes of the path.
     """

@@ -85,7 +85,7 @@ def measurement_payload(measurement: Measurement) -> bytes:
 
 
 def is_sensor_datagram(data: Buffer) -> bool:
-    """Return whether a datagram begins with a frame of the emulated sensors.
+    """Return whether a datagram begins with a message of the emulated relative sensors.
 
     Other datagrams need not be parsed.
     """

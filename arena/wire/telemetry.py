@@ -174,7 +174,7 @@ class Telemetry:
         return received
 
     def decode_waiting(self, slot: int) -> None:
-        """Decode the stored frames of one kind of data, in the order of arrival."""
+        """Decode the frames that wait for it, for one kind of data such as the attitude, in the order of arrival."""
         with self._lock:
             for datagram, frame, now in self.waiting.pop(slot, {}).values():
                 self._decode(datagram, frame, now)
@@ -189,7 +189,7 @@ class Telemetry:
         return made
 
     def _decode(self, datagram: bytes, frame: Frame, now: float) -> None:
-        """Decode a frame and store its values."""
+        """Decode a MAVLink frame, and store its values as the newest of their kind."""
         self._handlers[frame.msgid](self, decoder(frame.msgid)(datagram, frame), now)
 
     def recent_texts(self, since: float, worst: int = mavlink.MAV_SEVERITY_INFO) -> list[str]:
@@ -239,9 +239,9 @@ class Telemetry:
             acc_body=np.array((m.xacc, m.yacc, m.zacc)),
             ang_vel=np.array((m.xgyro, m.ygyro, m.zgyro)),
         )
-        if m.fields_updated & HIGHRES_MAG or self.mag is None:
+        if m.fields_updated & HIGHRES_MAG:
             self.mag = Mag(received_at=now, mag=np.array((m.xmag, m.ymag, m.zmag)) * GAUSS_T)
-        if m.fields_updated & HIGHRES_BARO or self.baro is None:
+        if m.fields_updated & HIGHRES_BARO:
             self.baro = Baro(
                 received_at=now,
                 pressure=pressure_pa(m.abs_pressure),

@@ -38,7 +38,7 @@ _DOUBLE_BYTES = 8
 
 
 class Numbers(Protocol):
-    """Interface of the numbers of one vehicle, such as its position: a row of an array, or a view."""
+    """Interface of a vector of one vehicle, such as its position: row of a numpy array, or memoryview."""
 
     def tolist(self) -> Sequence[float]: ...
 
@@ -46,7 +46,7 @@ class Numbers(Protocol):
 
 
 class PerVehicle(Protocol):
-    """Interface of the numbers of all vehicles, one entry per vehicle: an array, or a list of views."""
+    """Interface of the vectors of all vehicles, such as their positions: numpy array, or list of memoryviews."""
 
     def __getitem__(self, index: int, /) -> Numbers: ...
 
@@ -74,7 +74,7 @@ class TrueStates(Protocol):
 
 
 class ViewedStates:
-    """True states of V vehicles in one row of the truth page, as lists of views. Attributes as in `TrueStates`."""
+    """True states of V vehicles in one row of the truth page, as lists of memoryviews. Attributes as in `TrueStates`."""
 
     def __init__(self, row: Floats) -> None:
         self.time_s = row[0]

@@ -32,7 +32,7 @@ class NumberMessage:
 
     @property
     def schema(self) -> str:
-        """Return the definition of the message in the language of ROS 2."""
+        """Return the definition of the message as the text of a ROS 2 .msg file."""
         width = max(map(len, self.fields))
         lines = [f"float32 {name:{width}}  # {meaning}" for name, meaning in self.fields.items()]
         return "\n".join((f"# {self.summary}", *lines, ""))

@@ -167,14 +167,16 @@ def test_takeoff_ramp_begins_without_thrust_and_ends_at_the_full_rate():
     params = Params(2)
     ramp = TakeoffRamp(params, 2)
     armed, up = np.zeros(2), np.ones(2, bool)
-    full = np.array([3.0, 1.5])  # in OFFBOARD MPC_Z_VEL_MAX_UP, else MPC_TKO_SPEED
+    offboard = np.array([True, False])
+    full = np.array([params["MPC_Z_VEL_MAX_UP"][0], params["MPC_TKO_SPEED"][1]])
+    assert full[0] > full[1]
     start = -GRAVITY_M_S2 / params["MPC_Z_VEL_P_ACC"][0]
-    assert ramp.climb_rate_limit(0.0, full) == pytest.approx([start, start])
+    assert ramp.climb_rate_limit(0.0, offboard) == pytest.approx([start, start])
     ramp.update(2.0, armed, up, up)  # spooled up, with a setpoint to climb
-    assert ramp.climb_rate_limit(2.0, full) == pytest.approx([start, start])
-    assert ramp.climb_rate_limit(3.5, full) == pytest.approx((start + full) / 2)
+    assert ramp.climb_rate_limit(2.0, offboard) == pytest.approx([start, start])
+    assert ramp.climb_rate_limit(3.5, offboard) == pytest.approx((start + full) / 2)
     ramp.update(5.0, armed, ~up, up)
-    assert np.isinf(ramp.climb_rate_limit(5.0, full)).all(), "no limit after the take-off"
+    assert np.isinf(ramp.climb_rate_limit(5.0, offboard)).all(), "no limit after the take-off"
 
 
 def test_yaw_torque_is_filtered_and_tilt_torque_is_not():

@@ -70,7 +70,7 @@ def test_stick_to_the_right_flies_to_the_right_of_the_body(yaw):
         f.until(lambda f: abs(f.pilots.vehicles[0].yaw() - yaw) < 0.2, 10.0, turn)
         f.run(2.0, CENTRE)
     heading = f.pilots.vehicles[0].yaw()
-    f.run(4.0, sticks(roll=0.6))
+    f.run(6.0, sticks(roll=0.6))
     right = np.array([-math.sin(heading), math.cos(heading), 0.0])
     rest = (0.6 - 0.1) / 0.9
     wanted = PARAMS["MPC_VEL_MANUAL"] * (0.4 * rest + 0.6 * rest**3)
@@ -103,6 +103,14 @@ def test_climb_rate_near_the_ground_is_limited():
     f = by_hand(MPC_Z_VEL_MAX_UP=3.0, MPC_TKO_SPEED=1.0)
     f.run(1.5, sticks(throttle=1.0))
     assert -velocity(f)[2] == pytest.approx(1.0, abs=0.15)
+
+
+def test_limit_near_the_ground_does_not_slow_a_climb_below_it():
+    f = by_hand(MPC_Z_VEL_MAX_UP=3.0, MPC_TKO_SPEED=1.0)
+    f.run(1.5, sticks(throttle=0.6))
+    throttle = (0.6 - 0.1) / 0.9  # MPC_HOLD_DZ 0.1
+    asked = 3.0 * (0.4 * throttle + 0.6 * throttle**3)  # MPC_Z_MAN_EXPO 0.6
+    assert -velocity(f)[2] == pytest.approx(asked, abs=0.1)
 
 
 def test_altctl_holds_the_height_and_tilts_with_the_stick():

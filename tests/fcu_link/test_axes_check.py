@@ -75,6 +75,23 @@ def test_a_vehicle_arms_only_after_its_check():
     )
 
 
+def test_a_permit_given_during_the_check_does_not_arm_after_it():
+    rig = CarriedRig(moving(7.0))
+    rig.core.permit = ArmPermit("uav7", needed=True)
+    rig.carry(4.0)
+    rig.start()
+    while rig.core.axes.running:
+        rig.core.on_request({"do": "permit", "vehicle": "uav7", "by": "eva"}, rig.now)
+        rig.carry(0.1)
+    assert rig.until_checked()["state"] == "passed"  # the person still holds the vehicle
+    rig.send("router", arm())
+    assert not rig.arming_passed()
+    assert any("no arm permit from eva: the axes check is running" in text for text in rig.core.events())
+    rig.core.on_request({"do": "permit", "vehicle": "uav7", "by": "eva"}, rig.now)
+    rig.send("router", arm())
+    assert rig.arming_passed()
+
+
 @pytest.mark.parametrize(
     ("body", "words"),
     [
@@ -220,6 +237,18 @@ def test_a_body_that_is_defined_again_ends_a_record(record):
     rig.definition = "markers 2"
     rig.carry(1.0)
     assert "body changed: run arena preflight uav7" in reasons(rig)
+    assert any("was defined again" in event for event in rig.core.events())
+
+
+def test_a_body_that_is_defined_again_while_it_was_unknown_stops_the_check():
+    rig = CarriedRig(moving(9.0))
+    rig.carry(1.0)
+    rig.start()
+    for definition in ("", "markers 2"):
+        rig.carry(1.0)
+        rig.definition = definition
+    rig.carry(1.0)
+    assert rig.core.axes.record is None and not rig.core.axes.running
     assert any("was defined again" in event for event in rig.core.events())
 
 

@@ -41,6 +41,13 @@ def test_magnetic_field_of_an_older_imu_message_is_not_lost() -> None:
     assert telemetry.mag.received_at == 1.0 and telemetry.imu.received_at == 2.0
 
 
+def test_values_that_an_imu_message_does_not_contain_are_not_zero() -> None:
+    """PX4 that flies without a magnetometer sends zeros, and says by `fields_updated` that they are no measurement."""
+    telemetry, codec = Telemetry(1), Codec(1, 1)
+    telemetry.on_datagram(imu(codec, 0x003F, 0.0), 1.0)
+    assert telemetry.imu is not None and telemetry.mag is None and telemetry.baro is None
+
+
 def test_copy_of_telemetry_does_not_change_any_more() -> None:
     telemetry, codec = Telemetry(1), Codec(1, 1)
     telemetry.on_datagram(position(codec, 1.0), 1.0)

@@ -73,7 +73,7 @@ class PositionControl:
         self._v_dot[which] = 0.0
 
     def begin(self, sp: Setpoints) -> None:
-        """Prepare a step: read changed parameters, and connect the compiled controller to the setpoint arrays.
+        """Read changed parameters, and give the compiled controller access to the setpoint arrays.
 
         Only the setpoints for the position controller are used.
         """
@@ -84,7 +84,7 @@ class PositionControl:
             self.law.read_setpoints_from(view(sp.p_n), view(sp.v_n), view(sp.a_n), view(sp.yaw))
 
     def prepare(self, sp: Setpoints, est: Estimator) -> None:
-        """Copy setpoints and estimates to the inputs of the compiled controller `law`.
+        """Prepare all inputs of the compiled position controller (attribute `law`).
 
         sp: setpoints
         est: estimator of all vehicles
@@ -127,7 +127,7 @@ class AttitudeControl:
             self._read_params()
 
     def prepare(self, q_nb: Array, r_nb: Array) -> None:
-        """Copy the attitude estimates to the inputs of the compiled controller `law`.
+        """Copy the attitude estimates to the compiled attitude controller (attribute `law`).
 
         q_nb, r_nb: attitude [-] wxyz (V, 4) and its rotation matrix (V, 3, 3)
         """
@@ -148,7 +148,7 @@ class AttitudeControl:
 
 
 class RateControl:
-    """Rate controller of V vehicles: computes normalised torques from body rates.
+    """Rate controller of V vehicles: computes normalised torques from body rates and their setpoints.
 
     integral: integral of the rate error [-] [FRD] (V, 3)
     """
@@ -182,7 +182,7 @@ class RateControl:
             self._read_params()
 
     def prepare(self, omega_b: Array) -> None:
-        """Copy the body rates [rad/s] [FRD] (V, 3) to the inputs of the compiled controller `law`."""
+        """Copy the body rates [rad/s] [FRD] (V, 3) to the compiled rate controller (attribute `law`)."""
         self.begin()
         self._omega_b[...] = omega_b
 
@@ -204,7 +204,7 @@ def steps_per_period(period_s: float, dt: float) -> int:
 
 
 def _low_pass(cutoff_hz: Array, dt: float) -> Array:
-    """Return the coefficient of a first-order low-pass filter for one step.
+    """Return the coefficients of discrete first-order low-pass filters with the time step `dt` [s].
 
     The result has the shape of `cutoff_hz`. A cut-off of 0 Hz disables the filter.
     """

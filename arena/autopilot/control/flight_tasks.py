@@ -15,7 +15,7 @@ _NAN3 = (math.nan, math.nan, math.nan)
 
 @dataclass(slots=True)
 class FlightTask:
-    """Writes the setpoints of one vehicle in HOLD, TAKEOFF, LAND and DESCEND.
+    """Setpoint generator of one vehicle for the modes HOLD, TAKEOFF, LAND and DESCEND.
 
     row: row of the vehicle in the arrays over all vehicles
     mode: mode that this task flies; None while the vehicle flies in a mode that is not one of these four
@@ -58,7 +58,7 @@ class FlightTask:
     def fly(
         self, sp: Setpoints, est: Estimator, params: Params, *, landed: bool, ground_d: float = 0.0
     ) -> None:
-        """Write the setpoint of the vehicle for the current mode.
+        """Compute the setpoint of the vehicle for the current mode, and store it in `sp`.
 
         ground_d: height of the home position [m] [NED down], 0 if no home is set
         """
@@ -110,5 +110,5 @@ def landing_speed(height_m: float, params: Params, i: int) -> float:
 
 
 def stop_motors(sp: Setpoints, i: int) -> None:
-    """Remove the setpoint of vehicle i, which stops its motors."""
+    """Stop the motors of vehicle i: remove its setpoint."""
     sp.clear(i)

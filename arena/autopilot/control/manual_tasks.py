@@ -55,7 +55,7 @@ class ManualState:
 
 @dataclass(slots=True)
 class ManualTask:
-    """Writes the setpoints of one vehicle in the manual modes.
+    """Setpoint generator of one vehicle for the manual modes.
 
     row: row of the vehicle in the arrays over all vehicles
     mode: mode that this task flies; None while the vehicle flies in another mode
@@ -75,7 +75,7 @@ class ManualTask:
     _least_thrust: float = 0.0
 
     def enter(self, mode: Mode, s: ManualState) -> None:
-        """Begin a manual mode. Start at the last velocity setpoint, or else at the velocity of the vehicle."""
+        """Begin a manual mode with the previous velocity setpoint, or with the vehicle's velocity if it had none."""
         self.mode, self._yaw, self._yaw_rate = mode, _NAN, 0.0
         given = [
             sp if math.isfinite(sp) else v if math.isfinite(v) else 0.0
@@ -89,7 +89,7 @@ class ManualTask:
         return sticks.throttle > _TAKEOFF_THROTTLE
 
     def fly(self, sticks: Sticks, s: ManualState, sp: Setpoints, params: Params, dt: float) -> None:
-        """Write the setpoint of the vehicle for a time step `dt` [s]."""
+        """Compute the setpoint from the stick positions, and store it in `sp`. dt: time step [s]"""
         if self.mode is Mode.ACRO:
             self._fly_rates(sticks, sp, params)
             return
@@ -102,7 +102,7 @@ class ManualTask:
             self._fly_velocity(sticks, s, sp, params, dt)
 
     def _stay_down(self, s: ManualState, sp: Setpoints, params: Params) -> None:
-        """Set a descent as setpoint while the vehicle is on the ground, so that it is detected as landed."""
+        """Command a descent while the vehicle is on the ground, because the land detector requires it."""
         self._v_ne, self._a_ne, self._held_ne = (0.0, 0.0), (0.0, 0.0), None
         self._v_d, self._a_d, self._held_d = 0.0, 0.0, _NAN
         sp.set_position(self.row, v_n=(0.0, 0.0, _param(params, "MPC_LAND_SPEED", self.row)), yaw=s.yaw)
@@ -170,7 +170,7 @@ class ManualTask:
         self._hold_position(s)
 
     def _direction(self, sticks: Sticks, yaw: float, params: Params) -> tuple[float, float]:
-        """Return the horizontal direction of the sticks as (north, east), at most of length 1."""
+        """Return the horizontal vector (north, east) that the sticks request; full stick forward has length 1."""
         i, most = self.row, _param(params, "MPC_VEL_MANUAL", self.row)
         expo, dead = _param(params, "MPC_XY_MAN_EXPO", i), _param(params, "MPC_HOLD_DZ", i)
         ahead, right = _within_circle(shaped(sticks.pitch, expo, dead), shaped(sticks.roll, expo, dead))
@@ -185,7 +185,7 @@ class ManualTask:
         return cos * ahead - sin * right, sin * ahead + cos * right
 
     def _drag(self, coefficient: float) -> tuple[float, float]:
-        """Return the drag that slows the horizontal velocity setpoint down (north, east) [m/s2].
+        """Return the drag (north, east) [m/s2] that brakes the horizontal velocity setpoint.
 
         Below 1 m/s the drag of a braking vehicle is larger, so that the vehicle stops.
         """
@@ -210,7 +210,7 @@ class ManualTask:
                 self._v_ne = s.v_sp_n[0], s.v_sp_n[1]
 
     def _tilt_acceleration(self, sticks: Sticks, s: ManualState, params: Params) -> tuple[float, float]:
-        """Return the acceleration (north, east) [m/s2] of the tilt that the sticks request in ALTCTL."""
+        """Convert the tilt that the sticks request in ALTCTL to an acceleration (north, east) [m/s2]."""
         tilt = math.radians(min(_param(params, "MPC_MAN_TILT_MAX", self.row), _MOST_TILT_DEG))
         most = GRAVITY_M_S2 * min(max(math.tan(tilt), _LEAST_TILT_G), _MOST_TILT_G)
         n, e = self._to_ne(*_within_circle(sticks.pitch, sticks.roll), s.yaw)
@@ -225,8 +225,9 @@ class ManualTask:
         stick = _DOWN * shaped(
             sticks.throttle, _param(params, "MPC_Z_MAN_EXPO", i), _param(params, "MPC_HOLD_DZ", i)
         )
-        most = _vertical_limits(s.height_m, params, i)
-        wanted = stick * (most[0] if stick > 0 else most[1])
+        sink, climb = _vertical_limits(s.height_m, params, i)
+        full = _param(params, "MPC_Z_VEL_MAX_DN" if stick > 0 else "MPC_Z_VEL_MAX_UP", i)
+        wanted = min(max(stick * full, -climb), sink)
         if not s.flying:
             self._v_d, self._a_d, self._held_d = wanted, 0.0, _NAN
             return
@@ -289,7 +290,7 @@ class ManualTask:
 
 
 def shaped(value: float, expo: float, dead_zone: float) -> float:
-    """Return the position of one stick (-1..1) after dead zone and exponential curve.
+    """Apply the dead zone and the exponential curve to the position of one stick (-1..1).
 
     expo: share of the cubic curve 0..1
     dead_zone: part of the way around the centre that counts as the centre 0..1
@@ -312,7 +313,7 @@ def _within_circle(x: float, y: float) -> tuple[float, float]:
 
 
 def _share(dt: float, tau: float) -> float:
-    """Return the coefficient of a first-order low-pass filter with the time constant `tau` [s] for one step."""
+    """Return the coefficient of a discrete first-order low-pass filter. dt: time step [s]. tau: time constant [s]"""
     return dt / (dt + tau)
 
 

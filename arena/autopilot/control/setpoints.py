@@ -19,7 +19,7 @@ _NAN = math.nan
 
 
 class Level(IntEnum):
-    """Controller for which a setpoint is meant: position, attitude or rate controller."""
+    """Kind of setpoint, named after the controller that uses it: position, attitude or rate."""
 
     NONE = 0  # motors off
     RATE = 1  # omega_b and thrust
@@ -84,7 +84,7 @@ class Setpoints:
         self.yaw_rate_ff = np.zeros(v)
 
     def has_level(self, level: Level) -> Bool:
-        """Return a mask (V,) of the vehicles whose setpoint is for the given controller, for example `Level.RATE`."""
+        """Return a mask (V,) of the vehicles whose setpoint has this level, for example `Level.RATE` (body rates)."""
         return np.asarray(self.level == level.value)  # as int: numpy is slow with enums
 
     def clear(self, i: int) -> None:

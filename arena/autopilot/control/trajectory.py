@@ -38,7 +38,7 @@ class TrajectoryLimits:
 
 @dataclass(slots=True)
 class Trajectory:
-    """Point that moves ahead of the vehicle along a trajectory.
+    """Trajectory of one vehicle: a point that moves ahead of the vehicle, and that the controllers follow.
 
     p_n [m], v_n [m/s], a_n [m/s2]: position, velocity, acceleration of the point [NED] (3,)
     yaw: heading [rad]

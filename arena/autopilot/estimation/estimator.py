@@ -1,4 +1,4 @@
-"""Kalman filter of the error state: prediction by the IMU, correction by delayed external vision.
+"""Error-state Kalman filter: predicts pose and velocity from the IMU, and corrects them by external vision.
 
 All vehicles are computed together.
 
@@ -32,6 +32,7 @@ from arena.builtin_parameters import SPECS
 from arena.constants import GRAVITY_M_S2
 from arena.geometry import matrix_from_quat, quat_from_euler, quat_normalize, yaw_from_quat
 from arena.kernels.arrays import array, floats, view
+from arena.kernels.barometer_offset import BarometerOffset
 from arena.kernels.error_covariance import ErrorCovariance
 from arena.kernels.estimate_validity import EstimateValidity
 from arena.kernels.strapdown import Strapdown
@@ -43,7 +44,6 @@ Index = NDArray[np.intp]
 Triple = tuple[float, float, float]
 
 _FORCE_MEAN_S = 0.2  # time constant of the mean specific force
-_BARO_OFFSET_S = 1.0  # time constant of the barometer's offset
 _BARO_AFTER_S = 0.5  # from the last height of vision until the barometer is fused
 _NEVER = -1e9
 _SETTLE_S = 1.0  # from the alignment until the estimate is valid
@@ -84,6 +84,8 @@ class Estimator:
     test_ratio: squared innovation divided by its gate, for position and yaw [-] (V, 2)
     innovation, innovation_var: innovations of position [m] [NED] and yaw [rad], and their variances [m2]
         [rad2] (V, 4)
+    tilt, pose_rejected: tilt [rad] (V,), and whether the last pose was rejected (V,), both at the last call of
+        `xy_valid`, `z_valid` or `yaw_valid`
     rejected, reset_counter: number of rejected samples, and number of realignments (V,)
     at_rest: True while the vehicle stands on the ground with idle motors, set by the caller. Only such a
         vehicle aligns again with poses that the gate rejects for EKF2_NOAID_TOUT (V,)
@@ -117,7 +119,7 @@ class Estimator:
         self.last_xy, self.last_z = array(vision.last_xy), array(vision.last_z)
         self.last_yaw = array(vision.last_yaw)
         self.last_xy[:] = self.last_z[:] = self.last_yaw[:] = _NEVER
-        self._xy_valid, self._z_valid, self._yaw_valid = np.zeros((3, v), bool)
+        self._xy_valid, self._z_valid, self._yaw_valid, self.pose_rejected = np.zeros((4, v), bool)
         self._validity = validity = EstimateValidity(
             state,
             vision,
@@ -127,13 +129,14 @@ class Estimator:
             self._xy_valid,
             self._z_valid,
             self._yaw_valid,
+            self.pose_rejected,
         )
+        self.tilt = array(validity.tilt)
         self.aligned_at, self.reset_counter = array(validity.aligned_at), np.zeros(v, int)
-        self._baro_offset, self._baro_seen = np.zeros(v), np.zeros(v, bool)
-        self.last_baro, self._baro_at = (
-            array(validity.last_baro),
-            _NEVER,
-        )  # last fusion of each, and last call [s]
+        self._without_vision = np.zeros(v, bool)
+        self._baro = baro = BarometerOffset(state, vision, np.zeros(v, bool), self._without_vision)
+        self._baro_altitude, self._baro_offset = array(baro.altitude), array(baro.offset)
+        self.last_baro = array(validity.last_baro)  # time of the last fusion [s]
         self.last_baro[:] = _NEVER
         self._timeout_s = array(validity.timeout_s)
         self._pose = floats(1, 11)
@@ -147,6 +150,9 @@ class Estimator:
         self._timeout_s[:] = p["EKF2_NOAID_TOUT"] * 1e-6
         self._delay_s[:] = p["EKF2_EV_DELAY"] * 1e-3
         self._ctrl[:] = p["EKF2_EV_CTRL"]
+        array(self._baro.after_s)[:] = np.where(
+            p["EKF2_BARO_CTRL"] > 0, np.minimum(_BARO_AFTER_S, 0.5 * self._timeout_s), np.inf
+        )
         variances = p.columns("EKF2_EVP_NOISE", "EKF2_EVA_NOISE") ** 2
         array(self._vision.least_variance)[:] = variances[:, (0, 0, 0, 1)]
         array(self._vision.gate_squared)[:] = p.columns("EKF2_EVP_GATE", "EKF2_HDG_GATE") ** 2
@@ -250,18 +256,11 @@ class Estimator:
         baro_alt_m: altitude, up [m], NaN for a failed sensor (V,)
         now: time since boot [s]
         """
-        height = -self.p_n[:, 2]
-        alive = np.isfinite(baro_alt_m)
-        good = alive & self.aligned & (now - self.last_z < 0.2)
-        first = good & ~self._baro_seen
-        self._baro_offset[first] = (baro_alt_m - height)[first]
-        self._baro_seen |= good
-        share = min(1.0, (now - self._baro_at) / _BARO_OFFSET_S)
-        self._baro_at = now
-        self._baro_offset += np.where(good, share * (baro_alt_m - height - self._baro_offset), 0.0)
-        after_s = np.minimum(_BARO_AFTER_S, 0.5 * self._timeout_s)
-        lost = alive & self._baro_seen & (now - self.last_z > after_s) & (self.params["EKF2_BARO_CTRL"] > 0)
-        if lost.any():
+        if self._version != self.params.version:
+            self._read_params()
+        self._baro_altitude[...] = baro_alt_m
+        if self._baro.update(now):
+            lost = self._without_vision
             self.last_baro[lost] = now
             for i in np.flatnonzero(lost).tolist():
                 self._fuse_height(i, float(self._baro_offset[i] - baro_alt_m[i]))
@@ -278,7 +277,7 @@ class Estimator:
         self.law.correct(i, covariance.error, int(self._delay_s[i] / self.dt) + 3)
 
     def realign(self, idx: Index) -> None:
-        """Restart the initial alignment of the estimates of the vehicles with the rows `idx`.
+        """Restart the initial alignment of the estimates of some vehicles. idx: rows of these vehicles
 
         The next vision sample of each vehicle sets its tilt, heading and position again.
 

@@ -15,12 +15,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.autopilot.control.setpoints import Level, Setpoints
+from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.param_table import Params
 from arena.constants import GRAVITY_M_S2
-from arena.kernels.arrays import array
-from arena.kernels.land_detection import LandDetection, RampLaw
+from arena.kernels.arrays import array, integers, view
+from arena.kernels.land_detection import ClimbRequest, LandDetection, RampLaw
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -70,28 +70,60 @@ class LandDetector:
         self._law.step(now)
 
 
-class TakeoffRamp:
-    """Take-off ramp of V vehicles: raises the allowed climb rate slowly at each take-off.
+class ClimbDetector:
+    """Climb detector: decides which of V vehicles are armed and have a setpoint that requires a climb.
 
-    flying: True if the take-off is complete (V,)
-    begun: start time of the ramp [s], infinite before its start (V,)
+    Such a setpoint is a height, a climb rate or a thrust.
+
+    climbing: True if the setpoint is a climb (V,)
+    sink: setpoint of the sink rate [m/s], NaN if there is none (V,)
     """
 
-    def __init__(self, params: Params, vehicles: int) -> None:
-        self.params = params
-        self.flying = np.zeros(vehicles, bool)
-        self._landed, self._climbing = np.zeros(vehicles, bool), np.zeros(vehicles, bool)
-        self._law = law = RampLaw(self.flying, self._landed, self._climbing)
-        self.begun = array(law.begun)
-        self.begun[:] = np.inf
-        self._armed_since, self._full = array(law.armed_since), array(law.full)
-        self._climb_rate = array(law.climb_rate)
+    def __init__(self, params: Params, sp: Setpoints, est: Estimator, v_sp_n: Array) -> None:
+        self.params, vehicles = params, len(sp.level)
+        self.climbing, self._armed = np.zeros(vehicles, bool), np.zeros(vehicles, bool)
+        self._law = law = ClimbRequest(view(est.p_n), view(v_sp_n), self._armed, self.climbing)
+        law.read_setpoints_from(integers(sp.level), view(sp.p_n), view(sp.v_n), view(sp.thrust))
+        self.sink = array(law.sink)
         self._read_params()
 
     def _read_params(self) -> None:
         p, law = self.params, self._law
         self._version = p.version
+        array(law.thr_min)[:], array(law.thr_hover)[:] = p["MPC_THR_MIN"], p["MPC_THR_HOVER"]
+
+    def update(self, armed: Bool) -> None:
+        """Detect which setpoints require a climb, and store the result in the attributes. armed: True if armed (V,)."""
+        if self._version != self.params.version:
+            self._read_params()
+        self._armed[...] = armed
+        self._law.update()
+
+
+class TakeoffRamp:
+    """Take-off ramp of V vehicles: raises the allowed climb rate slowly at each take-off.
+
+    flying: True if the take-off is complete (V,)
+    begun: start time of the ramp [s], infinite before its start (V,)
+    law: the compiled ramp
+    """
+
+    def __init__(self, params: Params, vehicles: int) -> None:
+        self.params = params
+        self.flying = np.zeros(vehicles, bool)
+        self._landed, self._climbing, self._offboard = np.zeros((3, vehicles), bool)
+        self.law = law = RampLaw(self.flying, self._landed, self._climbing, self._offboard)
+        self.begun = array(law.begun)
+        self.begun[:] = np.inf
+        self._armed_since = array(law.armed_since)
+        self._climb_rate = array(law.climb_rate)
+        self._read_params()
+
+    def _read_params(self) -> None:
+        p, law = self.params, self.law
+        self._version = p.version
         array(law.spoolup_s)[:], array(law.ramp_s)[:] = p["COM_SPOOLUP_TIME"], p["MPC_TKO_RAMP_T"]
+        array(law.full)[:], array(law.full_offboard)[:] = p["MPC_TKO_SPEED"], p["MPC_Z_VEL_MAX_UP"]
         array(law.start)[:] = -GRAVITY_M_S2 / p["MPC_Z_VEL_P_ACC"]
 
     def update(self, now: float, armed_since: Array, landed: Bool, climbing: Bool) -> None:
@@ -107,30 +139,20 @@ class TakeoffRamp:
         if self._version != self.params.version:
             self._read_params()
         self._armed_since[...], self._landed[...], self._climbing[...] = armed_since, landed, climbing
-        self._law.update(now)
+        self.law.update(now)
 
-    def climb_rate_limit(self, now: float, full: Array) -> Array:
+    def climb_rate_limit(self, now: float, offboard: Bool) -> Array:
         """Return the present limit of the climb rate [m/s] (V,).
 
         The next call overwrites the array.
 
         Before the ramp the limit is so negative that the position controller commands no thrust. During the ramp the
-        limit rises to `full`. After the take-off it is infinite.
+        limit rises to MPC_Z_VEL_MAX_UP in OFFBOARD, else to MPC_TKO_SPEED. After the take-off it is infinite.
 
-        full: limit at the end of the ramp, MPC_Z_VEL_MAX_UP in OFFBOARD, else MPC_TKO_SPEED [m/s] (V,)
+        offboard: True in OFFBOARD (V,)
         """
-        self._full[...] = full
-        self._law.limit(now)
+        if self._version != self.params.version:
+            self._read_params()
+        self._offboard[...] = offboard
+        self.law.limit(now)
         return self._climb_rate
-
-
-def climb_requested(sp: Setpoints, est: Estimator, params: Params) -> Bool:
-    """Return a mask (V,) of the vehicles whose setpoint (height, climb rate or thrust) requires a climb."""
-    by_height = (
-        sp.p_n[:, 2] - est.p_n[:, 2] < -0.1
-    )  # NaN compares false, so axes without a setpoint are ignored
-    by_speed = sp.v_n[:, 2] < -0.1
-    by_thrust = sp.thrust > params["MPC_THR_MIN"] + 0.5 * (params["MPC_THR_HOVER"] - params["MPC_THR_MIN"])
-    return np.asarray(
-        np.where(sp.has_level(Level.POSITION), by_height | by_speed, ~sp.has_level(Level.NONE) & by_thrust)
-    )

@@ -1,4 +1,4 @@
-"""Number of IMU samples per prediction of the estimator's covariance.
+"""Period at which the estimator predicts its covariance, as a number of IMU samples.
 
 As in PX4's EKF2, the period is longer than that of the IMU. `arena.kernels.error_covariance` computes the prediction.
 """
@@ -11,7 +11,7 @@ _PREDICT_S = 0.01  # EKF2_PREDICT_US of PX4 v1.16
 
 
 def samples_per_prediction(dt: float) -> int:
-    """Return the number of IMU samples per prediction of the estimator's covariance.
+    """Return how many IMU samples the estimator collects for one prediction of its covariance.
 
     dt: IMU period [s]
 

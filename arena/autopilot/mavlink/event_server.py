@@ -81,7 +81,10 @@ class EventServer:
         return messages
 
     def _oldest_after(self, sequence: int) -> int:
-        """Return the number of the first stored event after `sequence`; the newest number if no event is stored."""
+        """Return the number of the stored event that follows number `sequence`.
+
+        If no event is stored, return the newest number.
+        """
         return min(
             (sent.sequence for sent in self._kept),
             key=lambda other: (other - sequence) % _NUMBERS,
@@ -90,7 +93,7 @@ class EventServer:
 
 
 def marked(texts: Iterable[tuple[int, str]], events: Iterable[Event]) -> list[tuple[int, str]]:
-    """Return the texts, with PX4's mark (a tab) at the end of each text that is also sent as an event.
+    """Add a tab (as in PX4) to each text that is also sent as an event, and return all texts.
 
     A ground station that knows events shows the event and drops the text. A text that says more than its event is
     not marked, so that it is always shown.

@@ -61,9 +61,9 @@ class MavlinkLink:
     def __init__(
         self, name: str, system_id: int, streams: LinkStreams, sequences: Sequences, row: int
     ) -> None:
-        """Create a link. `sequences[row]` is the MAVLink sequence number of its next frame.
+        """Create a link that counts its MAVLink frames in an element of `sequences`.
 
-        The kernel of the streams counts the same number.
+        `sequences[row]` is the sequence number of the link's next frame. The kernel of the streams counts the same number.
         """
         self.name, self.streams = name, streams
         self.codec = Codec(system_id, 1, _Sender(system_id, sequences, row))
@@ -108,7 +108,7 @@ class MavlinkLink:
 
 
 class _Sender(mavlink.MAVLink):  # type: ignore[misc]
-    """pymavlink's encoder of one link. It stores its MAVLink sequence number in an array of all links."""
+    """MAVLink encoder (pymavlink) of one link. It reads and writes its sequence number in an array of all links."""
 
     def __init__(self, system_id: int, sequences: Sequences, row: int) -> None:
         self._sequences, self._row = sequences, row

@@ -259,7 +259,7 @@ class MavlinkInterface:
         self._run_command(link, m, m.command, command_handlers.parameters_of(m))
 
     def _on_set_mode(self, link: MavlinkLink, m: Any) -> None:
-        """Run the deprecated message SET_MODE as MAV_CMD_DO_SET_MODE."""
+        """Process the deprecated message SET_MODE like the command MAV_CMD_DO_SET_MODE."""
         main, sub = split_mode(m.custom_mode)
         params = (float(m.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0)
         self._run_command(link, m, mavlink.MAV_CMD_DO_SET_MODE, params)
@@ -285,7 +285,7 @@ class MavlinkInterface:
     # -- sending ---------------------------------------------------------------------------------------------
 
     def _wake(self) -> None:
-        """Request that `Autopilots` calls `transmit` of this vehicle in this step."""
+        """Request a call of `transmit` in this step, even if no message stream is due."""
         self._telemetry.wake_s[self.vehicle.row] = 0.0
 
     def wake_if_changed(self) -> None:

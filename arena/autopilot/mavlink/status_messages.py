@@ -48,7 +48,7 @@ def rc_channels(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def has_radio(v: Vehicle) -> bool:
-    """Return whether radio control (RC) was received since the start."""
+    """Return whether radio control (RC) was received at least once since boot."""
     return v.manual_control.radio > -math.inf
 
 

@@ -57,7 +57,7 @@ _INT32, _INT16 = (INT32_MIN, INT32_MAX), (-32768, 32767)
 
 
 class AllModes:
-    """AVAILABLE_MODES messages of all selectable modes, as one entry of a link's send queue."""
+    """Queue entry for all AVAILABLE_MODES messages of a link, one per selectable mode."""
 
     def pack(self, sender: MavlinkSender) -> bytes:
         """Return one AVAILABLE_MODES frame per selectable mode, in PX4's order.

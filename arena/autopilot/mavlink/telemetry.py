@@ -90,7 +90,7 @@ class Telemetry:
                 link.streams.set_interval(msgid, 1.0 / hz, first_s)
 
     def begin(self) -> TelemetryState | None:
-        """Return the state of all vehicles after the last step, for the telemetry messages of this step.
+        """Prepare the telemetry messages of this step. Return the state of all vehicles after the previous step.
 
         Return None before the first step.
         """
@@ -100,7 +100,7 @@ class Telemetry:
         return self.state
 
     def update(self, v: Vehicle) -> None:
-        """Copy the values of a vehicle that change rarely, such as mode and origin, to the telemetry packer.
+        """Copy rarely changing values of a vehicle, such as mode and origin, to the telemetry packer.
 
         Values that have not changed are not copied.
         """
@@ -118,7 +118,7 @@ class Telemetry:
                 self._silent[v.row, column] = not has_content(v)
 
     def has_content(self, v: Vehicle, msgid: int) -> bool:
-        """Return whether a vehicle has valid content for a frequent message."""
+        """Return whether a vehicle has valid values for a telemetry message that is sent often."""
         return self._sender.has_content(v.row, _COLUMNS[msgid])
 
     def has_output(self, now: float) -> bool:

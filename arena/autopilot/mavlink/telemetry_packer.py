@@ -203,9 +203,9 @@ class TelemetryPacker:
         packing.read_setpoints_from(integers(sp.level), *(view(each) for each in used))
 
     def begin(self, state: TelemetryState) -> None:
-        """Copy the time and the values of this step to the inputs of the compiled packer (kernel).
+        """Copy time, sensor values and motor commands of this step to the compiled packer (attribute `law`).
 
-        The kernel reads the other values from the arrays of the autopilots.
+        The compiled packer reads the other values from the arrays of the autopilots.
         """
         for to, name in self._copied:
             to[...] = getattr(state, name)
@@ -225,7 +225,7 @@ class TelemetryPacker:
         return self.law.frame_count(v.row, message_ids)
 
     def set_status(self, v: Vehicle) -> None:
-        """Copy mode, arming state and health of a vehicle to the inputs of the compiled packer (kernel)."""
+        """Copy mode, arming state and health of a vehicle to the compiled packer (attribute `law`)."""
         present, lost = _present(v, xy_valid=True), _present(v, xy_valid=False)
         self._status[v.row] = (
             v.mav_type,
@@ -239,7 +239,7 @@ class TelemetryPacker:
         self._lost[v.row] = lost, _health(v, lost & ~mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION)
 
     def set_place(self, v: Vehicle) -> None:
-        """Copy arming state, origin, home and number of rotors of a vehicle to the compiled packer (kernel)."""
+        """Copy a vehicle's arming state, origin, home and number of rotors to the compiled packer (attribute `law`)."""
         self._escs[v.row] = v.rotors
         lat, lon, alt, _ = v.origin or (_NAN, _NAN, _NAN, 0.0)
         home_d = v.home_n[2] if v.home_n else _NAN
@@ -247,7 +247,7 @@ class TelemetryPacker:
 
 
 def _tables() -> tuple[list[float], list[PayloadWriter]]:
-    """Return the constant field values of all frequent messages, and one compiled payload writer per message."""
+    """Return the constant field values of the frequent messages, and a compiled encoder for each message."""
     constants: list[float] = []
     writers, ranges = [], view(_ranges())
     for msgid, contents in FREQUENT.items():
@@ -265,10 +265,12 @@ def _tables() -> tuple[list[float], list[PayloadWriter]]:
 
 
 def _fields_of(msgid: int, names: Sequence[str], column: int, size: int) -> list[tuple[int, int, int]]:
-    """Return (column of its value, number type, position in the payload) of each number in message fields.
+    """Return the column in the table of values, and the place in the message, of each number in some fields.
+
+    Each result is (column in the table of values, index of the number type in `KINDS`, byte offset divided by the type's size).
 
     column: position of the first value in the table of values.  size: number of values.
-    Raises ValueError if the fields contain another number of elements.
+    Raises ValueError if the number of elements in the fields is not `size`.
     """
     rows: list[tuple[int, int, int]] = []
     for name in names:

@@ -57,7 +57,7 @@ class TelemetryState:
 
     @property
     def xy_valid(self) -> list[bool]:
-        """Valid horizontal position: True or False for each vehicle (V,).
+        """Validity of the horizontal position estimate of each vehicle: True or False (V,).
 
         Computed at the first use.
         """
@@ -67,7 +67,7 @@ class TelemetryState:
 
     @property
     def z_valid(self) -> list[bool]:
-        """Valid height: True or False for each vehicle (V,)."""
+        """Validity of the height estimate of each vehicle: True or False (V,)."""
         valid: list[bool] = self.est.z_valid(self.now_s).tolist()
         return valid
 

@@ -12,7 +12,7 @@ LOG_FOLDER = "/log"
 
 @dataclass(frozen=True, slots=True)
 class _Ready:
-    """`Content` of a file that describes the autopilot. It is in memory, so that no disk is read."""
+    """File that describes the autopilot, as a `Content` that is already in memory."""
 
     data: bytes
     ready: bool = True

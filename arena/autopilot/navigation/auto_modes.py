@@ -28,7 +28,7 @@ _MODES = (Mode.MISSION, Mode.RTL)
 
 @dataclass(slots=True)
 class _Checked:
-    """Result of the last check of a vehicle's mission and geofence, and the values that were checked.
+    """Result of the newest check of a vehicle's mission and geofence, and the values that it depends on.
 
     key: the values that the check depends on; when they change, mission and geofence are checked again
     fence_id: identifier of the uploaded geofence that `fence.areas` was read from
@@ -75,7 +75,9 @@ class AutoModes:
         return mode in _MODES or (mode is Mode.HOLD and (v.orbit is not None or self._is_repositioned(v)))
 
     def fly(self, v: Vehicle, s: CommanderInputs, sp: Setpoints) -> Mode | None:
-        """Write the vehicle's setpoint. Return the flight mode that the mission requests; None if none."""
+        """Compute and store the vehicle's setpoint. Return the flight mode to change to; None to keep the mode.
+
+        A vehicle without origin or home position changes to HOLD."""
         if v.origin is None or v.home_n is None:
             return Mode.HOLD
         n = self._navigator(v)
@@ -100,7 +102,7 @@ class AutoModes:
         return not any(fence.breach(point) for point in points)
 
     def leave(self, v: Vehicle, *, armed: bool) -> None:
-        """End the vehicle's flight along a mission, back home (RTL), to a reposition target or on a circle.
+        """End the automatic flight of the vehicle, such as its mission, its return flight (RTL) or an orbit.
 
         Call this for every vehicle that is disarmed, or for which `is_flying` is false.
         """

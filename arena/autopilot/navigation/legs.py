@@ -131,7 +131,7 @@ class LegFollower:
         )
 
     def steer(self, sp: Setpoints, s: Situation, dt: float) -> None:
-        """Write the setpoint for the current leg.
+        """Compute the setpoint for the current leg, and store it in `sp`.
 
         dt: time since the last call [s]
         """
@@ -165,7 +165,7 @@ class LegFollower:
         )
 
     def _fly_circle(self, orbit: Orbit, sp: Setpoints, s: Situation, dt: float) -> None:
-        """Write the setpoint to reach a circle and to fly along it.
+        """Compute and store the setpoint that leads the vehicle to a circle and then along it.
 
         The speed along the circle begins at 0.
         """
@@ -185,7 +185,7 @@ class LegFollower:
         sp.set_position(self.row, p_n=target.p_n, v_n=target.v_n, a_n=target.a_n, yaw=self.trajectory.yaw)
 
     def _lift_off(self, sp: Setpoints, s: Situation) -> None:
-        """Write a setpoint with a climb rate until the take-off is complete, as AUTO.TAKEOFF does."""
+        """Compute and store a setpoint with a climb rate, until the take-off is complete."""
         left = s.p_n[2] - self.leg.to[2]
         v = (0.0, 0.0, -min(self._param("MPC_TKO_SPEED"), max(left, 0.0) + 0.15))
         self.trajectory.begin(

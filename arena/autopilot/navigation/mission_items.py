@@ -97,7 +97,7 @@ _WITHOUT_POSITION = {
 
 
 class Origin(NamedTuple):
-    """Position of the origin of the local frame on Earth, and heading of the north axis of this frame.
+    """Global position of the origin of the local frame, and direction of the frame's north axis.
 
     lat, lon: latitude, longitude [deg]
     alt: altitude AMSL [m]

@@ -95,7 +95,7 @@ class Navigator:
         self._follower.cruise = speed
 
     def leave(self, *, armed: bool) -> None:
-        """End the flight along the mission, back home (RTL), to a reposition target or on a circle.
+        """End the automatic flight of the vehicle, such as its mission, its return flight (RTL) or an orbit.
 
         armed: False if the vehicle is disarmed. The cruise speed is then reset, and a mission that has reached its last
             item begins again at the first item
@@ -107,7 +107,7 @@ class Navigator:
             self._disarmed, self._follower.cruise = True, math.nan
 
     def fly(self, sp: Setpoints, s: Situation, dt: float) -> None:
-        """Write the setpoint of this step, and begin the next leg if the current leg is complete.
+        """Compute and store the setpoint of this step; begin the next leg if the current leg is complete.
 
         dt: time step [s]
         """
@@ -133,7 +133,7 @@ class Navigator:
             self._load(s)
 
     def _start_current_item(self, s: Situation) -> None:
-        """Check that the mission is valid, and begin the item that a client has selected during the flight."""
+        """Check the mission again, and begin the item that a client has selected during the flight."""
         begun, self._seen_changes = self._seen_changes < 0, self.missions.current_changes
         if not (self.missions.items[MISSION] and self.missions.valid):
             rest = "refusing takeoff" if s.landed else "loitering"
@@ -312,7 +312,7 @@ class Navigator:
         return best
 
     def _return_d(self, s: Situation) -> float:
-        """Return the height of the return flight [m] [NED down].
+        """Return the down coordinate [m] [NED] of the return flight (RTL).
 
         RTL_CONE_ANG and RTL_RETURN_ALT determine it. It is never below the present height.
         """

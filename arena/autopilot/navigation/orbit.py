@@ -114,7 +114,7 @@ class Orbit:
         )
 
     def heading(self, p_n: Point) -> float:
-        """Return the heading for a vehicle at a position [rad]. NaN keeps the present heading."""
+        """Return the heading setpoint [rad] at a position [m] [NED]. NaN keeps the present heading."""
         out = _outward(p_n, self.centre)
         if self.yaw_behaviour is YawBehaviour.INITIAL_HEADING:
             return self.initial_yaw

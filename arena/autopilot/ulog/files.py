@@ -58,7 +58,7 @@ class _Part:
 
 @dataclass(slots=True)
 class _Reading:
-    """Log file that the reading thread reads for a download. See `stored_logs.Content`."""
+    """Log file that a background thread reads for a download over MAVLink. See `stored_logs.Content`."""
 
     ready: bool = False
     data: bytes | None = None

@@ -83,7 +83,7 @@ class FlightState:
                 records[topic][name] = value
 
     def key(self, i: int) -> tuple[object, ...]:
-        """Return the values of vehicle i whose change is logged at once, such as mode and arming."""
+        """Return the values of vehicle i, such as mode and arming, that are logged as soon as they change."""
         v, land = self._s.vehicles[i], self._s.land
         c, s = v.commander, v.inputs
         return (
@@ -109,7 +109,7 @@ class FlightState:
             records["timestamp"] = round(1e6 * now)
 
     def update(self, i: int, now: float) -> None:
-        """Fill all records of vehicle i, after a change of a value in `key`.
+        """Fill all log records of vehicle i, because a value that `key` returns has changed.
 
         now: time since boot [s]
         """

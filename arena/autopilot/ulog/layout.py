@@ -1,4 +1,4 @@
-"""Reserved memory for one second of periodic ULog records of all vehicles, in order of time.
+"""Memory for the periodic ULog records of all vehicles during one second; overwritten every second.
 
 All vehicles record the same topics at the same steps, so the records of a topic have the same place in the row of each vehicle.
 """
@@ -24,7 +24,9 @@ _CYCLE_S = 1.0
 
 @dataclass(slots=True)
 class Step:
-    """ULog records to fill in one step of the cycle of 1 s, and the functions that compute their values.
+    """ULog records to fill in one sensor period, and the functions that compute their values.
+
+    The steps repeat every second.
 
     prepares: functions that compute the quantities
     copies: pairs of arrays: place in the records, and the quantity
@@ -37,7 +39,7 @@ class Step:
 
 
 class Layout:
-    """Reserved memory for one second of periodic ULog records of V vehicles.
+    """Memory for the periodic ULog records of V vehicles during one second; overwritten every second.
 
     rows: the bytes of the records (V, B)
     steps: work of each step of the cycle
@@ -51,7 +53,7 @@ class Layout:
         quantities: Mapping[str, NDArray[Any]],
         groups: Mapping[str, Callable[[], None]],
     ) -> None:
-        """Reserve the memory, and compute which ULog records are filled in each step.
+        """Reserve the memory, and compute which ULog records are filled in each sensor period.
 
         period_s: sensor period [s]
         quantities: quantity -> its array over all vehicles
@@ -86,7 +88,7 @@ class Layout:
         kind: np.dtype[np.void],
         quantities: Mapping[str, NDArray[Any]],
     ) -> None:
-        """Add a ULog record of a topic to the records that one step fills.
+        """Add the record of a ULog topic to the work of one step.
 
         place: bytes of the record in the row of each vehicle
         """
@@ -107,7 +109,7 @@ class Layout:
 
 
 def _is_due(topic: str, k: int, period_s: float) -> bool:
-    """Return whether a topic is recorded in step k of the cycle of 1 s.
+    """Return whether a topic is recorded in the sensor period with number k of each second.
 
     The slow topics begin at different steps, so that no step has much more work than the others.
     """
@@ -121,7 +123,7 @@ def _is_due(topic: str, k: int, period_s: float) -> bool:
 
 
 def _field(records: Records, name: str) -> NDArray[Any]:
-    """Return one field of all ULog records in an array, or one element of this field, such as `xyz[2]`.
+    """Return a field (`xyz`), or an element of a field (`xyz[2]`), of the ULog records of all vehicles.
 
     name: such as `xyz` or `xyz[2]`
     """

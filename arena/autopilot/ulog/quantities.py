@@ -139,7 +139,7 @@ class Quantities:
         self.values["covariances"] = np.zeros((count, _VARIANCES))
 
     def begin(self, now: float, sensors: Mapping[str, Array], motors: Array, consumed_mah: Array) -> None:
-        """Store the time and the newest sensor values and motor commands, which the log records then contain.
+        """Store time, sensor values and motor commands of this step for the log records.
 
         now: time since boot [s]
         sensors: see `Autopilots.step`

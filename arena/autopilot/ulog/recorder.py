@@ -280,7 +280,7 @@ class UlogRecorder:
 
 
 class _Packer:
-    """Encodes ULog records of one topic from the values of its fields."""
+    """Encoder of the ULog records of one topic: values of the fields -> bytes."""
 
     def __init__(self, topic: str) -> None:
         kind = ulog.record_type(FORMATS[topic])
