@@ -230,7 +230,7 @@ class StampAges:
         self._offsets = [(wall_s - now, now)]
 
     def update(self, wall_s: float, now: float) -> None:
-        """Record the present times of both clocks, to detect changes of the wall clock.
+        """Record the present times of the wall clock and the monotonic clock, to detect when the wall clock is set.
 
         Call it a few times a second. wall_s: wall clock [s]. now: monotonic [s].
         """
@@ -289,9 +289,9 @@ class AgedSocket:
         enable_stamps(source)
 
     def on_empty(self, now: float) -> None:
-        """Record that all datagrams have been read from the socket.
+        """Record the time at which all datagrams were read from the socket: later datagrams cannot be older.
 
-        The age of a later datagram is limited to the time since then. now: monotonic [s].
+        now: monotonic [s].
         """
         self._empty_at = now
 

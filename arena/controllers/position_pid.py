@@ -46,7 +46,7 @@ class AttitudeThrust:
 
 
 class PositionPid:
-    """Position PID with feed-forward of velocity and acceleration.
+    """Position controller (PID) with feed-forward of the wanted velocity and acceleration.
 
     mass_kg: mass of the vehicle [kg].
     max_tilt: largest tilt [rad].  max_thrust_n: largest thrust [N]; None: no limit.

@@ -65,7 +65,7 @@ class Session:
         """Land the vehicle if this session flies it, and close the connection.
 
         A vehicle that is disarmed, or that a pilot, `land-all`, a ground station, a node of ROS 2 or an SDK flies, is not commanded.
-        For an armed one, a line says who flies it.
+        For an armed one, a line says who flies it. A line also says if the state of the vehicle is not known.
         A vehicle that cannot be landed enters its offboard failsafe, because no setpoints are sent any more.
         """
         try:
@@ -86,12 +86,17 @@ class Session:
         return False
 
     def _flown_by_others(self) -> str:
-        """Return a line with the mode of a vehicle that is armed, and who has control of it; "" if it is not armed."""
-        with contextlib.suppress(VehicleError):
-            if self.uav.info.is_armed:
-                mode = self.uav.info.flight_mode
-                return f"{self.vehicle.name}: NOT LANDED by this shell: armed in {mode}, {self._holder(mode)}"
-        return ""
+        """Return a line with the mode of a vehicle that is armed, and who has control of it; "" if it is not armed.
+
+        If the vehicle's state is not known, the line says why.
+        """
+        try:
+            if not self.uav.info.is_armed:
+                return ""
+            mode = self.uav.info.flight_mode
+        except VehicleError as error:
+            return f"{self.vehicle.name}: NOT LANDED by this shell: state not known ({error}). Use `arena land-all`"
+        return f"{self.vehicle.name}: NOT LANDED by this shell: armed in {mode}, {self._holder(mode)}"
 
     def _holder(self, mode: str) -> str:
         """Return who controls a vehicle that this session does not fly, as text. mode: flight mode of the vehicle."""

@@ -74,7 +74,9 @@ class Recording:
 
 
 def captured_down(times: Array, at: list[float], q_nb: list[Sequence[float]]) -> Array:
-    """Compute from captured attitudes the direction down in body axes at given times [-] [FRD] (N, 3).
+    """Compute the direction of gravity in body axes at given times [-] [FRD] (N, 3).
+
+    The captured attitudes are interpolated.
 
     times: [s] (N,). at, q_nb: times [s] and values [-] wxyz of the captured attitudes
     """

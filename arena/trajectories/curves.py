@@ -49,7 +49,10 @@ class _Phase:
 
 
 def _area(t: float, rise_s: float) -> float:
-    """Return the integral of the smooth rise `from_rest` (0 to 1 in `rise_s`) over the time from 0 to `t` [s]."""
+    """Return the integral of the function `from_rest` from time 0 to time `t` [s].
+
+    `from_rest` rises smoothly from 0 to 1 within `rise_s` [s].
+    """
     u = t / rise_s
     return rise_s * u**4 * (2.5 - 3.0 * u + u * u)
 

@@ -69,7 +69,7 @@ def segment_times(waypoints: ArrayLike, speed_m_s: float, least_s: float = 0.5) 
 
 
 def _powers(u: float, order: int) -> Array:
-    """Return the derivative of the given order of the powers (1, u, u^2, ..., u^7) at u (8,).
+    """Return the derivatives of the eight powers 1, u, u^2, ..., u^7 at u (8,).
 
     order: order of the derivative
     """

@@ -46,7 +46,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import the asynchronous classes when they are first used.
+    """Import a class for asynchronous programs when a program first uses it.
 
     asyncio takes 30 ms to load, and blocking programs do not need it.
     """

@@ -43,9 +43,9 @@ def read_arguments(argv: Sequence[str] | None = None, clock_of: ClockOf | None =
 
 
 def simulation_clock(argv: Sequence[str] | None = None) -> tuple[str, str] | None:
-    """Return (path of the simulation clock's files, this program's name as its client); None for the wall clock.
+    """Return the simulation clock that this program must use, or None if it uses the wall clock.
 
-    Raises InputError. argv: as in `read_arguments`.
+    The clock is given as (path of its files, name of this program as its client). Raises InputError. argv: as in `read_arguments`.
     """
     found: list[tuple[str, str]] = []
 
@@ -85,7 +85,9 @@ def _file_of_arena(given: argparse.Namespace, argv: Sequence[str] | None) -> str
 
 
 def read_group(member: Membership | None, clock_of: ClockOf | None = None) -> list[dict[str, Any]]:
-    """Return the keyword arguments for `UAV` of each vehicle of a program's group. Raises InputError without a group.
+    """Return the keyword arguments for each `UAV` of a program that flies all vehicles of a group.
+
+    Raises InputError if the program flies only one vehicle.
 
     clock_of: as in `read_arguments`.
     """

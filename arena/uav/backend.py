@@ -20,7 +20,7 @@ BackendName = Literal["mavlink", "mavsdk"]
 
 @dataclass(frozen=True, kw_only=True)
 class Wire:
-    """Functions and data of a vehicle's connection that a backend uses: ids, telemetry, two ways to send.
+    """Part of a vehicle's connection that a backend uses: MAVLink ids, received telemetry, functions that send.
 
     system_id: MAV_SYS_ID of the vehicle, and of the program.
     telemetry: received telemetry of the vehicle.

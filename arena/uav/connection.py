@@ -29,6 +29,7 @@ from arena.wire.telemetry import Telemetry
 
 _MIN_REFRESH_S = 0.001
 _CHORES_EVERY_S = 0.1
+_RECENT_S = 0.09  # less than the time between two calls of `chores`, so that every call is needed if nothing else reads
 _HEARTBEAT_S = 1.0
 _MAX_DATAGRAMS = 2000  # in one poll: a flood must not keep the caller
 
@@ -64,6 +65,7 @@ class Connection:
         self.unsent, self.setpoint_at = 0, -math.inf
         self._clock = clock
         self._codec = Codec(system_id, PROGRAM_COMPONENT)
+        self.url = url
         self._socket, self._vehicle = _open(url)
         self._receiver = Receiver() if receiver is None else receiver
         self._capture = (
@@ -86,7 +88,7 @@ class Connection:
         )
         self._lockstep = isinstance(clock, LockstepClock) and clock.lockstep
         if isinstance(clock, LockstepClock) and self._lockstep:
-            clock.do_while_asleep(self.chores, _CHORES_EVERY_S)
+            clock.do_while_asleep(self.chores, _CHORES_EVERY_S, self.needs_chores)
         else:
             self._receiver.add(self.chores)
 
@@ -107,7 +109,10 @@ class Connection:
             self.poll()
 
     def send_setpoint(self, message: mavlink.MAVLink_message) -> None:
-        """Send a setpoint with the backend. Raises NotConfirmedError as `send` does."""
+        """Send a setpoint through the backend (pymavlink or MAVSDK).
+
+        Raises NotConfirmedError before the first message from the vehicle, and after `close`.
+        """
         self._known_vehicle()
         self.setpoint_at = self._clock.now()
         self._backend.send_setpoint(message)
@@ -140,8 +145,10 @@ class Connection:
         """
         self._ending.set()
         self._receiver.remove(self.chores)
-        self._backend.close()
-        with self._receiving:
+        with (
+            self._receiving
+        ):  # a library that gets a datagram after its end ends the process, with all its vehicles
+            self._backend.close()
             self._socket.close()
             if self._capture is not None:
                 self._capture.remove(self.poses)
@@ -166,13 +173,25 @@ class Connection:
         """Receive data, and send the program's heartbeat to the vehicle if it is due."""
         self.poll()
         now = self._clock.now()
-        if self._vehicle is not None and not 0.0 <= self._heartbeat_due - now <= _HEARTBEAT_S:
+        if self._vehicle is not None and self._is_heartbeat_due(now):
             self._heartbeat_due = now + _HEARTBEAT_S
             with self._sending:
                 data = self._codec.onboard_heartbeat()
             self._send_frame(data, self._vehicle)
 
+    def needs_chores(self, at: float) -> bool:
+        """Return whether `chores` is needed at a time [s]: the heartbeat is due, or the sockets were not read shortly before.
+
+        A program that sends setpoints reads the sockets for each of them. It need not wake in between to read them.
+        """
+        return not 0.0 <= at - self._polled_at < _RECENT_S or self._is_heartbeat_due(at)
+
+    def _is_heartbeat_due(self, at: float) -> bool:
+        return not 0.0 <= self._heartbeat_due - at <= _HEARTBEAT_S
+
     def _known_vehicle(self) -> Address:
+        if self._ending.is_set():
+            raise NotConfirmedError("the connection to the vehicle is closed")
         if self._vehicle is None:
             raise NotConfirmedError(
                 "no message from the vehicle has arrived yet, so its address is not known: is the arena up?"

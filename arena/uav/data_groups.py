@@ -217,9 +217,9 @@ class Actuation:
 
     @property
     def group(self) -> int:
-        """Number of the group of actuators: mixer group, or port number of SERVO_OUTPUT_RAW.
+        """Group number of the actuator outputs, as the autopilot reports it.
 
-        The mixer group comes from ACTUATOR_CONTROL_TARGET.
+        It is the mixer group of ACTUATOR_CONTROL_TARGET, or the port number of SERVO_OUTPUT_RAW.
         """
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.actuators, "actuators").group

@@ -63,7 +63,7 @@ class Fleet(Sequence[V]):
         self.clock = threads.clock("fleet")
         self._due = -np.inf
         if isinstance(self.clock, LockstepClock) and self.clock.lockstep:
-            self.clock.do_while_asleep(self._chores, _CHORES_EVERY_S)
+            self.clock.do_while_asleep(self._chores, _CHORES_EVERY_S, lambda at: True)
 
     def __len__(self) -> int:
         return len(self._uavs)
@@ -92,7 +92,7 @@ class Fleet(Sequence[V]):
         return found
 
     def start_offboard_mission(self) -> None:
-        """Make all vehicles ready at the same time: wait, enter OFFBOARD, arm."""
+        """Wait until each vehicle is ready, enter OFFBOARD and arm; for all vehicles at the same time."""
         self.each(lambda uav: uav.start_offboard_mission())
 
     def auto_land(self) -> None:
@@ -191,7 +191,7 @@ class Fleet(Sequence[V]):
         self.clock.sleep_until(self._due)
 
     def _flown(self) -> Iterator[tuple[int, V]]:
-        """Yield (index in the fleet, vehicle) for each vehicle that the program has not lost."""
+        """Yield (index in the fleet, vehicle) for each vehicle whose earlier calls have not failed (see `lost`)."""
         yield from ((row, uav) for row, uav in enumerate(self._uavs) if self.names[row] not in self.lost)
 
     def _guarded(self, uav: V, action: Callable[[], object]) -> None:

@@ -25,7 +25,7 @@ _LAST_WITH_ACTUATOR_CONTROL = 1, 13
 
 
 class FlightSteps:
-    """Methods of `UAV` that send setpoints at a fixed rate, as generators of the times at which they continue.
+    """Methods of `UAV` that send setpoints and wait, as generators: each yields the times until which it waits.
 
     control: commands and setpoints of the vehicle.
     barrier: start barrier of the run.
@@ -131,7 +131,7 @@ class FlightSteps:
         self.paths.end_trajectory(self._clock.now())
 
     def wait_for(self, name: str, n: int | None, timeout: ArrayLike) -> Steps[float]:
-        """Wait at a start barrier of the run. Return the common start time [s]."""
+        """Wait until the other programs of the run have called `wait_for`, too. Return the common start time [s]."""
         limit = duration_s(timeout)
         waiting = self._barrier.arrive(name, self._clock.now(), n)
         start = yield from self._control.wait_until(lambda: waiting.arrivals().start_s, limit)

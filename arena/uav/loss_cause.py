@@ -24,7 +24,7 @@ UNKNOWN = "a pilot, a ground station or another program commanded it"
 
 
 def cause_of_loss(vehicle: str, texts: Sequence[str], run: Path | None, monotonic_s: float) -> str:
-    """Return why the program lost control, as text such as "a pilot (...)".
+    """Return why the program lost control of the vehicle, as text. It begins for example with "a pilot".
 
     The text is appended to a message.
 

@@ -81,7 +81,7 @@ class MavsdkCommand:
         wire.telemetry.acks.clear()
 
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """Send the command: the first time with MAVSDK, after a missing reply as a MAVLink message.
+        """Send the command with MAVSDK; send every repetition directly as a MAVLink message.
 
         MAVSDK's own repetitions would follow the wall clock.
         """
@@ -140,7 +140,7 @@ class _Gate:
 
 
 class _Slot:
-    """Message that the program has requested and that MAVSDK has not sent yet.
+    """Store for the message that the program has requested and that MAVSDK has not sent yet.
 
     There is one slot for setpoints and one slot for commands.
 
@@ -172,7 +172,7 @@ class _Slot:
         )
 
     def take(self, msgid: int, message: Any) -> bool:
-        """Return whether the program has requested this message, and MAVSDK sends it for the first time."""
+        """Return whether a message is the one that the program has requested. True only once per request."""
         with self._lock:
             if (
                 self._asked is None
@@ -205,14 +205,15 @@ class MavsdkBackend:
             self._mavsdk.subscribe_raw_bytes_to_be_sent(self._gate.on_bytes)
             undo.pop_all()
         self._plugins: tuple[Offboard, MavlinkDirect] | None = None
-        self._is_closed = False
+        self._is_closed, self._opening = False, threading.Lock()
 
     @property
     def dropped(self) -> int:
-        """Number of setpoints that MAVSDK repeated by itself, and that were therefore not sent to the vehicle."""
+        """Number of setpoints from MAVSDK that were dropped, because the program had not requested them."""
         return self._gate.dropped
 
     def receive(self, datagram: bytes) -> None:
+        """Pass a datagram to MAVSDK. Another thread must not call `close` meanwhile: MAVSDK would end the process."""
         self._mavsdk.pass_received_raw_bytes(datagram)
 
     def send_setpoint(self, message: mavlink.MAVLink_message) -> None:
@@ -226,12 +227,19 @@ class MavsdkBackend:
         return MavsdkCommand(self._wire, self._gate, self._open_plugins()[1], number)
 
     def close(self) -> None:
-        if not self._is_closed:
-            self._is_closed = True
-            self._mavsdk.destroy()
-            _CHANNELS.release()
+        with self._opening:
+            if not self._is_closed:
+                self._is_closed = True
+                self._mavsdk.destroy()
+                _CHANNELS.release()
 
     def _open_plugins(self) -> tuple[Offboard, MavlinkDirect]:
+        with self._opening:
+            return self._plugins or self._find_plugins()
+
+    def _find_plugins(self) -> tuple[Offboard, MavlinkDirect]:
+        if self._is_closed:  # MAVSDK itself would end the process
+            raise NotConfirmedError("the connection to the vehicle is closed")
         if self._plugins is None:
             if self._wire.telemetry.heartbeat is not None:  # MAVSDK has it too, but handles it on a thread
                 self._mavsdk.first_autopilot(_SEND_TIMEOUT_S)

@@ -1,4 +1,4 @@
-"""Record of the vehicles that a thread's user program flies, in a process that runs the programs of a group.
+"""Record of which vehicles a user program flies, for programs that run as threads of one process.
 
 Such programs have no command line of their own, so `UAV.from_args` reads their arguments from `MEMBERSHIP`.
 """
@@ -25,7 +25,7 @@ class Closable(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Membership:
-    """Vehicles that one user program of a group flies, and the objects it shares with the other programs.
+    """Membership of one user program in a group: the vehicles that it flies, and the objects that all programs share.
 
     argv: command line for each vehicle: vehicle -> arguments without the program's name.
     once: whether the program flies all vehicles.

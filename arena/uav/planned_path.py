@@ -33,7 +33,7 @@ class PathPublisher:
         self._of_trajectory = False
 
     def publish(self, points: ArrayLike, now: float) -> None:
-        """Publish a planned path, a list of points, for viewers and the record.
+        """Publish a list of points as the planned path, for viewers and the record.
 
         points: [m] [NED] (k, 3); none removes the path.
         now: [s].

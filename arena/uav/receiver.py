@@ -11,9 +11,9 @@ _PERIOD_S = 0.02  # 50 wake-ups a second instead of one per datagram
 
 
 class Receiver:
-    """Thread that receives data and sends heartbeats for its connections every 20 ms of wall time.
+    """Thread that calls the `chores` of its connections every 20 ms of wall time.
 
-    The thread runs while it has a connection.
+    These functions receive data, and send heartbeats that are due. The thread runs while it has a connection.
 
     capture: motion capture clients, which the connections share, too.
     """

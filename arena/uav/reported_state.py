@@ -17,7 +17,7 @@ class ReportedState:
         self._source = source
 
     def has(self, *, mode: str | None = None, armed: bool | None = None) -> bool:
-        """Return whether the newest heartbeat reports a given mode and arming state. None: not checked."""
+        """Return whether the newest heartbeat reports a given mode and arming state. None skips a check."""
         heart = self._source.telemetry.heartbeat
         return heart is not None and mode in (None, heart.mode) and armed in (None, heart.armed)
 
@@ -35,14 +35,16 @@ class ReportedState:
             return False
         return t.heartbeat.armed or (t.status is not None and t.status.prearm)
 
-    def why_not_ready(self, waited_s: float, fault: str) -> str:
+    def why_not_ready(self, waited_s: float, link: str, fault: str) -> str:
         """Return the reason why `is_ready` is False, as text.
 
-        waited_s: time for which the program has waited [s].  fault: error of the connection, "" without one.
+        waited_s: time for which the program has waited [s].  link: URL of the connection.
+        fault: error of the connection, "" without one.
         """
         t = self._source.telemetry
         if t.heartbeat is None:
-            return "no heartbeat from the autopilot has arrived" + (f" ({fault})" if fault else "")
+            because = f" ({fault})" if fault else ""
+            return f"no heartbeat from the autopilot has arrived at {link}{because}. Is the arena running?"
         if self._source.age(t.local) > self._source.stale_s:
             return f"the autopilot has no position estimate{self.texts()}"
         return f"the autopilot's pre-arm checks fail{self.texts(waited_s + TEXTS_S)}"

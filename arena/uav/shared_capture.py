@@ -1,4 +1,4 @@
-"""Motion capture for the vehicles of one process: connections that read from the same server share its client.
+"""Motion capture for the vehicles of one process, with one client per server for all of them.
 
 So each frame is received and decoded once per process, and not once per vehicle.
 """
@@ -35,14 +35,20 @@ class SharedClient:
         self._polled_at = math.nan
         self._lock = threading.Lock()
 
-    def add(self, body: str, poses: Poses) -> None:
-        """Request one more rigid body from the server. poses: receives its poses."""
+    def add(self, body: str, poses: Poses) -> bool:
+        """Request one more rigid body from the server, and store its poses in `poses` from now on.
+
+        Returns False, and does neither, if another thread has closed the client.
+        """
         with self._lock:
+            if self.closed:
+                return False
             self._client.add_body(body)
             self._poses.setdefault(body, []).append(poses)
+            return True
 
     def remove(self, poses: Poses) -> None:
-        """Store no more poses in `poses`. If no vehicle is left, close the client."""
+        """Stop storing poses in `poses`. Close the client if no vehicle uses it any more."""
         with self._lock:
             left = {
                 body: [each for each in found if each is not poses] for body, found in self._poses.items()
@@ -80,13 +86,16 @@ class SharedCapture:
         self._lock = threading.Lock()
 
     def open(self, settings: Capture, body: str, poses: Poses) -> SharedClient:
-        """Return the client that stores the poses of a rigid body in `poses`. It is opened if no other vehicle uses it."""
+        """Return the motion capture client that stores the poses of a rigid body in `poses`.
+
+        Vehicles with the same settings share one client.
+        """
         from arena.mocap.client import open_client
 
         server = json.dumps({k: v for k, v in settings.items() if k != "bodies"}, sort_keys=True)
         with self._lock:
             client = self._clients.get(server)
-            if client is None or client.closed:
+            if client is None or not client.add(body, poses):
                 client = self._clients[server] = SharedClient(open_client({**settings, "bodies": []}))
-            client.add(body, poses)
+                client.add(body, poses)
             return client

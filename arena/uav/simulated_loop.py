@@ -13,7 +13,7 @@ import selectors
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, TypeVar
 
-from arena.clock import Clock, LockstepClock, SimClock
+from arena.clock import Clock, LockstepClock, Needed, SimClock
 from arena.errors import InputError, RunError
 from arena.uav.arguments import simulation_clock
 
@@ -65,7 +65,7 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
         return self.sim_clock.now()
 
     def close(self) -> None:
-        """Close the loop and the connection to the clock."""
+        """Close the event loop and the connection to the simulation clock."""
         super().close()
         self.sim_clock.close()
 
@@ -92,11 +92,12 @@ class LoopClock(LockstepClock):
             "a blocking sleep in an asynchronous program: use `await asyncio.sleep(...)` and the methods of AsyncUAV"
         )
 
-    def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
-        """Make the event loop call the function `chores` every `every_s` seconds of simulation time."""
+    def do_while_asleep(self, chores: Callable[[], None], every_s: float, needed: Needed) -> None:
+        """Make the event loop call the function `chores` every `every_s` seconds of simulation time, if it is needed."""
 
         def again() -> None:
-            chores()
+            if needed(self.now()):
+                chores()
             self._loop.call_later(every_s, again)
 
         self._loop.call_later(every_s, again)
@@ -127,5 +128,5 @@ class _SimulatedSelector(selectors.EpollSelector):
     def _others(
         self, ready: list[tuple[selectors.SelectorKey, int]]
     ) -> list[tuple[selectors.SelectorKey, int]]:
-        """Return the ready file descriptors without that of the simulation clock."""
+        """Return the ready file descriptors, except that of the simulation clock."""
         return [(key, events) for key, events in ready if key.fileobj is not self._clock]

@@ -83,9 +83,9 @@ class StartBarrier:
 
 
 class _Waiting:
-    """Wait of one program at a start barrier until the other programs have arrived.
+    """Arrival of one program at a start barrier, where it waits for the other programs.
 
-    It finds which other programs have arrived, and can be withdrawn after a timeout.
+    The object finds which programs have arrived. The arrival can be withdrawn after a timeout.
     """
 
     def __init__(self, vehicle: str, folder: Path, count: int, programs: Sequence[str]) -> None:

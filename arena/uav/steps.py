@@ -16,7 +16,7 @@ Steps = Generator[float, None, T]
 
 
 def run(steps: Steps[T], clock: Clock) -> T:
-    """Run a generator of waits: sleep until each time that it yields. Return its result."""
+    """Run a generator of type `Steps`: sleep on `clock` until each time that it yields. Return its result."""
     while True:
         try:
             due = next(steps)

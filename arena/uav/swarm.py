@@ -118,7 +118,7 @@ class Swarm:
         results = await asyncio.gather(*landings, return_exceptions=True)
         for name, result in zip(self.names, results, strict=True):
             if isinstance(result, VehicleError):
-                print(f"{name}: not landed by the program: {result}", file=sys.stderr, flush=True)
+                print(f"{name}: the program did not land this vehicle: {result}", file=sys.stderr, flush=True)
             elif isinstance(result, BaseException):
                 raise result
 

@@ -173,7 +173,9 @@ class VehicleControl:
             # heartbeats come once a second: without this, two programs could take off a second apart
             self._request_heartbeat()
         if not (yield from self._wait(self._reported.is_ready, READY_TIMEOUT_S)):
-            reason = self._reported.why_not_ready(READY_TIMEOUT_S, self._connection.fault)
+            reason = self._reported.why_not_ready(
+                READY_TIMEOUT_S, self._connection.url, self._connection.fault
+            )
             raise NotConfirmedError(f"{self._source.ns}: not ready after {READY_TIMEOUT_S:g} s: {reason}")
         yield from self._enter()
         if not self._reported.has(armed=True):
@@ -227,7 +229,7 @@ class VehicleControl:
             )
 
     def request_version(self) -> Steps[tuple[int, int, int] | None]:
-        """Return the version of the autopilot's software, such as (1, 16, 0). Request it first if needed; None without a reply."""
+        """Return the version of the autopilot's software, such as (1, 16, 0), or None if the autopilot does not reply."""
         telemetry = self._source.telemetry
         if telemetry.version is None:
             request = (float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),)
@@ -285,7 +287,7 @@ class VehicleControl:
         command = self._connection.command(number)
 
         def answer() -> int | None:
-            """Return MAV_RESULT + 1 of the command: `_wait` needs a true value, but MAV_RESULT_ACCEPTED is 0."""
+            """Return the MAV_RESULT of the command plus 1, because `_wait` needs a true value and MAV_RESULT_ACCEPTED is 0."""
             result = command.result()
             return None if result is None else result + 1
 

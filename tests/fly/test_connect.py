@@ -82,4 +82,8 @@ def test_session_without_telemetry_is_closed_without_a_command() -> None:
         def info(self, value: object) -> None:
             pass
 
-    assert ended(Silent(armed=True, flies=True)) == ["close"]
+    uav = Silent(armed=True, flies=True)
+    assert said_at_the_end(uav) == [
+        "uav1: NOT LANDED by this shell: state not known (no heartbeat). Use `arena land-all`"
+    ]
+    assert uav.done == ["close"]

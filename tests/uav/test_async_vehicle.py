@@ -329,7 +329,7 @@ def test_chores_run_in_simulated_time_and_blocking_sleep_raises(world):
     async def main() -> None:
         clock = running_clock(str(world), "uav1")
         assert isinstance(clock, LoopClock) and clock.lockstep
-        clock.do_while_asleep(lambda: calls.append(clock.now()), 0.1)
+        clock.do_while_asleep(lambda: calls.append(clock.now()), 0.1, lambda at: True)
         await asyncio.sleep(1.0)
         with pytest.raises(RunError, match="blocking sleep"):
             clock.sleep_until(clock.now() + 1.0)

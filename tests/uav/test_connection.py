@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
+from fake_autopilot import FakeAutopilot
+from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import LockstepClock, WallClock
-from arena.errors import InputError
+from arena.errors import InputError, NotConfirmedError
 from arena.mocap.client import CapturedFrame, Pose
+from arena.transport import open_udp
 from arena.uav.connection import Connection
 from arena.uav.poses import Poses
 from arena.uav.receiver import Receiver
+from arena.uav.setpoints import Encoder
+from arena.wire.mavlink_codec import Codec
 
-from .conftest import free_address
+from .conftest import free_address, sending_to
 
 
 class FakeClient:
@@ -88,6 +95,28 @@ def test_connections_of_one_process_share_the_client_of_a_server(clients):
         connection.close()
 
 
+def test_chores_are_needed_for_the_heartbeat_or_after_silence(monkeypatch):
+    monkeypatch.setattr("arena.uav.connection._HEARTBEAT_S", 1.0)
+    clock = StoppedClock()
+    connection = opened(None, None, clock=clock)
+    connection.poll()
+    assert connection.needs_chores(1.02), "no heartbeat was sent"
+    vehicle = open_udp(("127.0.0.1", 0))
+    codec = Codec(1, 1)
+    heartbeat = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)
+    vehicle.sendto(codec.pack(heartbeat), connection._socket.getsockname())
+    connection.chores()
+    assert codec.parse(vehicle.recv(300))[0].get_type() == "HEARTBEAT"
+    assert not connection.needs_chores(1.08)
+    assert connection.needs_chores(1.1)
+    clock.time = 1.98
+    connection.poll()
+    assert not connection.needs_chores(2.0)
+    assert connection.needs_chores(2.01), "the heartbeat is due"
+    connection.close()
+    vehicle.close()
+
+
 def test_shared_client_is_closed_with_its_last_connection_and_opened_again(clients):
     receiver, clock = Receiver(), StoppedClock()
     capture = {"north": 1.0, "bodies": []}
@@ -124,3 +153,48 @@ def test_without_body_or_settings_no_client_is_opened(clients, body, capture):
     connection.poll()
     connection.close()
     assert not clients and connection.poses.own is None
+
+
+class SlowBackend:
+    """A backend that receives slowly. As a native library, it must not be closed meanwhile."""
+
+    def __init__(self) -> None:
+        self.receives, self.may_end = threading.Event(), threading.Event()
+        self.in_receive = self.closed_in_receive = False
+
+    def receive(self, datagram: bytes) -> None:
+        self.in_receive = True
+        self.receives.set()
+        self.may_end.wait(10.0)
+        self.in_receive = False
+
+    def close(self) -> None:
+        self.closed_in_receive = self.in_receive
+
+
+def test_backend_is_not_closed_while_another_thread_passes_it_a_datagram(monkeypatch):
+    backend, port = SlowBackend(), free_address()
+    monkeypatch.setattr("arena.uav.connection._open_backend", lambda name, wire: backend)
+    receiver = Receiver()
+    receiver.add(other := lambda: None)  # another vehicle of the process, so that the thread runs on
+    connection = Connection(f"udpin:{port[0]}:{port[1]}", 1, WallClock(), Poses(None), receiver=receiver)
+    with sending_to(port, FakeAutopilot(telemetry=("HEARTBEAT",))):
+        assert backend.receives.wait(10.0)
+        closing = threading.Thread(target=connection.close)
+        closing.start()
+        closing.join(0.2)  # without the mend, the backend is closed here
+        backend.may_end.set()
+        closing.join(10.0)
+    receiver.remove(other)
+    assert not closing.is_alive() and not backend.closed_in_receive
+
+
+def test_closed_connection_sends_nothing_and_raises():
+    port = free_address()
+    connection = Connection(f"udpout:{port[0]}:{port[1]}", 1, WallClock(), Poses(None))
+    connection.send(Encoder(1).pos_yaw([0.0, 0.0, -1.0], 0.0, 0.0))
+    connection.close()
+    with pytest.raises(NotConfirmedError, match="is closed"):
+        connection.send_setpoint(Encoder(1).pos_yaw([0.0, 0.0, -1.0], 0.0, 0.0))
+    with pytest.raises(NotConfirmedError, match="is closed"):
+        connection.command(400)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 
 import numpy as np
@@ -97,6 +99,27 @@ def test_backends_without_a_channel_of_their_own_are_refused():
     finally:
         for one in made:
             one.backend.close()
+
+
+@pytest.mark.parametrize("call", ["send_setpoint", "command"])
+def test_call_after_the_end_raises_instead_of_ending_the_process(call):
+    code = f"""
+from uav.test_mavsdk_backend import SETPOINTS, NotConfirmedError, Sent
+backend = Sent().backend
+backend.close()
+try:
+    backend.{call}({"SETPOINTS['position']" if call == "send_setpoint" else 400})
+except NotConfirmedError as error:
+    print(error)
+"""
+    here = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    ended = subprocess.run(
+        [sys.executable, "-c", code], env=here, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (ended.returncode, ended.stdout.splitlines()[-1:]) == (
+        0,
+        ["the connection to the vehicle is closed"],
+    )
 
 
 @pytest.mark.parametrize("name", ["Mavsdk", "add_any_connection", "subscribe_raw_bytes_to_be_sent"])

@@ -77,7 +77,7 @@ class Group:
 
 
 def end_report(vehicle: str, code: int, why: str, *, once: bool) -> dict[str, Any]:
-    """Return the report to the supervisor that a vehicle's program has ended.
+    """Return the packet that reports to the supervisor that the program of a vehicle has ended.
 
     once: one program flies all vehicles of the group. Then the report contains no event: the end of the process and the last line of
     its log say the same once, and not once per vehicle.
@@ -102,7 +102,7 @@ def _exit_of(end: SystemExit) -> tuple[int, str]:
 
 
 def _print_failure(who: str, error: BaseException) -> None:
-    """Print the traceback of a program that failed, each line after the name `who`.
+    """Print the traceback of a failed program. Each line begins with the name `who`.
 
     The first entry of the traceback is left out, because it shows this module and not the program.
     """
