@@ -31,6 +31,17 @@ def pointers() -> list[Path]:
     return [pointer for base in bases for pointer in sorted(base.glob("*/run")) if _is_ours(pointer.parent)]
 
 
+def untrusted_folders() -> list[Path]:
+    """Return this user's folders with running arenas that `pointers` ignores, because others may write to them."""
+    found = []
+    for base in runtime_bases():
+        with contextlib.suppress(OSError):
+            running = sorted(pointer.parent for pointer in base.glob("*/run"))
+            if running and base.lstat().st_uid == os.getuid():
+                found += [folder for folder in running if not _is_ours(folder)] if _is_ours(base) else [base]
+    return found
+
+
 def pointers_of_others() -> list[tuple[Path, int]]:
     """Return (file `run`, user id) for each running arena of other users that this user may read.
 
@@ -103,7 +114,7 @@ def _is_file_of(path: Path, owner: int) -> bool:
 
 
 def _only_owner_may_write(found: os.stat_result, owner: int) -> bool:
-    """Return whether the file status is that of a folder that belongs to `owner` and that only `owner` may write.
+    """Return whether a file status describes a folder of the user `owner` to which nobody else may write.
 
     Whoever writes to a runtime folder chooses the addresses that land-all commands.
     """

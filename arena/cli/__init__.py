@@ -70,7 +70,7 @@ _GARBAGE_THRESHOLD = 50_000
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command line and return the exit code.
+    """Run a command line, such as `arena up lab.yaml`, and return its exit code.
 
     Errors are printed without a traceback, except with `--debug`.
     """
@@ -178,7 +178,7 @@ def _emergency(arguments: list[str]) -> int:
 
 @contextlib.contextmanager
 def _fork_server(arguments: Sequence[str]) -> Iterator[ForkClient | None]:
-    """Run the fork server, which starts processes quickly, during a `with` block. Yield its client, or None.
+    """Run a fork server during a `with` block, so that an arena starts quickly. Yield the server's client.
 
     The fork server imports packages while this process reads the YAML. For commands that start no arena, yield None.
 

@@ -24,7 +24,7 @@ Set = Annotated[
 
 
 def at_free_address(arena: Arena, plan: Plan, overrides: Sequence[str]) -> tuple[Arena, Plan, str]:
-    """Move an arena to the first free loopback address if its address is in use, and return the arena.
+    """Give an arena the first free loopback address if its own address is in use.
 
     Returns (arena, plan of its processes, reason for the new address). The reason is "" if the address was not changed.
 

@@ -12,9 +12,9 @@ WORD = "yes"
 
 
 def ask_consent(plan: Plan, *, yes: bool) -> str:
-    """List the real vehicles of a plan, ask the user to type `yes`, and return how the user has confirmed.
+    """List the real vehicles of a plan, and ask the user to confirm with `yes` that these vehicles may arm.
 
-    The result is `typed yes` or `--yes`.
+    Returns how the user has confirmed: `typed yes` or `--yes`.
 
     Without real vehicles, return "" and ask nothing.
     yes: option --yes: list the vehicles, but do not ask.
@@ -38,9 +38,9 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
             )
     print(
         "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?\n"
-        f"Your confirmation is valid for the vehicles that are connected when all processes are ready, or {CONFIRMATION_S:g} s "
-        "after the start. It ends when the vehicle is switched off or reconnected. Vehicles that connect later need "
-        "`arena arm-permit`.",
+        "Your confirmation is valid for the vehicles that are connected when all processes are ready, at the latest "
+        f"{CONFIRMATION_S:g} s after the start. Vehicles that connect later need `arena arm-permit`. The confirmation ends for "
+        "a vehicle that is switched off or reconnected.",
         flush=True,
     )
     if yes:

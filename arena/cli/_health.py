@@ -44,7 +44,7 @@ PX4_LOCKS = Path("/tmp")
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """Result of one check, printed as one line.
+    """Result of one check of `arena doctor`, printed as one line.
 
     sign: `ok`, `missing` or `note`.  what: text of the line.  fatal: no arena can fly before this is fixed.
     """
@@ -107,7 +107,7 @@ def _kernels() -> Finding:
 
 
 def _px4() -> Finding:
-    """Return a `Finding` about the PX4 that arenas use by default.
+    """Check which PX4 an arena would use by default on this computer, and return the result.
 
     The YAML of an arena can name a different PX4.
     """
@@ -149,7 +149,7 @@ def _ports(probe: Probe) -> Iterator[Finding]:
 
 
 def _serial(folder: Path) -> Iterator[Finding]:
-    """Yield a `Finding` for each serial device, with a note if the user has no permission to open the device."""
+    """Check that the user may open each serial device of this computer. Yield one result per device."""
     for device in sorted((*folder.glob("ttyACM*"), *folder.glob("ttyUSB*"))):
         if os.access(device, os.R_OK | os.W_OK):
             yield Finding(sign="ok", what=f"{device}: serial device, possibly a flight controller")
@@ -178,7 +178,7 @@ def _runs() -> Iterator[Finding]:
 
 
 def _locks(folder: Path) -> Iterator[Finding]:
-    """Yield a note for each PX4 instance that is running now.
+    """Yield a note for each PX4 SITL instance whose lock file shows that it is running.
 
     A second PX4 with the same instance number cannot start.
     """

@@ -75,7 +75,7 @@ def fetch(
 def _targets(
     names: list[str] | None, file: Path, url: str, system: int, set_: list[str]
 ) -> tuple[dict[str, ParamTarget], Path]:
-    """Return {vehicle name: address} of the vehicles to fetch from, and the default folder for the logs."""
+    """Return {vehicle name: address} of the vehicles whose logs to download, and the default log folder."""
     if not url:
         from arena.cli._params import run_folder_of, selected_vehicles, targets_of
         from arena.schema import load_arena
@@ -104,7 +104,7 @@ def _targets(
 
 
 def _lines(name: str, result: Fetched, *, only_list: bool, ending: str) -> list[str]:
-    """Return the lines of text that report a download, or the list of logs, of one vehicle."""
+    """Return the output of `arena log fetch` for one vehicle, as lines: its download, or the list of its logs."""
     if only_list and result.entries:
         return [
             f"{name}: log {entry.number}: {entry.size / 1e6:.2f} MB{_date(entry.time_s)}"

@@ -39,7 +39,7 @@ _RESUME_OR_DELETE = (
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
-    """Return whether `arena params diff` hides a parameter that one of the sets `a`, `b` normally does not contain.
+    """Return whether `arena params diff` omits a parameter, because it is normal that one set lacks its value.
 
     - The set from the YAML has no value, because the YAML does not require every parameter.
     - Only PX4's defaults have a value, because they contain the parameters of all vehicles.
@@ -59,7 +59,7 @@ def selected_vehicles(arena: Arena, names: Sequence[str] | None) -> list[Vehicle
 
 
 def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str) -> PushRecord:
-    """Create the record of a new push, from which an interrupted push can be resumed.
+    """Create the record of a new parameter push, so that the push can be resumed after an interruption.
 
     Raises InputError if an earlier push was interrupted and not resumed.
     """
@@ -76,7 +76,7 @@ def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, versi
 
 
 def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:
-    """Return the record of an interrupted push, which `arena params push --resume` continues.
+    """Return the record of an interrupted parameter push, for `arena params push --resume`.
 
     Raises InputError if there is no record, if the record has none of the chosen vehicles, or if a vehicle now has another
     address or hardware uid.
@@ -109,7 +109,7 @@ def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | Non
 
 
 def address_text(arena: Arena, v: Vehicle) -> str:
-    """Return the address of a vehicle as text, for the record of a push.
+    """Return the address of a vehicle as text, for the record of a parameter push.
 
     Do not change the text, because existing records are compared with it.
     """
@@ -159,7 +159,7 @@ def writable(path: Path) -> Iterator[None]:
 
 
 def version_for(vehicle: Vehicle | None, asked: str) -> str:
-    """Return the PX4 version whose parameter names apply: `asked`, or the vehicle's `px4_version`, or 1.16."""
+    """Return the PX4 version whose parameter names to use: `asked`, else the vehicle's `px4_version`, else 1.16."""
     from arena.plan.firmware import px4_version
 
     return px4_version(vehicle, asked)
@@ -301,7 +301,7 @@ def _run_of(arena: Arena) -> RunState | None:
 
 
 def _check_run_has(run: RunState, vehicles: Sequence[Vehicle]) -> None:
-    """Raise InputError if a vehicle, with its name and id, is not part of the running arena."""
+    """Raise InputError if a vehicle has a different name, id or kind (simulated, real) in the running arena."""
     from arena.supervisor import plan_of
 
     plan = plan_of(run)

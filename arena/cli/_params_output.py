@@ -1,4 +1,4 @@
-"""Output of `arena params`: progress bars, the report of a push, tables of differences, counts of findings."""
+"""Output of `arena params`: progress bars, reports of parameter pushes, tables of differences, counts of problems."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ _ENDINGS = {
 
 
 def ending_text(ending: str, why: str) -> str:
-    """Return why a parameter transfer ended early, as text for the user.
+    """Return the reason why a transfer of parameters or logs ended early, as text for the user.
 
     ending: how the transfer ended. why: why the connection could not be opened; "" if it was opened.
     """
@@ -124,7 +124,7 @@ def print_differences(rows: Sequence[Difference], a: str, b: str) -> None:
 
 
 def count_text(found: Sequence[Finding]) -> str:
-    """Return the number of findings by severity as text, such as "1 error, 2 warnings"."""
+    """Return the numbers of errors, warnings and notes as text, such as "1 error, 2 warnings"."""
     counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "note")}
     return (
         ", ".join(f"{n} {severity}{'s' * (n != 1)}" for severity, n in counts.items() if n)

@@ -20,9 +20,7 @@ RunOption = Annotated[
 
 
 def find(run: Path | None, *, stale: bool = False) -> RunState:
-    """Return the state of the run to which a command applies.
-
-    This is the run of the folder that `--run` names, or the only running arena.
+    """Return the state of the running arena that a command must use: the one of `--run`, or the only one.
 
     run: path of the run folder; None for the only running arena.
     stale: also accept a run whose supervisor has died.
@@ -39,8 +37,15 @@ def find(run: Path | None, *, stale: bool = False) -> RunState:
                 f"{run}: its supervisor has died. Use `arena down --run {run}` to land the vehicles and end the processes"
             )
         return state
-    found = [state for state in active_runs() if state.live or stale]
+    runs = active_runs()
+    found = [state for state in runs if state.live or stale]
     if not found:
+        for state in runs:
+            if state.survivors():
+                raise RunError(
+                    f"the supervisor of {state.run} has died, and its processes still run. "
+                    f"Land the vehicles and end the processes with `arena down --run {state.run}`"
+                )
         raise RunError("no arena is running. Start one with `arena up`")
     if len(found) > 1:
         choices = "\n".join(f"  --run {state.run}   ({state.name} on {state.address})" for state in found)

@@ -59,7 +59,7 @@ def slowness(outcome: Mapping[str, Any]) -> str:
 
 
 def failsafes(run: Path) -> list[str]:
-    """Return the text of the last failsafe event of each vehicle, read from the events.jsonl of a run."""
+    """Return the text of the newest failsafe event of each vehicle, from events.jsonl in a run folder."""
     found: dict[str, str] = {}
     try:
         lines = (run / "events.jsonl").read_text().splitlines()

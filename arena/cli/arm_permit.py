@@ -31,8 +31,8 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Allow a real vehicle to arm after it was connected, rebooted or reconnected in a running arena.
 
-        Vehicles that were connected at the start of the arena do not need this. The program of the vehicle
-        can arm it at once: clear the room first.
+        A vehicle that was connected at the start of the arena has an arm permit until `arena preflight`, a
+        reboot or a reconnection. The program of the vehicle can arm it at once: clear the room first.
         """
         arena = connect(find(run))
         by = f"{user_name()} (arena arm-permit)"
@@ -74,6 +74,9 @@ def vehicle_line(vehicle: str, stats: Mapping[str, Any]) -> str:
 
 
 def _links(status: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return {vehicle: statistics of its process link.<vehicle>} for the vehicles with a real flight controller."""
+    """Return the statistics of each process link.<vehicle>, by vehicle name.
+
+    Each vehicle with a real flight controller has such a process.
+    """
     processes = status["processes"].values()
     return {row["vehicle"]: row["stats"] for row in processes if row["kind"] == "link"}

@@ -50,9 +50,9 @@ def entries(run: Path) -> list[dict[str, Any]]:
 
 
 def line_of(entry: dict[str, Any]) -> str:
-    """Return one entry of the audit as a line of text.
+    """Return one entry of `arena audit` as a line of text.
 
-    An entry is a request to a vehicle, or a change of control.
+    An entry is a request to a vehicle, a change of control, or an emergency command.
     """
     at = f"{entry['time_s']:8.1f} s" if "time_s" in entry else str(entry.get("t", ""))[11:21].rjust(10)
     if "event" in entry:

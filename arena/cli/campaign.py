@@ -1,4 +1,4 @@
-"""`arena campaign`: fly many simulated flights over seeds and settings, and show their results.
+"""`arena campaign`: fly many simulated flights with different seeds and settings, and show their results.
 
 Exit codes: 0 all flights passed; 1 a flight failed or was lost; 2 the sweep, or an arena of it, is not valid, so nothing was
 flown; 130 after Ctrl-C, when all arenas have ended. The results so far are kept.

@@ -22,6 +22,6 @@ def register(app: typer.Typer) -> None:
         for finding in findings:
             print(finding)
         if any(finding.fatal for finding in findings):
-            print("arenas cannot fly on this computer yet: install what is marked `missing` above")
+            print("this computer cannot run an arena yet: install what is marked `missing` above")
             raise SystemExit(EXIT_INPUT)
-        print("arenas with the built-in autopilot can fly on this computer")
+        print("this computer can run arenas with the built-in autopilot")

@@ -144,8 +144,8 @@ def compare(
         Align | None,
         typer.Option(
             "--align",
-            help="event at time 0 of both flights: step (first setpoint away from the start), offboard or takeoff; "
-            "default: the first of them that both logs contain",
+            help="align both flights in time at this event: step (first setpoint more than 0.1 m from the position where OFFBOARD "
+            "began), offboard (OFFBOARD begins) or takeoff. Default: the first of these events that both logs contain",
         ),
     ] = None,
     vehicle: Vehicles = None,

@@ -13,7 +13,8 @@ from typing import Annotated
 import typer
 
 from arena.cli._running import RunOption, find
-from arena.errors import InputError
+from arena.cli.runs import last_run
+from arena.errors import InputError, RunError
 from arena.plan.model import Plan
 from arena.supervisor import RunState, open_run
 
@@ -35,13 +36,27 @@ def register(app: typer.Typer) -> None:
         run: RunOption = None,
     ) -> None:
         """Print the last lines of the log (stdout and stderr) of one process of a run."""
-        folder = run.resolve() if run is not None else Path(find(None, stale=True).run)
+        folder = _folder(run)
         log = _log(folder, name)
         with log.open("rb") as file:
             for line in deque(file, maxlen=lines):
                 _out(line)
             if follow:
                 _follow(file.fileno(), log, folder)
+
+
+def _folder(run: Path | None) -> Path:
+    """Return the run folder with the logs: `run`, else the running arena, else the last run of the arena in this folder."""
+    if run is not None:
+        return last_run(run.resolve())
+    try:
+        return Path(find(None, stale=True).run)
+    except RunError:
+        ended = last_run(Path())
+        if ended == Path():
+            raise
+        print(f"no arena is running; log of the last run in this folder, {ended}:", file=sys.stderr)
+        return ended.resolve()
 
 
 def _log(folder: Path, name: str) -> Path:
@@ -53,7 +68,7 @@ def _log(folder: Path, name: str) -> Path:
 
 
 def _process_of(folder: Path, name: str) -> str:
-    """Return the process that runs `name`. The router, for example, can run inside the process `world`.
+    """Return the name of the process in which a component runs, such as `world` for the router.
 
     A simulated arena can run its router, pose forwarders and recorder in the process `world`: `router` -> `world`.
     Programs can share a process `group.NAME`. The name of a process is returned unchanged.

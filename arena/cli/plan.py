@@ -1,4 +1,4 @@
-"""`arena plan`: prints the processes of an arena, or with `--explain` the sources of values of the YAML."""
+"""`arena plan`: prints the processes of an arena. With `--explain KEY`, prints where YAML values come from."""
 
 from __future__ import annotations
 
@@ -54,7 +54,9 @@ def register(app: typer.Typer) -> None:
 
 
 def explained(arena: Arena, key: str) -> list[str]:
-    """Return a line for each YAML value at or below a key, with the source of the value, such as `arena.yaml:7`.
+    """Return the value of a YAML key, and of each key below it, as lines with the source of each value.
+
+    A source is, for example, `arena.yaml:7`.
 
     Raises InputError, with the most similar key, if the key is unknown.
     """

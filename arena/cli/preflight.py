@@ -86,7 +86,7 @@ def _started(arena: Control, vehicle: str, before: object) -> Mapping[str, Any]:
 
 
 def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Print each instruction to the person until the check ends. Return the last status of the check."""
+    """Print instructions for the person who moves the vehicle, until the check ends. Return the final status."""
     number, shown, since = status["number"], "", time.monotonic()
     while status["state"] == "running":
         if status["text"] != shown:
@@ -107,7 +107,7 @@ def _guide(arena: Control, vehicle: str, status: Mapping[str, Any]) -> Mapping[s
 
 
 def _status(arena: Control, vehicle: str) -> Mapping[str, Any]:
-    """Return the status of the last check that link.<vehicle> has reported; {} before the first check."""
+    """Return the status of the newest axes check of a vehicle, as reported by link.<vehicle>; {} if none."""
     for row in arena.ask(do="ps")["processes"].values():
         if row["kind"] == "link" and row["vehicle"] == vehicle:
             return row["stats"].get("axes_check") or {}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from arena.cli.runs import run_folders
+from arena.cli.runs import last_run
 from arena.errors import InputError
 
 if TYPE_CHECKING:
@@ -143,15 +143,10 @@ def register(app: typer.Typer) -> None:
 
 
 def _recorded_run(path: Path) -> Path:
-    """Return the run folder or log file to draw. For the folder of an arena, return its last run folder."""
+    """Return the run folder or log file to draw. For an arena's folder, return its newest run folder."""
     if not path.exists():
         raise InputError(f"{path}: does not exist. `arena runs` lists run folders")
-    if path.is_dir() and not (path / "plan.json").is_file() and (path / "runs").is_dir():
-        found = run_folders(path)
-        if not found:
-            raise InputError(f"{path}: contains no run folders; `arena up` creates one")
-        return found[-1]
-    return path
+    return last_run(path)
 
 
 def _size(text: str, kind: str) -> tuple[int, int]:

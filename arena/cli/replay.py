@@ -153,7 +153,7 @@ def settings_of(paths: Sequence[Path]) -> ReplaySettings:
 
 
 def _plan(settings: ReplaySettings, address: str | None) -> Plan:
-    """Return the plan (list of all processes) of a replay that uses the given IPv4 address.
+    """Return the plan (list of all processes) of a replay whose processes use this IPv4 address.
 
     address: None means the first free loopback address. Raises InputError if the address is in use.
     """

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from arena.cli.runs import last_run
 from arena.errors import InputError
 
 COMPARISON_FILE = "comparison.html"
@@ -18,7 +19,11 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def report(
         run: Annotated[
-            str, typer.Argument(metavar="RUN", help="path of a run folder; `arena runs` lists them")
+            str,
+            typer.Argument(
+                metavar="RUN",
+                help="run folder, as `arena runs` lists them, or the folder of an arena for its last run",
+            ),
         ],
         other: Annotated[
             str,
@@ -43,8 +48,8 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--align",
                 metavar="MOMENT",
-                help="event at time 0 of both flights: step (first setpoint away from the start), offboard or takeoff; default: the "
-                "first of them that both logs contain",
+                help="align both flights in time at this event: step (first setpoint more than 0.1 m from the position where OFFBOARD "
+                "began), offboard (OFFBOARD begins) or takeoff. Default: the first of these events that both logs contain",
             ),
         ] = "",
     ) -> None:
@@ -52,7 +57,7 @@ def register(app: typer.Typer) -> None:
         if other:
             print(_compare(run, other, output or Path(COMPARISON_FILE), align))
             return
-        print(_report(Path(run), output))
+        print(_report(last_run(Path(run)), output))
 
 
 def _report(run: Path, output: Path | None) -> Path:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from arena.cli._summary import read_json
-from arena.errors import EXIT_INTERRUPTED, EXIT_OK
+from arena.errors import EXIT_INTERRUPTED, EXIT_OK, InputError
 from arena.supervisor import active_runs, open_run
 
 
@@ -47,6 +47,16 @@ def run_folders(folder: Path) -> list[Path]:
     inside = folder / "runs"
     candidates = (inside if inside.is_dir() else folder).glob("*/plan.json")
     return sorted((path.parent for path in candidates), key=lambda run: run.name)
+
+
+def last_run(folder: Path) -> Path:
+    """Return the newest run folder of an arena's folder. Return a run folder, or any other path, unchanged."""
+    if (folder / "plan.json").is_file() or not (folder / "runs").is_dir():
+        return folder
+    found = run_folders(folder)
+    if not found:
+        raise InputError(f"{folder}: contains no run folders; `arena up` creates one")
+    return found[-1]
 
 
 def row(run: Path) -> tuple[str, str, str, str]:

@@ -95,7 +95,7 @@ def serial_connection(vehicle: Vehicle, url: str) -> ConnectionUrl:
 def run_exchange(
     exchange: KeyExchange, connection: ConnectionUrl, name: str, timeout_s: float = SETUP_TIMEOUT_S
 ) -> None:
-    """Send the signing key to a vehicle over a serial device, and wait until the vehicle signs with it.
+    """Send the signing key to a vehicle over a serial device, and wait until the vehicle signs its messages.
 
     Raises RunError if the vehicle does not sign in time.
 

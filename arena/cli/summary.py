@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from arena.cli.runs import last_run
 from arena.errors import InputError
 
 
@@ -17,7 +18,11 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def summary(
         run: Annotated[
-            Path, typer.Argument(metavar="RUN", help="path of a run folder; `arena runs` lists them")
+            Path,
+            typer.Argument(
+                metavar="RUN",
+                help="run folder, as `arena runs` lists them, or the folder of an arena for its last run",
+            ),
         ],
         as_json: Annotated[
             bool, typer.Option("--json", help="print summary.json for other programs")
@@ -26,6 +31,7 @@ def register(app: typer.Typer) -> None:
         """Print the full result of a run: the verdict and the report (summary.txt)."""
         from arena.cli._summary import lines_of
 
+        run = last_run(run)
         if not (run / "plan.json").is_file():
             raise InputError(f"{run}: not a run folder. `arena runs` lists run folders")
         text = run / ("summary.json" if as_json else "summary.txt")

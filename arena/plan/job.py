@@ -35,7 +35,7 @@ class Job:
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
-        """Return the vehicles of this program group: the programs of all of them run in this process."""
+        """Return the vehicles of this program group, whose programs all run in this process."""
         return self.arena.groups[self.group]
 
     @property

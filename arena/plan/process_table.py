@@ -40,7 +40,7 @@ may come every 5 s. A process that only waits for data still reports, so a longe
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessKind:
-    """A row of the process table: a kind of process, and functions that make its `ProcessSpec`.
+    """A kind of process, such as `router` or `world`, with the functions that make its `ProcessSpec`.
 
     kind: name of the process, or with `per_vehicle` the first part of `kind.VEHICLE`.
     module: package that `python -m` runs with the path of the slice; "" if the user gives the command.

@@ -27,7 +27,7 @@ def fence(c: Check) -> Iterator[Problem]:
 
 
 def _span(c: Check, axis: str, kept: tuple[float, float]) -> Iterator[Problem]:
-    """Check the fence's limits on one horizontal axis: order, space after the margin, inside the walls.
+    """Check the geofence's two limits on one horizontal axis: their order, the margin, the room's walls.
 
     kept: lowest and highest coordinate [m], already reduced by the margin.
     """

@@ -29,9 +29,9 @@ class GeofenceRule(Strict):
 
 
 class SeparationRule(Strict):
-    """Rule: smallest distance between two vehicles, now and predicted.
+    """Rule: two vehicles must not come closer to each other than a minimum distance.
 
-    The vehicle that comes later in the YAML yields.
+    The copilot checks the present distance and the predicted one. The vehicle that comes later in the YAML yields.
     """
 
     do: Do = "hold"

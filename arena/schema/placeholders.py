@@ -13,12 +13,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from arena.constants import OPEN_BRACE, RUN_FOLDER, RUNTIME_FOLDER
 from arena.mocap.vendors import vendor_settings
 from arena.schema.arena import Arena, Vehicle
 
-RUN_FOLDER, RUNTIME_FOLDER, OPEN_BRACE = "{run}", "{rt}", "{brace}"
-"""Placeholders that the supervisor replaces when the run has its folders. `{brace}` stands for `{` before a text that would
-otherwise be such a placeholder."""
 VARIABLE_PREFIX = "ARENA_"
 _PATTERN = re.compile(r"\{\{([a-z][a-z0-9_]*)\}\}|\{([a-z][a-z0-9_]*)\}")
 _KEPT = frozenset(text[1:-1] for text in (RUN_FOLDER, RUNTIME_FOLDER, OPEN_BRACE))

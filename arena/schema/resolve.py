@@ -313,7 +313,7 @@ class _Merge:
         return Start.model_construct(**layers)  # each value is validated already
 
     def _px4_version(self, autopilot: Autopilot) -> str:
-        """Return the version of the PX4 SITL binary. For other autopilots, return `px4_version` of the YAML."""
+        """Return the PX4 version of a vehicle: that of the SITL binary, for other autopilots `px4_version` of the YAML."""
         if autopilot == "px4" and self.px4 is not None:
             return str(self._note("px4_version", self.px4.version, f"rule: {self.px4.words}"))
         return str(self._take("px4_version", ""))

@@ -1,4 +1,4 @@
-"""Requests to the link processes of real vehicles for `arena preflight`. Pure.
+"""Requests to the link processes of real vehicles, for the identity and axes check (`arena preflight`). Pure.
 
 In the identity and axes check, a person moves the vehicle by hand. The link process compares the motion that the IMU measures with
 the poses of motion capture. The check shows whether the vehicle gets the poses of its own rigid body, with the right axes.
@@ -21,9 +21,9 @@ def check_request(vehicle: str, by: str, *, stop: bool) -> dict[str, str]:
 
 
 def body_requests(plan: Plan, stats: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, dict[str, str]]]:
-    """Return the requests that report each real vehicle's rigid body definition to its link process.
+    """Return messages that report to each link process the rigid body definition of its real vehicle.
 
-    They are pairs (link process, request). A definition is the set of markers as the motion-capture software has stored it.
+    They are pairs (link process, message). A definition is the set of markers as the motion-capture software has stored it.
 
     The link process refuses to arm the vehicle if the definition has changed since the last passed check. The pose forwarder of the
     vehicle reports the definition; a vehicle without such a report is left out.

@@ -159,7 +159,7 @@ class Child:
 
 
 def start(spec: ProcessSpec, log: Path, run: str, forks: ForkClient | None = None) -> Child:
-    """Start a process of the plan: with the fork server if it can, else by fork and exec. Raises OSError.
+    """Start a process of the plan: with the fork server if possible, else by fork and exec. Raises OSError.
 
     spec: the process, with all placeholders filled; its `env` is added to the supervisor's environment.
     log: file to which the output of the process is appended. If it cannot be opened, the output is dropped, because a process
@@ -199,7 +199,7 @@ def start(spec: ProcessSpec, log: Path, run: str, forks: ForkClient | None = Non
 def _fork(
     forks: ForkClient, spec: ProcessSpec, env: dict[str, str], output: int, channel: socket.socket
 ) -> int | None:
-    """Request a process from the fork server, which is faster. Return its pid, or None if it does not start it."""
+    """Request a process from the fork server. Return its pid, or None if the fork server cannot start it."""
     if not forks.serves(spec.argv, is_program=spec.is_program, cwd=spec.cwd):
         return None
     return forks.fork(

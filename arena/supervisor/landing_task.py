@@ -129,9 +129,9 @@ class LandingTask:
         return found
 
     def _withdraw(self, armed: Collection[str], now: float) -> None:
-        """Withdraw a wrong confirmation of a landing, so that the vehicle is landed again.
+        """Mark a vehicle to be landed again, because it is armed although the land task has confirmed its landing.
 
-        This is so if a real vehicle is reported as armed REPORT_LAG_S after the confirmation. Earlier reports may be outdated.
+        Only reports of a real vehicle from REPORT_LAG_S after the confirmation count. Earlier reports may be outdated.
         """
         for vehicle, at in list(self._confirmed.items()):
             if vehicle in self._real and vehicle in armed and now - at >= REPORT_LAG_S:
@@ -149,9 +149,9 @@ class LandingTask:
         self._down = {**self._down, **down}
 
     def _spec(self, flying: Sequence[str]) -> ProcessSpec:
-        """Return the command of the land task, without the vehicles that need no landing.
+        """Return the land task as a process, whose command line excludes the vehicles that need no landing.
 
-        These vehicles are crashed, declared dead, or flown by a pilot.
+        These vehicles cannot fly any more (crashed, for example), are declared dead, or are flown by a pilot.
         """
         assert self._plan.land is not None
         spared = [v.name for v in self._plan.vehicles if v.name in {*self._down, *self._pilots} - {*flying}]

@@ -98,7 +98,7 @@ class LiveTable(Lines):
         self.submit(self._screen.take())
 
     def close(self) -> None:
-        """Remove the tables from the terminal and print the stored lines."""
+        """Remove the tables from the terminal, then print the messages that waited for them."""
         live, self._live = self._live, None
         if live is not None:
             live.stop()

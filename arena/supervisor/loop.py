@@ -96,6 +96,7 @@ class Supervisor:
         confirmation = Confirmation(options.permit_by, self._began)
         self._permits = Permits(plan, self._processes, confirmation, self._show_line)
         self._quiet_since: float | None = None
+        self._has_reported_idle = False
         self._next_round = self._next_sample = 0.0
         self._recorded: set[int] | None = None
         self._state_error, self._state_error_reported = "", False
@@ -264,11 +265,14 @@ class Supervisor:
             self._begin_end(Cause.LOST, lost)
         elif limit is not None and now - self._began >= limit:
             self._begin_end(Cause.TIME_LIMIT, f"the time limit of {limit:g} s has passed")
-        elif self.options.until_done and self._is_quiet(now):
+        elif (quiet := self._is_quiet(now)) and self.options.until_done:
             self._begin_end(Cause.DONE, run_end.done_words(self.plan))
         else:
             self._report_started(now)
             self._permits.use_confirmation(now, self._all_started)
+            if quiet and not self._has_reported_idle and any(s.is_program for s in self.plan.processes):
+                self._has_reported_idle = True
+                self._show_line(f"{run_end.done_words(self.plan)}. The arena continues: Ctrl-C ends it")
 
     def _report_started(self, now: float) -> None:
         statuses = self._processes.statuses
@@ -285,13 +289,8 @@ class Supervisor:
         self._show.started(failed)
 
     def _is_quiet(self, now: float) -> bool:
-        done = run_end.is_done(
-            self.plan,
-            self._processes.statuses,
-            self._processes.facts,
-            self._processes.stats,
-            self._shutdown.forgotten,
-        )
+        p, forgotten = self._processes, self._shutdown.forgotten
+        done = run_end.is_done(self.plan, p.statuses, p.facts, p.stats, forgotten)
         if not done:
             self._quiet_since = None
             return False
@@ -318,12 +317,9 @@ class Supervisor:
         """
         first = self.phase is Phase.RUN
         if first:
-            self._begin_end(
-                cause,
-                run_end.end_words(self.plan, cause, at_once=self._shutdown.at_once),
-            )
+            self._begin_end(cause, run_end.end_words(self.plan, cause, at_once=self._shutdown.at_once))
         if self.phase is Phase.REPORT and self._result.task is not None and hurry:
-            self._result.task.stop()
+            self._result.task.stop(f"ended by {cause}")
         elif hurry and (not first or cause is Cause.DOWN) and not self._orders.kill:
             programs = {spec.name for spec in self.plan.processes if spec.is_program}
             self._orders.kill, self._orders.why = programs, f"{cause}: killed without waiting"
@@ -373,7 +369,7 @@ class Supervisor:
             )
 
     def _write_state(self, members: dict[str, Member]) -> None:
-        """Write state.json and store the error if this fails, in the background thread `files`."""
+        """Write state.json, or store the error if this fails. Runs in the background thread `files`."""
         try:
             self.folder.write_state(self.plan, members)
         except OSError as error:
@@ -385,7 +381,7 @@ class Supervisor:
         alive = set(self._processes.children) | {task.name for task in tasks}
         mark = f"{child_process.RUN}={self.folder.path}"
         for pid in child_process.reap_adopted(known, mark, alive):
-            self._event(f"killed process {pid}: a program started it in another process group and has ended")
+            self._event(f"killed process {pid}: a program or tool started it, and has ended")
 
     def _event(self, text: str) -> None:
         self._log.event(time.monotonic(), "arena", text)

@@ -45,7 +45,9 @@ def member_rows(
 
 
 def _ended(own: Mapping[str, Any]) -> dict[str, Any]:
-    """Return state, reason and exit of an ended member, such as one program of a group, or {} while it runs.
+    """Return state, reason and exit code of a member that has ended, such as a program of a group.
+
+    While the member runs, return {}.
 
     own: measurements of the member.
     """

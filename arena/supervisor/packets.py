@@ -1,4 +1,7 @@
-"""Helpers for the supervisor's packets: sender, limit of stored values, end of a user program. Pure."""
+"""Helpers for the packets in which processes report to the supervisor.
+
+They find the sender, limit the number of stored values, and describe the end of a user program.
+"""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ class ProcessSet:
             forks.watch(selector, partial(setattr, self, "changed", True))
 
     def end_fork_server(self, *, unless_copy: bool = False) -> None:
-        """End the fork server. unless_copy: keep it if it is a copy of this process; it then forks the report task."""
+        """End the fork server. unless_copy: keep a fork server that is a copy of this process, for the report task."""
         if self.forks is not None and not (unless_copy and self.forks.is_copy):
             self.forks.close()
 
@@ -152,7 +152,7 @@ class ProcessSet:
                 return
 
     def _count_silence(self, now: float) -> None:
-        """Increase the silence of every process (time since its last packet) by the time since the last call.
+        """Add the time since the previous call to the silence of each process, the time since its last packet.
 
         At most _LONGEST_ROUND_S is added. A supervisor that was itself paused, or a machine that stood still, thus does not
         make every process look silent.

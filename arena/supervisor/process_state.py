@@ -52,7 +52,7 @@ class Action(StrEnum):
 
 
 class After(StrEnum):
-    """Next step after a process that is being stopped has ended: leave it ended, restart it, or retry it later."""
+    """Plan for a process after its stop: leave it ended, restart it now, or retry it later."""
 
     END = "end"
     RESTART = "restart"

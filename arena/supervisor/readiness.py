@@ -1,4 +1,7 @@
-"""Readiness probes: tests whether a process is ready, by its report, start, port, log output, a file or a delay."""
+"""Readiness probes, which find when a starting process is ready.
+
+A probe looks for a report of the process, its start, an open port, a text in its log, a file, or a delay.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ _LOG_BYTES = 1 << 20
 
 
 def proof_of(child: Child | None, status: ProcessStatus, now: float, *, reported: bool) -> str:
-    """Return a text with the reason why a starting process counts as ready, or "" if it is not ready.
+    """Return why a starting process counts as ready, such as "reported ready", or "" if it is not ready.
 
     child: the running process; None if it has ended. now: monotonic [s]. reported: the process has reported that it is ready.
     """
@@ -30,7 +33,7 @@ def proof_of(child: Child | None, status: ProcessStatus, now: float, *, reported
 
 
 def proof(spec: ProcessSpec, *, pid: int, log: Path, offset: int, alive_s: float, reported: bool) -> str:
-    """Return a text with the reason why a running process counts as ready, or "" if it is not ready.
+    """Return why a running process counts as ready, such as "reported ready", or "" if it is not ready.
 
     spec: the process, with all placeholders filled. pid: of the process.
     log: its log file. offset: size of the log file when this process was started [byte]: older lines are of earlier starts.

@@ -42,14 +42,15 @@ def check_release(
         if known and not blocked(vehicle, facts) and not _blocked_in_world(plan, stats, vehicle):
             control = facts[f"{vehicle}.control"] or "nobody"
             raise ValueError(
-                f"{vehicle}: nothing to release: programs may already fly this vehicle (control: {control})"
+                f"{vehicle}: no release is needed: programs may already command this vehicle (control: {control})"
             )
 
 
 def restore_requests(plan: Plan, spec: ProcessSpec, facts: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return requests that make a restarted world, router or link refuse the same commands as before.
+    """Return requests that make a restarted process refuse the same commands as before its restart.
 
-    A link also learns that its vehicle was armed: it must not end before the vehicle is disarmed.
+    Only the world, the router and the links refuse commands. A request also reports to a link that its vehicle was armed:
+    the link must not end before the vehicle is disarmed.
 
     facts: last values that the processes sent, also those that have ended. `<vehicle>.standing` lists what a process refuses.
     """

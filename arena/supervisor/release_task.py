@@ -1,4 +1,4 @@
-"""Carries out `arena release`: sends it to the router, links and world, and waits for their confirmations.
+"""Carries out `arena release`: sends the release to router, links and world, and waits for confirmations.
 
 After `land-all`, for example, these processes refuse all commands that programs send to a vehicle. The release of the vehicle
 ends this: programs may fly the vehicle again. Hardware link and world get the release first. The router gets it when they have
@@ -40,7 +40,7 @@ class _Release:
 
 
 class ReleaseTask:
-    """Releases of the run's vehicles (`arena release`): those under way, and the results of earlier ones."""
+    """Sender of releases (`arena release`), which also keeps the result of each vehicle's last release."""
 
     def __init__(self, plan: Plan, processes: ProcessSet) -> None:
         self._plan, self._processes = plan, processes

@@ -63,9 +63,9 @@ class End:
 
 
 def is_usable(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether a process is in a state in which the processes that need it may start.
+    """Return whether a process is ready, or is a task that ended with exit code 0.
 
-    It must be ready, or be a task that ended with exit code 0.
+    Processes that need this process may then start.
     """
     done = (
         spec.kind == "task"
@@ -212,6 +212,7 @@ def may_fly(
     last_facts: the last value of every fact, also from processes that have ended.
     forgotten: vehicles that an operator has declared dead (`arena forget`); they are never listed.
 
+    A vehicle that its link process reports as armed may fly, even if the router has not yet received that heartbeat.
     A vehicle whose `armed` is unknown may fly if the last value was true or if any program has run. A simulated vehicle
     does not fly without its world. A real vehicle that has sent no facts at all was never commanded by this run.
     In a replay nothing flies, whatever the recorded messages say.
@@ -220,12 +221,13 @@ def may_fly(
         return []
     world_gone = is_world_gone(plan, statuses)
     programs_ran = any(statuses[s.name].started for s in plan.processes if s.is_program)
-    flying, still = [], grounded(plan, statuses, stats)
+    flying, still, now_armed = [], grounded(plan, statuses, stats), armed(plan, statuses, facts, stats)
     for vehicle in (v for v in plan.vehicles if v.name not in still and v.name not in forgotten):
         fact = f"{vehicle.name}.armed"
         reported = vehicle.simulated or any(name.startswith(f"{vehicle.name}.") for name in last_facts)
         unknown = fact not in facts and reported and (bool(last_facts.get(fact)) or programs_ran)
-        if (bool(facts.get(fact)) or unknown) and not (vehicle.simulated and world_gone):
+        maybe = vehicle.name in now_armed or bool(facts.get(fact)) or unknown
+        if maybe and not (vehicle.simulated and world_gone):
             flying.append(vehicle.name)
     return flying
 
@@ -271,7 +273,7 @@ def kept_in_landing(plan: Plan, statuses: Statuses) -> frozenset[str]:
 
 
 def serving_real(plan: Plan, vehicles: Collection[str]) -> frozenset[str]:
-    """Return the processes that given real vehicles need to fly and to land.
+    """Return the processes that real vehicles need to fly and to land, such as their links.
 
     vehicles: names of vehicles; simulated vehicles are ignored.
     """
@@ -317,17 +319,17 @@ def failures(
 ) -> list[str]:
     """Return one text per failure of the run, such as a crash or a program that ended with an error.
 
-    landed: the landing was confirmed, or no vehicle flew.
-    until_done: the run had to wait until its programs ended.
+    landed: the landing was confirmed, or no vehicle flew. until_done: the run had to wait until its programs ended.
     """
     found = [] if landed else ["the landing was not confirmed"]
+    waited = until_done and end.cause not in (Cause.LOST, Cause.INTERRUPT)
     if end.cause is Cause.LOST or (end.cause is Cause.TIME_LIMIT and until_done):
         found.append(end.why)
     for spec in plan.processes:
         then = end.statuses[spec.name]
         if then.state is State.FATAL and not then.started and found:
             continue  # it never started, because of a failure that is listed already
-        words = _failure(spec, then, statuses[spec.name], until_done and end.cause is not Cause.LOST)
+        words = _failure(spec, then, statuses[spec.name], waited)
         found.extend([f"{spec.name}: {words}"] if words and f"{spec.name}: {words}" not in found else [])
     return found + crashes(stats)
 

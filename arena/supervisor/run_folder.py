@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import Any
 
 from arena.background_writer import within
+from arena.constants import OPEN_BRACE, RUN_FOLDER, RUNTIME_FOLDER
 from arena.errors import RunError
 from arena.plan.model import Plan, ProcessSpec
 from arena.run_dirs import RUNTIME_DIR_VARIABLE, pointers, runtime_bases
-from arena.schema.placeholders import OPEN_BRACE, RUN_FOLDER, RUNTIME_FOLDER
 from arena.supervisor import lab_group, proc_fs
 
 RESTORE_TIMEOUT_S = 0.5
@@ -71,7 +71,7 @@ class RunState:
 
     @property
     def live(self) -> bool:
-        """True while the supervisor of the run exists."""
+        """True while the supervisor of the run exists, also if it is paused."""
         return self.boot == proc_fs.boot_id() and self.supervisor.alive
 
     @property
@@ -87,7 +87,7 @@ class RunState:
 
 
 def _still_there(member: Member) -> list[int]:
-    """Return the pids that still run in a process group that state.json has recorded.
+    """Return the pids of the running processes in a process group of state.json.
 
     The leader is identified by its start time, its descendants by their session and a later start time. The kernel does
     not reuse the number of a group as a pid while a member of the group runs.
@@ -116,9 +116,9 @@ class RunFolder:
         return self.rt / "control.sock"
 
     def fill(self, text: str) -> str:
-        """Return a text in which the placeholders `{run}`, `{rt}` and `{brace}` are replaced.
+        """Replace the placeholders `{run}` and `{rt}` in a text by the paths of the run folder and the runtime folder.
 
-        `{run}` and `{rt}` become the paths of the two folders, `{brace}` becomes `{`.
+        `{brace}` is replaced by `{`.
         """
         values = {RUN_FOLDER: str(self.path), RUNTIME_FOLDER: str(self.rt), OPEN_BRACE: "{"}
         return _FILLED.sub(lambda found: values[found[0]], text)
@@ -174,9 +174,9 @@ class RunFolder:
             (self.path / "logs").mkdir(exist_ok=True)
 
     def for_landing(self, plan: Plan) -> RunFolder:
-        """Return a folder that contains plan.json, which the land task reads.
+        """Return the folder from which the land task reads plan.json: the run folder if possible.
 
-        It is the run folder, or the runtime folder if plan.json cannot be restored there.
+        If plan.json cannot be restored there, it is written to the runtime folder, which is returned.
         """
         self.restore(plan)
         if (self.path / "plan.json").is_file():

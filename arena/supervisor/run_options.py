@@ -39,7 +39,7 @@ class Show(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of one run: when it ends, who permits arming, and whether detached processes are adopted.
+    """Options of one run: when it ends, and who permits real vehicles to arm.
 
     until_done: end when every program has ended and every vehicle is disarmed.
     time_limit_s: end after this time [s]; None for no limit.

@@ -112,7 +112,7 @@ class RunResult:
         return True
 
     def _begin_report(self, now: float) -> bool:
-        """Start the report task. Return False if the plan has none or it cannot be started."""
+        """Start the report task. Return False if the plan has no report task or the start fails."""
         if self._plan.report is None:
             return False
         what = "making the report: logs, summary and report.html"
@@ -129,7 +129,10 @@ class RunResult:
         """Return True when the report task has ended."""
         exit = task.poll(now)
         if exit is not None and exit.code:
-            self._event(f"the report failed: {exit.text}; see {self._folder.log(task.name)}")
+            self._event(
+                f"the report failed: {exit.text}; make it again with `arena report {self._folder.path}` "
+                f"(log: {self._folder.log(task.name)})"
+            )
         return exit is not None
 
     def _event(self, text: str) -> None:

@@ -56,7 +56,7 @@ class Shutdown:
         return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
 
     def update_hold(self) -> None:
-        """Update the set of processes that must not be killed, because they serve an armed real vehicle."""
+        """Update which processes must not be killed because an armed real vehicle needs them."""
         self._orders.hold = run_end.serving_real(self._plan, self.armed())
 
     def forget(self, vehicle: str, by: str, now: float) -> None:
@@ -75,7 +75,11 @@ class Shutdown:
                 "It can be declared dead when it is disarmed, or 3 s after its last heartbeat"
             )
         self.forgotten[vehicle] = by
-        self._log.event(now, "arena", f"{vehicle}: declared dead by {by}; the run does not wait for it")
+        self._log.event(
+            now,
+            "arena",
+            f"{vehicle}: {by} has declared this vehicle dead; the end of the run does not wait for it",
+        )
         self._send_forgotten(vehicle, dead=True)
 
     def recall_forgotten(self, now: float) -> None:
@@ -87,7 +91,10 @@ class Shutdown:
         for vehicle, by in list(self.forgotten.items()):
             if facts.get(f"{vehicle}.connected") is True and facts.get(f"{vehicle}.armed") is True:
                 del self.forgotten[vehicle]
-                text = f"{vehicle}: declared dead by {by}, but it sends telemetry and is armed: the run waits for it again"
+                text = (
+                    f"{vehicle}: {by} has declared this vehicle dead, "
+                    "but it sends telemetry and is armed: the run waits for it again"
+                )
                 self._log.event(now, "arena", text)
                 self._send_forgotten(vehicle, dead=False)
 
@@ -98,10 +105,7 @@ class Shutdown:
         self._processes.changed = True
 
     def begin(self, cause: Cause) -> None:
-        """Start the shutdown of the run: refuse arming, and start no more processes that a landing does not need.
-
-        From now on, arming is refused, and no process is started or restarted except those that vehicles need to land.
-        """
+        """Begin the shutdown of the run: refuse arming from now on, and start only processes that a landing needs."""
         self._orders.starts_on, self._orders.why = False, f"the run ends: {cause}"
         self._keep_serving()
         packet = {"do": "refuse_arming", "why": "the run is ending"}
@@ -115,7 +119,7 @@ class Shutdown:
         """Land the vehicles; call it in each cycle. Return True when the landing has ended, even without success."""
         p, plan = self._processes, self._plan
         flying, down = self.flying(), run_end.grounded(plan, p.statuses, p.stats)
-        down |= {name: f"declared dead by {who}" for name, who in self.forgotten.items()}
+        down |= {name: f"{who} has declared this vehicle dead" for name, who in self.forgotten.items()}
         if self.at_once:
             flying, down = self._real_only(flying, down)
         if self._again:
@@ -135,9 +139,10 @@ class Shutdown:
         return done
 
     def _real_only(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
-        """Exclude simulated vehicles from the landing, for `arena down --now`. Return the new `flying` and `down`.
+        """Exclude simulated vehicles from the landing, for `arena down --now`.
 
-        `arena down --now` lands real vehicles only, so the landing must not wait for a simulated vehicle.
+        Return `flying` without these vehicles, and `down` with them. `arena down --now` lands real vehicles only, so the landing
+        must not wait for a simulated vehicle.
 
         flying: vehicles that may be in the air.  down: vehicle -> reason why the landing does not wait for the vehicle.
         """

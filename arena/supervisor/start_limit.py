@@ -18,7 +18,7 @@ _LOADING_S, _SILENT_LOADING_S = 1.0, 0.3
 
 
 class StartLimit:
-    """Limit of how many processes may load their Python packages at the same time when they first start.
+    """Limit of how many new processes may load their Python packages at the same time.
 
     Restarts never wait, because they may happen in flight.
 
@@ -30,7 +30,7 @@ class StartLimit:
         self._until: dict[str, float] = {}
 
     def update(self, now: float) -> None:
-        """Check whether the fork server has loaded its packages. Until then, no process may first start.
+        """Check whether the fork server has loaded its packages. Until then, no process starts for the first time.
 
         now: monotonic [s].
         """
@@ -49,7 +49,7 @@ class StartLimit:
         return len(self._until) < MAX_LOADING and not self._waits_for_forks
 
     def add(self, spec: ProcessSpec, now: float, *, forked: bool) -> None:
-        """Count a process that has just started as loading its packages, unless the fork server started it.
+        """Count a new process as one that loads its packages, unless the fork server started it.
 
         forked: the fork server started it.
         now: monotonic [s].

@@ -86,7 +86,8 @@ def processes_table(status: Mapping[str, Any]) -> Table:
 def vehicles_table(status: Mapping[str, Any]) -> Table:
     """Return a table with one row per vehicle: mode, armed, landed, height, battery and age of the last pose.
 
-    The column `control` is shown if somebody other than its program commands a vehicle.
+    The column `control` is shown if somebody other than its program commands a vehicle. The values of a vehicle that sends no
+    telemetry are marked as old: `was yes`.
     """
     table = Table(box=None, pad_edge=False)
     controls = [_control(status["facts"], vehicle) for vehicle in status["vehicles"]]
@@ -101,15 +102,21 @@ def vehicles_table(status: Mapping[str, Any]) -> Table:
     for vehicle, control in zip(status["vehicles"], controls, strict=True):
         facts = [status["facts"].get(f"{vehicle}.{name}") for name in ("mode", "armed", "landed")]
         own = telemetry.get(vehicle, {})
+        silent = status["facts"].get(f"{vehicle}.connected") is False
+        states = [_marked(_text(value), silent) for value in facts]
+        figures = [
+            _marked(_figure(own.get("height_m"), ".2f", "m"), silent),
+            _marked(_figure(own.get("battery"), ".0f", "%"), silent),
+        ]
         table.add_row(
-            vehicle,
-            *(Text(_text(value)) for value in facts),
-            *([control] if shows_control else []),
-            _figure(own.get("height_m"), ".2f", "m"),
-            _figure(own.get("battery"), ".0f", "%"),
-            _pose_age(status, vehicle),
+            vehicle, *states, *([control] if shows_control else []), *figures, _pose_age(status, vehicle)
         )
     return table
+
+
+def _marked(text: str, silent: bool) -> Text:
+    """Return the table cell of a value. silent: the vehicle sends no telemetry, so the value may have changed since."""
+    return Text(f"was {text}", style="red") if silent and text != "-" else Text(text)
 
 
 def _control(facts: Mapping[str, Any], vehicle: str) -> Text:

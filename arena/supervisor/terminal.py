@@ -90,7 +90,7 @@ class JsonLines(Lines):
     """Output as one JSON object per line on stdout, for programs."""
 
     def lost_text(self, lost: int) -> str:
-        """Return a JSON object that says how many lines of output were lost."""
+        """Return a line of JSON for the reading program, with the number of lines that it missed."""
         return json.dumps(
             {"time_s": None, "source": "", "level": "change", "text": f"{lost} lines were dropped"}
         )

@@ -30,7 +30,7 @@ _UNKNOWN = Text("-", style="dim")
 
 @dataclass(frozen=True, kw_only=True)
 class Rows:
-    """How many vehicles, processes and events `arena top` shows, so that its tables fit the terminal.
+    """Numbers of vehicles, processes and events that `arena top` shows, chosen to fit the terminal.
 
     first: number of vehicles that are scrolled away.
     """

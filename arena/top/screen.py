@@ -75,7 +75,7 @@ def is_complete(snapshot: Snapshot) -> bool:
 
 
 def watch(run: Path | None) -> None:
-    """Show the running arena, and later the next arena, until the user presses `q`.
+    """Show the running arena until the user presses `q`. When an arena ends, wait for the next one and show it.
 
     run: run folder; None for any.
     """

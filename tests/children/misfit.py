@@ -208,7 +208,10 @@ def world() -> None:
 
 
 def reports_arming() -> None:
-    """Act as a router: report `uav1.armed` while the file in the argument exists. A stop signal ends it; it prints the state then."""
+    """Act as a router: report `uav1.armed` while the file in the argument exists. A stop signal ends it; it prints the state then.
+
+    Second argument: time from the stop signal to the end [s].
+    """
     stopped, flag, armed = [], Path(sys.argv[2]), None
     signal.signal(signal.SIGTERM, lambda *_: stopped.append(1))
     tell(ready=True)
@@ -217,6 +220,7 @@ def reports_arming() -> None:
             armed = flag.exists()
             tell(facts={"uav1.connected": True, "uav1.armed": armed})
         time.sleep(0.02)
+    time.sleep(float(sys.argv[3]) if len(sys.argv) > 3 else 0.0)
     print("ended while the vehicle is", "ARMED" if flag.exists() else "disarmed", flush=True)
 
 

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from arena.plan.model import Plan
-from arena.supervisor import Level, Lines, LiveTable, Options, Supervisor, create
+from arena.supervisor import Level, Lines, Options, Supervisor, create
 from arena.supervisor.fork_client import ForkClient
+
+if TYPE_CHECKING:
+    from arena.supervisor import LiveTable
+
+
+def live_table() -> LiveTable:
+    from arena.supervisor import LiveTable  # rich loads slowly
+
+    return LiveTable(Level.DETAIL)
 
 
 def main() -> int:
@@ -18,7 +28,7 @@ def main() -> int:
         time_limit_s=limits[0] if limits else None,
         adopt="no_adopt" not in sys.argv,
     )
-    show = LiveTable(Level.DETAIL) if "live" in sys.argv else Lines(Level.DETAIL)
+    show = live_table() if "live" in sys.argv else Lines(Level.DETAIL)
     forks = ForkClient() if "forks" in sys.argv else None
     code = Supervisor(plan, create(plan, Path(sys.argv[2])), show, options, forks).run()
     show.close()

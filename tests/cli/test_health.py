@@ -107,7 +107,7 @@ def test_stand_in_is_never_reported_as_px4(nothing_there: Path, monkeypatch: pyt
 
 @pytest.mark.parametrize(
     ("missing", "code", "last"),
-    [((), 0, "can fly on this computer"), (("pybullet",), 2, "cannot fly on this computer yet")],
+    [((), 0, "this computer can run arenas"), (("pybullet",), 2, "this computer cannot run an arena yet")],
 )
 def test_exit_code_of_doctor_reports_whether_arenas_can_fly(
     nothing_there: Path,

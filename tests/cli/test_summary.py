@@ -126,7 +126,8 @@ def test_summary_without_a_report_names_the_command_that_makes_one(
 ) -> None:
     code, _, err = run_cli("summary", str(make_run(tmp_path)), capsys=capsys)
     assert code == 2 and "arena report" in err
-    code, _, err = run_cli("summary", str(tmp_path), capsys=capsys)
+    (tmp_path / "other").mkdir()
+    code, _, err = run_cli("summary", str(tmp_path / "other"), capsys=capsys)
     assert code == 2 and "not a run folder" in err
 
 

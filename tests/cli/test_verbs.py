@@ -213,6 +213,14 @@ def test_up_imports_neither_rich_nor_the_page_before_it_needs_them() -> None:
     assert imported("import arena.cli.up", "rich.console", "arena.monitor.server", "numpy") == []
 
 
+@pytest.mark.parametrize(
+    "verb", ["ps", "down", "restart", "release", "arm_permit", "preflight", "log", "kill_all", "top"]
+)
+def test_commands_to_a_running_arena_do_not_import_the_schema(verb: str) -> None:
+    code = f"import arena.cli.{verb}\nfrom arena.supervisor import Supervisor, open_run"
+    assert imported(code, *HEAVY, "arena.schema", "rich") == []
+
+
 def test_check_imports_neither_the_supervisor_loop_nor_numpy_nor_rich(folder: Path) -> None:
     code = "from arena.cli import main; assert main(['check']) == 0"
     heavy = ("numpy", "pymavlink", "rich.console", "matplotlib", "psutil", "arena.supervisor.loop")
@@ -281,6 +289,37 @@ def test_wrong_call_of_a_verb_is_one_line_and_an_exit_code(
 ) -> None:
     got, _, err = run(*arguments, capsys=capsys)
     assert (got, len(err.splitlines())) == (code, 1) and message in err
+
+
+def ended_run(folder: Path, name: str) -> Path:
+    made = folder / "runs" / name
+    (made / "logs").mkdir(parents=True)
+    (made / "plan.json").write_text("{}")
+    (made / "logs" / "router.log").write_text(f"log of {name}\n")
+    return made
+
+
+def test_logs_of_the_last_ended_run_of_this_folder_are_printed(
+    folder: Path, runtime_dir: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    ended_run(folder, "20260101-000000-a")
+    last = ended_run(folder, "20260102-000000-a")
+    for arguments in (("logs", "router"), ("logs", "router", "--run", str(folder))):
+        assert cli.main(list(arguments)) in (0, None)
+        out, err = capfd.readouterr()
+        assert out == f"log of {last.name}\n"
+        assert ("no arena is running; log of the last run" in err) is ("--run" not in arguments)
+
+
+def test_commands_for_a_run_take_the_last_run_of_an_arena(
+    folder: Path, runtime_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    last = ended_run(folder, "20260102-000000-a")
+    code, _, err = run("summary", str(folder), capsys=capsys)
+    assert code == 2 and f"{last}: this run has no report" in err
+    (folder / "empty" / "runs").mkdir(parents=True)
+    code, _, err = run("summary", str(folder / "empty"), capsys=capsys)
+    assert code == 2 and "contains no run folders" in err
 
 
 def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -47,8 +48,8 @@ def test_run_ends_without_a_vehicle_declared_dead(start):
     done = arena("forget", "uav1", "--yes", "--run", str(run.folder))
     assert done.returncode == 0, done.stderr
     assert run.wait() == 130
-    assert "uav1: declared dead by " in run.said()
-    assert "the landing does not wait for uav1: declared dead by " in run.said()
+    assert " has declared this vehicle dead; the end of the run" in run.said()
+    assert re.search("the landing does not wait for uav1: .+ has declared this vehicle dead", run.said())
 
 
 def test_until_done_does_not_wait_for_a_vehicle_declared_dead(start):
@@ -61,7 +62,7 @@ def test_until_done_does_not_wait_for_a_vehicle_declared_dead(start):
     run.until("p", "EXITED")
     run.control().ask(do="forget", vehicle="uav1", by="the tester")
     assert run.wait() == 0
-    assert "uav1: declared dead by the tester" in run.said()
+    assert "uav1: the tester has declared this vehicle dead" in run.said()
 
 
 def test_armed_vehicle_with_telemetry_is_not_declared_dead(start):

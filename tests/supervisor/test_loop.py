@@ -311,3 +311,16 @@ def test_the_report_runs_after_the_outcome_is_written(start):
     run = start(plan_of(program("p", "exits", "0"), report=report), "until_done")
     assert run.wait() == 0
     assert run.log("report") == "verdict 0\n"
+
+
+def test_report_that_ctrl_c_ended_gives_this_reason_and_the_command_to_repeat_it(start):
+    report = spec("report", "sleeps", kind="task")
+    run = start(plan_of(program("p", "exits", "0"), report=report), "until_done")
+    eventually(lambda: run.control().ask(do="ps")["phase"] == "making the report")
+    run.until_said("making the report")
+    run.signal(signal.SIGINT)
+    run.wait()
+    assert (
+        f"the report failed: ended by Ctrl-C: killed by SIGKILL; make it again with `arena report {run.folder}`"
+        in run.said()
+    )

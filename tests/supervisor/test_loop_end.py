@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from arena.cli._running import find
 from arena.errors import RunError
 from arena.supervisor import open_run
 
@@ -227,6 +228,37 @@ def test_a_closed_pipe_does_not_end_the_run(start, tmp_path):
     run.until("p", "READY")
     run.signal(signal.SIGTERM)
     assert run.wait() == 0
+
+
+def test_user_learns_that_all_programs_have_ended_and_the_arena_has_not(start, tmp_path):
+    plan = plan_of(
+        world(ARMED, json.dumps({"uav1.armed": False}), str(tmp_path / "disarmed")),
+        program("p", "exits", "0", needs=("world",)),
+        vehicles=(vehicle(),),
+        land=spec("land", "lands", kind="task"),
+    )
+    run = start(plan)
+    run.until("p", "EXITED")
+    told = "every program has ended and every vehicle is disarmed. The arena continues: Ctrl-C ends it"
+    assert told not in run.said(), "the vehicle is armed"
+    (tmp_path / "disarmed").touch()
+    run.until_said(told)
+    assert run.control().ask(do="ps")["phase"] == "running" and run.said().count(told) == 1
+    run.signal(signal.SIGINT)
+    assert run.wait() == 130
+
+
+def test_commands_report_a_dead_supervisor_while_its_processes_run(start, tmp_path):
+    plan = flying(tmp_path, spec("stubborn", "ignores_sigterm", outlives=True, kind="world"), waits=False)
+    run = begin(start, plan)
+    run.until("stubborn", "READY")
+    run.signal(signal.SIGKILL)
+    run.wait()
+    with pytest.raises(RunError, match=r"has died, and its processes still run.*arena down --run"):
+        find(None)
+    run_python("from arena.supervisor import sweep_all; sweep_all(print, '127.53.0.1')")
+    with pytest.raises(RunError, match="no arena is running"):
+        find(None)
 
 
 def test_killed_supervisor_ends_programs_and_closes_the_sockets_of_others(start, tmp_path):

@@ -48,7 +48,7 @@ def test_blocked_vehicle_may_be_released(facts, stats):
 @pytest.mark.parametrize(
     ("vehicles", "words"),
     [
-        (["uav1"], "uav1: nothing to release: programs may already fly this vehicle .control: program"),
+        (["uav1"], "uav1: no release is needed: programs may already command this vehicle .control: program"),
         (["uav9"], "got vehicle 'uav9', expected one of uav1, uav2"),
         ([], "got no vehicle, expected at least one of uav1, uav2"),
     ],

@@ -39,6 +39,14 @@ def test_armed_vehicle_may_fly():
     assert may_fly(PLAN, statuses, {"uav1.armed": True, "uav2.armed": False}, {}) == ["uav1"]
 
 
+def test_vehicle_that_only_its_link_reports_as_armed_may_fly():
+    """The router receives the heartbeat later, and reports the vehicle as disarmed until then."""
+    plan = plan_of(spec("link.uav1", "x", kind="link", vehicle="uav1"), vehicles=(vehicle(simulated=False),))
+    facts, stats = {"uav1.armed": False}, {"link.uav1": {"armed": True}}
+    assert may_fly(plan, {"link.uav1": READY}, facts, facts, stats) == ["uav1"]
+    assert may_fly(plan, {"link.uav1": DONE}, facts, facts, stats) == []
+
+
 def test_unknown_vehicle_may_fly_once_a_program_has_run():
     assert may_fly(PLAN, {"world": READY, "p": ProcessStatus()}, {}, {}) == []
     assert may_fly(PLAN, {"world": READY, "p": DONE}, {}, {}) == ["uav1", "uav2"]
@@ -204,6 +212,14 @@ def test_stop_by_the_user_succeeds_except_for_ctrl_c():
         assert verdict(cause, READY, last=FAILED, until_done=True) == 1
         assert verdict(cause, FAILED, until_done=False) == 1
     assert verdict(Cause.INTERRUPT, READY, last=FAILED) == 130
+
+
+def test_program_that_ctrl_c_ended_has_not_failed():
+    statuses = {"world": READY, "p": READY}
+    for cause, expected in ((Cause.INTERRUPT, []), (Cause.DOWN, ["p: had not ended by itself (exit 1)"])):
+        end = End(cause=cause, why="because", statuses=statuses)
+        found = failures(PLAN, end, {**statuses, "p": FAILED}, {}, landed=True, until_done=True)
+        assert [text.partition(" (")[0] for text in found] == [text.partition(" (")[0] for text in expected]
 
 
 @pytest.mark.parametrize("kind", ["world", "px4", "link", "mocap", "forward", "router"])

@@ -17,11 +17,26 @@ RESTARTED = Restart(mode="on_failure", backoff_s=0.05)
 
 
 def armed_by(
-    flag: Path, *more, program_kind="sleeps", landing="disarms", land_argument=None, land_task=None, **changes
+    flag: Path,
+    *more,
+    program_kind="sleeps",
+    landing="disarms",
+    land_argument=None,
+    land_task=None,
+    router_ends_after_s=0.0,
+    **changes,
 ):
     """A plan with one real vehicle, which is armed while the file `flag` exists; the land task deletes the file."""
     return plan_of(
-        spec("router", "reports_arming", str(flag), kind="router", outlives=True, restart=RESTARTED),
+        spec(
+            "router",
+            "reports_arming",
+            str(flag),
+            str(router_ends_after_s),
+            kind="router",
+            outlives=True,
+            restart=RESTARTED,
+        ),
         program("p", program_kind, str(flag), needs=("router",)),
         *more,
         vehicles=(vehicle(simulated=False),),
@@ -58,13 +73,26 @@ def test_router_ends_after_the_last_program(start, tmp_path):  # review fault 6
     assert order.index(("p", "EXITED")) < order.index(("router", "STOPPING"))
 
 
-def test_process_that_serves_an_armed_vehicle_is_not_killed(start, tmp_path):  # review fault 6
-    """The pilot arms by radio when the link receives its stop signal. The router is started again for the landing."""
+@pytest.mark.parametrize("router_ends_after_s", [0.0, 1.0])
+def test_process_that_serves_an_armed_vehicle_is_not_killed(
+    start, tmp_path, router_ends_after_s
+):  # review fault 6
+    """The pilot arms by radio when the link receives its stop signal. The router is started again for the landing.
+
+    A router that ends late still reports the vehicle as disarmed then.
+    """
     by_radio, go = tmp_path / "armed by radio", tmp_path / "go"
     link = spec(
         "link.uav1", "armed_at_its_end", str(by_radio), kind="link", vehicle="uav1", stop_timeout_s=0.2
     )
-    run = begin(start, armed_by(tmp_path / "armed", link, landing="lands", land_argument=go), armed=False)
+    plan = armed_by(
+        tmp_path / "armed",
+        link,
+        landing="lands",
+        land_argument=go,
+        router_ends_after_s=router_ends_after_s,
+    )
+    run = begin(start, plan, armed=False)
     run.until("link.uav1", "READY")
     run.signal(signal.SIGTERM)
     run.until_said("uav1 was armed while the arena was stopping: landing again")

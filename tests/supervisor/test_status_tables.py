@@ -62,6 +62,29 @@ def test_names_states_and_figures_fit_any_terminal(columns: int) -> None:
     assert lines[-2].split()[4] == "3" and all(len(x) <= columns for x in lines)
 
 
+def test_state_of_a_silent_vehicle_is_marked_as_old() -> None:
+    facts = {"uav1.mode": "AUTO.LOITER", "uav1.armed": False, "uav1.landed": True, "uav1.connected": False}
+    telemetry = {"uav1": {"height_m": 0.05, "battery": None}}
+    processes = {"router": row("READY", kind="router", stats={"telemetry": telemetry})}
+    line = drawn(status(facts=facts, processes=processes))[2]
+    assert line.split() == [
+        "uav1",
+        "was",
+        "AUTO.LOITER",
+        "was",
+        "no",
+        "was",
+        "yes",
+        "was",
+        "0.05",
+        "m",
+        "-",
+        "-",
+    ]
+    now = drawn(status(facts={**facts, "uav1.connected": True}, processes=processes))[2]
+    assert now.split() == ["uav1", "AUTO.LOITER", "no", "yes", "0.05", "m", "-", "-"]
+
+
 def test_height_battery_and_pose_age_stand_in_the_vehicles_row() -> None:
     telemetry = {"uav1": {"height_m": 1.054, "battery": 97}}
     processes = {
