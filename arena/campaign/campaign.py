@@ -27,7 +27,7 @@ class Progress(Protocol):
     """Display of the progress of a campaign."""
 
     def begin(self, total: int, flown: int) -> None:
-        """Show the number of all flights, and of the flights that have a result already."""
+        """Show the total number of flights, and how many of the flights already have a result."""
 
     def add(self, record: Record) -> None:
         """Show the result of one flight."""

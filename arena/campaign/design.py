@@ -48,7 +48,7 @@ class Flight:
 
 
 def flights(sweep: Sweep) -> list[Flight]:
-    """Return all flights of a campaign: each combination of settings is flown with each seed.
+    """Return all flights of a campaign, such as 6 flights for 3 combinations of settings and 2 seeds.
 
     Raises InputError if there are too many flights.
     """
@@ -79,7 +79,7 @@ def points(sweep: Sweep) -> list[dict[str, Value]]:
 
 
 def listed_values(setting: Setting) -> list[Value]:
-    """Return the values of a setting that are not random.
+    """Return all values of a setting that is not random, from its list or its range.
 
     They are the `values` in the sweep file, or `steps` values from `min` to `max`.
     """
@@ -91,9 +91,9 @@ def listed_values(setting: Setting) -> list[Value]:
 
 
 def drawn_values(sweep: Sweep) -> list[tuple[Value, ...]]:
-    """Return one tuple per random sample, with one value for each setting that is drawn from a range.
+    """Draw the values of all settings of a campaign that vary at random.
 
-    If no setting is drawn, return one empty tuple.
+    Each sample is a tuple with one value per random setting. If no setting is drawn, return one empty tuple.
     """
     settings = [s for s in sweep.settings.values() if is_drawn(s)]
     if not settings:

@@ -87,7 +87,9 @@ def of_vehicle(flight: Flight | None, recorded: Mapping[str, Any]) -> dict[str, 
 
 
 def of_flight(vehicles: Mapping[str, Numbers]) -> dict[str, float | None]:
-    """Return the measures of a flight from those of its vehicles: the largest value, or the sum of crashes.
+    """Combine the measures of all vehicles of a flight into one value per measure.
+
+    The value is the sum for crashes, and the largest value for every other measure.
 
     vehicles: vehicle -> its measures.
     """

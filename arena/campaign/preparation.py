@@ -65,9 +65,9 @@ def load(flight: Flight) -> Arena:
 
 
 def at_sweep(sweep: Sweep, flight: Flight, problem: Problem) -> Problem:
-    """Return a problem with the file and line of the value in the sweep file that has caused the problem.
+    """Replace the YAML override that a problem names by the line of the sweep file that it comes from.
 
-    A problem of another file is returned unchanged.
+    The line is 1 if it cannot be found. A problem of another file is returned unchanged.
     """
     if not problem.file.startswith("--set"):
         return problem
@@ -82,7 +82,7 @@ def at_sweep(sweep: Sweep, flight: Flight, problem: Problem) -> Problem:
 
 
 def _may_come_from(default: str, field: str) -> bool:
-    """Return whether a wrong value of a vehicle may come from a default for all vehicles.
+    """Return whether a default for all vehicles may have caused a wrong value of one vehicle.
 
     default: key of the default, such as `defaults.mass`.  field: field with the wrong value, such as `vehicles.uav1.mass`.
     """
@@ -90,7 +90,9 @@ def _may_come_from(default: str, field: str) -> bool:
 
 
 def _overrides_with_paths(sweep: Sweep, settings: Mapping[str, object]) -> Iterator[tuple[YamlPath, str]]:
-    """Yield (keys of a value in the sweep file, YAML override with this value) for each override of a flight.
+    """Yield each YAML override of a flight, with its place in the sweep file.
+
+    Each result is (place, override).
 
     settings: setting -> its value in this flight.
     """

@@ -134,7 +134,7 @@ class ProgressBar:
 
 
 def line(record: Record) -> str:
-    """Return one line for a flight that has ended, with the first reason of a failure."""
+    """Return one line of text about a flight that has ended. If the flight failed, give the first reason."""
     word = "passed" if record.passed else "lost  " if record.lost else "FAILED"
     why = f": {record.reasons[0].splitlines()[0]}" if record.reasons else ""
     return f"{word}  {describe(record.number, record.seed, record.settings)}  ({record.wall_s:.0f} s){why}"

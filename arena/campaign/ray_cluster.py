@@ -191,9 +191,9 @@ def check_address(address: str) -> None:
 
 
 def _answer(connection: socket.socket) -> bytes:
-    """Send the first bytes of an HTTP/2 client to the server. Return the first bytes of its reply.
+    """Send an HTTP/2 greeting to a server and return the first bytes of its reply, to recognise a Ray cluster.
 
-    Ray uses HTTP/2. The answer shows whether a Ray cluster or another server uses this address.
+    Ray uses HTTP/2. The reply shows whether a Ray cluster or another server uses this address.
     """
     connection.sendall(_HTTP2_GREETING)
     return connection.recv(9)
@@ -207,7 +207,10 @@ def _read(path: Path) -> str:
 
 
 def _check_computers(ray: Any, inputs: Mapping[str, str]) -> None:
-    """Check every computer of the cluster. Raise InputError with all problems, such as a missing file."""
+    """Check that every computer of the cluster has the same files of the campaign and the same `arena`.
+
+    Raises InputError with all problems, such as a missing file.
+    """
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
     problems = []

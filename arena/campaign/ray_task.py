@@ -48,7 +48,7 @@ def fly_here(flight: Flight, inputs: Mapping[str, str], flown_by: Fly) -> Delive
 
 
 def problems_here(inputs: Mapping[str, str]) -> list[str]:
-    """Return which files are missing or different here, compared with the computer that started the campaign.
+    """Return one text per file that is missing on this computer, or that differs from the campaign's file.
 
     inputs: path -> SHA-256 of each file, as `digest_of` returns it.
     """

@@ -77,7 +77,7 @@ def _measures(records: Sequence[Record]) -> Table:
 
 
 def _points(listing: Listing, records: Sequence[Record]) -> Table | None:
-    """Return a table with the median of each measure, one row per combination of settings.
+    """Return a table with the medians of the main measures (`_SHOWN`), one row per combination of settings.
 
     Return None if each combination was flown only once, or if the table would be too long.
     """

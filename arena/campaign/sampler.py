@@ -10,7 +10,7 @@ from arena.geometry import Array
 
 
 def random_points(count: int, ranges: int, rng: np.random.Generator) -> Array:
-    """Return points (count, ranges) that are uniformly distributed in [0, 1)."""
+    """Return random points (count, ranges), each coordinate uniformly distributed in [0, 1)."""
     return rng.random((count, ranges))
 
 

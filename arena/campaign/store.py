@@ -64,7 +64,7 @@ class Listing:
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """Names of the varied settings."""
+        """Names of the settings that vary between the flights of the campaign."""
         return tuple(self.flights[0]["settings"]) if self.flights else ()
 
 

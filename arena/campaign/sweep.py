@@ -1,4 +1,4 @@
-"""Sweep file of a campaign: the arena to fly, the settings that vary, and how often.
+"""Sweep file of a campaign: the arena to fly, the settings that vary, and the number of flights.
 
 Unknown keys are refused.
 """
@@ -99,7 +99,7 @@ class SweepFile(Strict):
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """A checked sweep file.
+    """Content of a sweep file that has passed all checks.
 
     file: path of the sweep file.
     source: the YAML with the line of each value, for messages.
@@ -127,7 +127,7 @@ class Sweep:
 
 
 def is_drawn(setting: Setting) -> bool:
-    """Return whether the values of a setting are drawn at random."""
+    """Return whether the values of a campaign setting are drawn at random, from a range without `steps`."""
     return setting.values is None and setting.steps is None
 
 

@@ -96,7 +96,7 @@ def _read_csv(path: Path) -> Flight | None:
 
 
 def _mended(flight: Flight) -> Flight:
-    """Correct a log of the ISR Flying Arena thesis, in which two groups of columns contain the values of others.
+    """Correct a log of the ISR Flying Arena thesis, in which two groups of columns have wrong values.
 
     The logger of the thesis (from which arena was developed) filled two groups of columns with the values of
     other groups. Its `imu.mag` repeats `imu.ang_vel`, so it is removed. Its `mocap.att_euler` repeats

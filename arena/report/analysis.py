@@ -19,13 +19,14 @@ from arena.report.held_setpoints import Spans, constant_spans, last_row_of_held_
 from arena.report.landings import FELL_M, fall_after_disarming, landing_drift, last_touchdown
 
 
-def analyse(flight: Flight, *, disarmed: bool | None = None) -> dict[str, Any]:
+def analyse(flight: Flight, *, disarmed: bool | None = None, first_row_s: float = 0.0) -> dict[str, Any]:
     """Return all measures of a flight as a JSON-ready object, in metres, seconds and degrees.
 
     disarmed: whether the vehicle was disarmed at the end; None: as in the last row of the log.
+    first_row_s: time of the first row on the time axis of the results [s].
     """
     spans = constant_spans(flight)
-    return {
+    found: dict[str, Any] = {
         "rows": int(flight.t.size),
         "duration_s": _round(flight.t[-1], 2),
         "log_hz": _round(_rate(flight), 2),
@@ -38,6 +39,14 @@ def analyse(flight: Flight, *, disarmed: bool | None = None) -> dict[str, Any]:
         "modes": modes(flight),
         "battery_end": _round(_last(flight.numbers.get("info.battery")), 1),
     }
+    for part in (found["landing"], *found["modes"], *found["setpoints"]["each"]):
+        for key in _MOMENTS & part.keys():
+            part[key] = None if part[key] is None else round(part[key] + first_row_s, 3)
+    return found
+
+
+_MOMENTS = {"begun_s", "touchdown_s", "t_s", "at_s", "until_s"}
+"""Keys of moments in the measures of a flight."""
 
 
 def tracking(flight: Flight) -> dict[str, float | None]:

@@ -30,10 +30,9 @@ _MOMENT_WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Input of a comparison, the first or the second: its flights, and the settings of its run.
+    """Flights of a run folder or log file that a comparison reads, and the settings of their run.
 
-    name: text for the page.
-    flights: its logs.
+    name: name of the folder or file, for the page.
     settings: key of the YAML -> value, {} if unknown.
     """
 

@@ -205,7 +205,7 @@ def _line(one: Drawn, curve: Curve, panel: Panel, number: int) -> dict[str, Any]
 
 
 def _least_range(trace: dict[str, Any], least: float) -> dict[str, Any]:
-    """Return an invisible trace that gives the y-axis a minimum range around the median of a curve.
+    """Return an invisible trace that keeps the y-axis from a too small range. The range is around the median of a curve.
 
     The range prevents that noise fills the panel.
     """
@@ -360,7 +360,7 @@ def three(quantity: str, reference: str, part: str, scale: float) -> tuple[Curve
 
 
 def _unwrapped(values: Callable[[Drawn], Array], quantity: str) -> Callable[[Drawn], Array]:
-    """Return a function of angles whose jumps from 180 to -180 degrees are gaps in the curve, not lines."""
+    """Wrap a function that returns angles: at a jump from 180 to -180 degrees it returns NaN, a gap in the curve."""
     if quantity != "att_euler":
         return values
 

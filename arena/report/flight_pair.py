@@ -27,7 +27,7 @@ _DEG = 180.0 / np.pi
 
 @dataclass(frozen=True, kw_only=True)
 class Side:
-    """First or second of two compared flights, relative to the moment that aligns both, such as the takeoff.
+    """First or second of two compared flights. Its values are relative to a moment of both flights, such as the takeoff.
 
     label: text for the page, such as `A: uav1 of two_quads`.  flight: its log; positions and yaw are relative to those at the
     common moment.  t: time since the common moment [s] (n,).  zero_s: time of the common moment in the log [s].
@@ -113,9 +113,7 @@ def _side(label: str, flight: Flight, moment: Moment) -> Side:
     row = moment_row(flight, moment)
     if row is None:
         others = ", ".join(m for m in MOMENTS if moment_row(flight, m) is not None) or "none"
-        raise InputError(
-            f"{label}: the log contains no {moment}, so the flights cannot be aligned at it. Choose one of: {others}"
-        )
+        raise InputError(f"{label}: the log has no moment `{moment}`. Choose one of: {others}")
     known = np.flatnonzero(np.isfinite(flight.pos).all(axis=1))
     if not known.size:
         raise InputError(f"{label}: the log contains no position")
@@ -148,9 +146,10 @@ def moment_row(flight: Flight, moment: Moment) -> int | None:
 
 
 def _relative(flight: Flight, p_n: Array, yaw: float) -> Flight:
-    """Return the flight with its positions and yaw angles relative to a reference pose.
+    """Return the flight with its positions and yaw angles relative to one position and yaw.
 
-    p_n: reference position [m] [NED] (3,). yaw: reference yaw [rad]; the results are in -pi..pi.
+    p_n: reference position [m] [NED] (3,). yaw: reference yaw [rad]. The actual yaw is in -pi..pi. Estimated and desired yaw
+    differ from it by at most pi, so that +179 deg and -179 deg are drawn 2 deg apart.
     """
     numbers = dict(flight.numbers)
     for group in ("truth.pos", "mocap.pos", "ekf.pos", "pos_ref"):
@@ -161,9 +160,11 @@ def _relative(flight: Flight, p_n: Array, yaw: float) -> Flight:
         f"{group}.{RPY[2]}"
         for group in ("truth.att_euler", "mocap.att_euler", "ekf.att_euler", "att_euler_ref", "pos_ref")
     ]
+    actual = wrapped(flight.euler[:, 2] - yaw)
     for column in angles:
         if column in numbers:
-            numbers[column] = wrapped(numbers[column] - yaw)
+            turned = wrapped(numbers[column] - yaw)
+            numbers[column] = np.where(np.isfinite(actual), actual + wrapped(turned - actual), turned)
     return replace(flight, numbers=numbers)
 
 

@@ -235,16 +235,17 @@ def _of_words(event: Event, run: RunData) -> Iterator[Happening]:
 
 
 def _of_arena(event: Event, run: RunData) -> Happening:
-    """Return the list entry of an event that the supervisor has written."""
+    """Convert an event that the supervisor reports about the run to an entry of the report's list of events."""
     last_s = max((step.at_s for step in scenario_steps(run)), default=0.0)
     if run.scenario and event.text.endswith(_STOPPING) and event.at_s >= last_s:
         said = "the scenario has ended: the run is stopped"
         return _happening(event, run, "arena", "note", said)
     failed, allowed = event.text.lower().startswith("failed: "), bool(run.scenario.get("passed"))
     parts = [part.rpartition(": ") for part in event.text.removeprefix("failed: ").split("; ")]
-    injected = allowed and all(how == "killed by SIGKILL" and _kills(who, run) for who, _, how in parts)
+    injected = failed and all(how == "killed by SIGKILL" and _kills(who, run) for who, _, how in parts)
     level: Level = "note" if not failed or injected else "warn" if allowed else "bad"
-    said = f"arena: {event.text}{' (allowed by the scenario)' if failed and allowed else ''}"
+    why = " (allowed by the scenario)" if failed and allowed else " (by the scenario)" if injected else ""
+    said = f"arena: {event.text}{why}"
     return _happening(event, run, "arena", level, said)
 
 

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arena.flight_log.flight import Flight
+from arena.geometry import Array
 from arena.report.link_record import StatusText
 
 TAKEN_OFF_M = 0.1
@@ -17,6 +19,7 @@ _ON_FLOOR_M = 0.03
 FELL_M = 0.2
 """Height loss after a disarming above which the vehicle was disarmed in the air [m]."""
 _FALL_S = 2.0
+_UNKNOWN_S = 1.0
 _ARMING = ("Armed", "Disarmed")
 """First words of the STATUSTEXTs with which PX4 and the built-in autopilot report arming and disarming."""
 
@@ -40,9 +43,11 @@ def flown_times(flight: Flight) -> list[tuple[int, int]]:
     A flight without a landing ends in the last row.
 
     A flight begins `TAKEN_OFF_M` above the ground, because autopilots report the take-off when the motors start. It ends when
-    the land detector reports the landing.
+    the land detector reports the landing. A flight whose height is unknown for `_UNKNOWN_S` counts, too. While telemetry is
+    missing, the last reported state holds.
     """
-    air = flight.armed & np.logical_not(flight.landed)
+    air = _last_reported(flight, "info.is_armed", flight.armed)
+    air &= ~_last_reported(flight, "info.is_landed", flight.landed)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], air, [False]]).astype(int)))
     spans = [(int(a), min(int(b), air.size - 1)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     up = -flight.pos[:, 2]
@@ -53,9 +58,30 @@ def flown_times(flight: Flight) -> list[tuple[int, int]]:
         # A log that begins in the air has no row before the flight: then the lowest place of the flight is the ground.
         ground = up[first] if first > 0 and np.isfinite(up[first]) else np.nanmin(up)
         climbed = np.flatnonzero(up[first : last + 1] - ground > TAKEN_OFF_M)
+        if not climbed.size:
+            climbed = _long_unknown(up[first : last + 1], flight.t[first : last + 1])
         if climbed.size:
             found.append((first + int(climbed[0]), last))
     return found
+
+
+def _last_reported(flight: Flight, column: str, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return in each row the last reported value of a flag, such as armed (n,). It is False before the first report.
+
+    column: column of the log, NaN where the flag is unknown.  flags: the same flag, False where it is unknown (n,).
+    """
+    known = np.isfinite(flight.numbers.get(column, np.zeros(flags.size)))
+    newest = np.maximum.accumulate(np.where(known, np.arange(flags.size), -1))
+    return np.where(newest >= 0, flags[np.maximum(newest, 0)], False)
+
+
+def _long_unknown(up: Array, t: Array) -> NDArray[np.intp]:
+    """Return the rows of a span in which the height is unknown; none if these rows last less than `_UNKNOWN_S`.
+
+    up: height, NaN if unknown [m] (k,).  t: times of the rows [s] (k,).
+    """
+    rows = np.flatnonzero(~np.isfinite(up))
+    return rows if rows.size and t[rows[-1]] - t[rows[0]] >= _UNKNOWN_S else rows[:0]
 
 
 def touchdown_row(flight: Flight, first: int, last: int) -> int:
@@ -114,10 +140,19 @@ def fall_after_disarming(flight: Flight) -> float:
 
     NaN if the log ends before, or if the height is unknown.
     """
-    armed = np.flatnonzero(flight.armed)
-    if not armed.size or flight.armed[-1]:
-        return np.nan
-    off = int(armed[-1])
+    armed = _last_reported(flight, "info.is_armed", flight.armed)
+    return np.nan if not armed.any() or armed[-1] else _fall_after(flight, int(np.flatnonzero(armed)[-1]))
+
+
+def largest_fall(flight: Flight) -> float:
+    """Return how far a vehicle fell in the 2 s after a disarming: the largest value of all disarmings [m], NaN if unknown."""
+    armed = _last_reported(flight, "info.is_armed", flight.armed)
+    falls = [_fall_after(flight, int(row)) for row in np.flatnonzero(armed[:-1] & ~armed[1:])]
+    return max((fall for fall in falls if np.isfinite(fall)), default=np.nan)
+
+
+def _fall_after(flight: Flight, off: int) -> float:
+    """Return how far a vehicle fell in the 2 s after the log row `off` [m], NaN if its height is unknown."""
     up = -flight.pos[off : int(np.searchsorted(flight.t, flight.t[off] + _FALL_S, "right")), 2]
     known = up[np.isfinite(up)]
     return float(known[0] - known.min()) if known.size else np.nan
@@ -128,14 +163,17 @@ def disarming(
 ) -> Disarming | None:
     """Return the last disarming in a log, or None if the vehicle was never armed or is still armed at the end.
 
+    A vehicle that falls silent while it is armed is still armed.
+
     t: times of the rows [s] (n,).  texts: the autopilot's STATUSTEXTs.  events_s: times at which the router reported the disarming [s].
     """
-    armed = np.flatnonzero(flight.armed)
+    last = _last_reported(flight, "info.is_armed", flight.armed)
+    armed = np.flatnonzero(last)
     if not armed.size:
         return None
-    if not flight.armed[-1]:
+    if not last[-1]:
         return Disarming(at_s=float(t[armed[-1] + 1]), in_log=True)
-    off = np.flatnonzero(~flight.armed)
+    off = np.flatnonzero(~last)
     armed_s = float(t[off[-1] + 1]) if off.size else float(t[0])
     newest = [x for x in texts if x.at_s > armed_s and x.text.startswith(_ARMING)][-1:]
     if newest and newest[0].text.startswith("Disarmed"):

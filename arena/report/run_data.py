@@ -27,6 +27,8 @@ from arena.wire.flight_record import FILE_NAME
 
 Clock = Literal["simulation", "unix"]
 
+EVENTS_FILE = "events.jsonl"
+"""File of the run folder with the events of all processes."""
 LOADS_FILE = "processes.csv"
 """File of the run folder in which the supervisor writes CPU load and memory of the processes."""
 SCENARIO_FILE = "scenario.json"
@@ -152,7 +154,7 @@ def read_run(folder: Path) -> RunData:
     flights = _computed(folder, recording, missing) or _read(folder, names, missing)
     missing += [f"no log of {name}: it has no complete row" for name in names if name not in flights]
     clock, origin_s = run_clock(plan, outcome, list(flights.values()))
-    events = read_events(folder / "events.jsonl", clock, origin_s, missing)
+    events = read_events(folder / EVENTS_FILE, clock, origin_s, missing)
     if plan.get("replay"):
         events = _events_of_replay(events, recording, clock, origin_s)
     scenario = read_json(folder / SCENARIO_FILE, missing) if (folder / SCENARIO_FILE).exists() else {}

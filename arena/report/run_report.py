@@ -78,7 +78,7 @@ def report(folder: Path) -> str:
     run.missing.extend(broken)
     _write_logs(run)
     summary = {
-        **summarise(run.names, run.flights, run.outcome, run.missing, disarmed_vehicles(run)),
+        **summarise(run.names, run.flights, run.outcome, run.missing, disarmed_vehicles(run), run.origin_s),
         "px4": _px4(folder, run.plan, run.outcome),
     }
     text = _write(folder, summary)  # first, because a page that cannot be made must not cost the summary
@@ -144,11 +144,13 @@ def summarise(
     outcome: Mapping[str, Any],
     missing: list[str],
     disarmed: Collection[str] = (),
+    origin_s: float | None = None,
 ) -> dict[str, Any]:
     """Return the summary of a run as a JSON-ready object.
 
     names: names of the vehicles.  flights: vehicle -> log.  outcome: content of outcome.json, {} if missing.
     missing: texts about missing files.  disarmed: vehicles whose disarming was reported after the last row of the log.
+    origin_s: time of the logs that is 0 in the summary [s] (see `RunData`); None: the first row of each log.
     """
     processes = outcome.get("processes", {})
     stats = {name: row.get("stats", {}) for name, row in processes.items()}
@@ -157,7 +159,13 @@ def summarise(
     vehicles = {}
     for name in names:
         found: dict[str, Any] = (
-            analyse(flights[name], disarmed=True if name in disarmed else None) if name in flights else {}
+            analyse(
+                flights[name],
+                disarmed=True if name in disarmed else None,
+                first_row_s=0.0 if origin_s is None else flights[name].t0 - origin_s,
+            )
+            if name in flights
+            else {}
         )
         airborne = _recorded(name, stats).get("airborne_unix_s")
         found["airborne_after_s"] = round(airborne - began, 2) if airborne and began else None

@@ -38,6 +38,7 @@ def _rule_row(rule: Mapping[str, Any], run: RunData) -> dict[str, Any]:
     """Return the table row of one rule of a smoke flight.
 
     worst: worst value of the rule with its unit, as text.
+    level: "good", "bad", or "soft" for a rule that was not checked, because the scenario failed before.
     """
     worst, text = rule.get("worst"), str(rule["place"]["text"])
     shown = "" if worst is None else f"{number(worst)} {rule.get('unit', '')}".rstrip()
@@ -52,7 +53,8 @@ def _rule_row(rule: Mapping[str, Any], run: RunData) -> dict[str, Any]:
     outcome = str(rule.get("outcome", ""))
     return {
         "text": text,
-        "result": "FAILED" if outcome == "failed" else outcome,
+        "result": _RESULTS.get(outcome, outcome),
+        "level": "good" if outcome == "passed" else "bad" if outcome == "failed" else "soft",
         "worst": shown,
         "at_s": None if worst is None else rule.get("at_s"),
         "who": rule.get("who", ""),
@@ -60,6 +62,8 @@ def _rule_row(rule: Mapping[str, Any], run: RunData) -> dict[str, Any]:
         "chart": next((chart for word, chart in _CHARTS if word in text), "timeline"),
     }
 
+
+_RESULTS = {"failed": "FAILED", "not reached": "not checked: the scenario failed before"}
 
 _CHARTS = (
     ("separation", "separation"),

@@ -17,8 +17,9 @@ from arena.report.run_data import RunData
 class ScenarioStep:
     """Step of a smoke flight that passed or failed, or a rule of its scenario that was violated.
 
-    number: number on the page, in order of time, from 1.  at_s: time at which the step was fulfilled or its rule broken [s]; of a
-    failed step the time at which it began.  text: the entry of the scenario file.  good: passed.
+    number: number on the page, in order of time, from 1.
+    at_s: time at which the step was fulfilled or failed, or its rule was broken [s].  A step that failed without such a time has the
+    time at which it began.  text: the entry of the scenario file.  good: passed.
     since: number of the step from which the time of an expectation (`within`, `for`) counts, 0 if it has none.
     since_s: time at which this step was done [s]; NaN for `since` 0.
     """
@@ -65,7 +66,10 @@ def scenario_steps(run: RunData) -> list[ScenarioStep]:
 
 
 def _step_time(step: Mapping[str, Any]) -> float | None:
-    return step.get("done_s") if step.get("outcome") == "passed" else step.get("begun_s")
+    if step.get("outcome") == "passed":
+        return step.get("done_s")
+    failed_s: float | None = step.get("failed_s")
+    return step.get("begun_s") if failed_s is None else failed_s
 
 
 def _begun(steps: Sequence[Mapping[str, Any]]) -> dict[int, Mapping[str, Any]]:

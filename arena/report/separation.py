@@ -1,4 +1,4 @@
-"""Distances between vehicles over time, and the smallest distance in a run. Pure."""
+"""Distances between vehicles over time, and the smallest distance in a run."""
 
 from __future__ import annotations
 

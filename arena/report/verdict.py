@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from arena.errors import EXIT_INTERRUPTED, EXIT_OK
 from arena.report.happening import Happening, Level
 from arena.report.happenings import KILLED, disarming_of, together
-from arena.report.landings import FELL_M, fall_after_disarming, flown_times, touchdown_row
+from arena.report.landings import FELL_M, flown_times, largest_fall, touchdown_row
 from arena.report.link_record import SEVERITIES
 from arena.report.mode_changes import COMMANDED, new_mode
-from arena.report.run_data import RunData
+from arena.report.run_data import EVENTS_FILE, RunData
 from arena.report.summary import SLOW_FACTOR
 from arena.wire.flight_record import FILE_NAME
 
@@ -32,9 +33,9 @@ _ACTION_S = (
 )
 _SEVERITY = re.compile(rf"^({'|'.join(SEVERITIES)}): ")
 _WARNED_S = 1.0  # longest time from a warning of the autopilot to the failsafe that it explains
-_NUMBER_EXIT_OK = 0
 _BATTERY_ACTIONS = {0: "warning only", 2: "land", 3: "return to the start, then land"}
 """Values of PX4's COM_LOW_BAT_ACT. The action is taken below BAT_CRIT_THR; below BAT_LOW_THR PX4 only warns."""
+_RECORDS = (EVENTS_FILE, FILE_NAME)
 _WORDS: Mapping[Level, str] = {"good": "as planned", "warn": "look closer", "bad": "failed"}
 _LAST_LINE = "last line of its log: "
 _MOST_CHARACTERS = 140
@@ -79,7 +80,7 @@ def verdict(run: RunData, found: Sequence[Happening]) -> Verdict:
     found: what happened (see `arena.report.happenings`).
     """
     fates = {name: fate_of(name, run, found) for name in run.names}
-    causes = [*_causes(run, found), *_run_end(run)]
+    causes = [*_causes(run, found), *_run_end(run), *_missing_record(run)]
     attention = bool(causes)
     causes += _commanded_landings(run, found)
     if len(causes) > _MOST_CLAUSES:
@@ -87,8 +88,9 @@ def verdict(run: RunData, found: Sequence[Happening]) -> Verdict:
             *causes[: _MOST_CLAUSES - 1],
             f"{len(causes) - _MOST_CLAUSES + 1} more events are listed below",
         ]
-    exit_code = run.outcome.get("exit_code")
-    bad = any(f.level == "bad" for f in fates.values()) or exit_code != _NUMBER_EXIT_OK
+    interrupted = run.outcome.get("exit_code") == EXIT_INTERRUPTED and not run.outcome.get("failed")
+    ended_well = interrupted or run.outcome.get("exit_code") == EXIT_OK
+    bad = any(f.level == "bad" for f in fates.values()) or not ended_well
     warn = attention or any(f.level == "warn" for f in fates.values())
     if passed := (run.scenario.get("verdict") and run.scenario.get("passed")):
         bad = False  # the scenario expects its faults and the failures of the programs
@@ -131,7 +133,7 @@ def fate_of(name: str, run: RunData, found: Sequence[Happening]) -> Fate:
         return Fate(end="did not fly", flown_s=0.0, level="warn")
     if not flight.landed[spans[-1][1]]:
         return Fate(end="was still in the air when its log ended", flown_s=flown, level="bad")
-    if (fell := fall_after_disarming(flight)) > FELL_M:
+    if (fell := largest_fall(flight)) > FELL_M:
         return Fate(end=f"was disarmed in the air and fell {fell:.1f} m", flown_s=flown, level="bad")
     if disarming_of(name, run) is None:
         return Fate(end="landed but stayed armed", flown_s=flown, level="warn")
@@ -376,6 +378,11 @@ def _run_end(run: RunData) -> Iterator[str]:
     if run.outcome.get("cause") != "done" and not run.scenario:
         yield f"the run ended: {run.outcome.get('reason') or run.outcome.get('cause')}"
     yield from slow_words(run.outcome)
+
+
+def _missing_record(run: RunData) -> Iterator[str]:
+    """Yield a clause for each record of the flight that cannot be read: failsafes may be missing in the list of events."""
+    yield from (f"not read: {why}" for why in run.missing if why.startswith(_RECORDS))
 
 
 def slow_words(outcome: Mapping[str, Any]) -> Iterator[str]:

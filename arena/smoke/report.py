@@ -30,7 +30,15 @@ _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 def table(results: Sequence[Result]) -> RenderableType:
     """Return the result table for the terminal: one row per scenario, with its failures as file:line."""
-    heads = ("scenario", "verdict", "seed", "flown [s]", "wall [s]", "slowest step", "touchdown [m/s]")
+    heads = (
+        "scenario",
+        "verdict",
+        "seed",
+        "flown [s]",
+        "wall [s]",
+        "slowest or failed step",
+        "touchdown [m/s]",
+    )
     made = Table(*(escape(head) for head in heads), box=None, pad_edge=False)
     for result in results:
         verdict = Text("passed", "green") if result.verdict.passed else Text("FAILED", "bold red")
@@ -50,6 +58,9 @@ def table(results: Sequence[Result]) -> RenderableType:
 
 
 def _slowest(verdict: Verdict) -> str:
+    """Return the first step that failed, or the slowest expectation if no step failed, as text."""
+    if failed := next((s for s in verdict.steps if s.outcome == "failed"), None):
+        return f"FAILED: {failed.place.text}"
     times = [(s.took_s, s.place.text) for s in verdict.steps if s.kind == "expect" and s.took_s is not None]
     took, text = max(times, default=(0.0, ""))
     return f"{took:.2f} s: {text}" if text else ""

@@ -80,7 +80,7 @@ def test_moments_of_a_flight(flight):
 
 def test_missing_moment_is_an_input_error_that_names_the_others(flight):
     without = replace(flight, mode=["POSCTL"] * flight.t.size)
-    with pytest.raises(InputError, match=r"no offboard.*Choose one of: takeoff"):
+    with pytest.raises(InputError, match=r"has no moment .offboard.*Choose one of: takeoff"):
         pairs([flight], [without], ("a", "b"), "offboard")
 
 
@@ -92,6 +92,17 @@ def test_yaw_difference_across_the_jump_of_the_angle(flight):
     mine.numbers["truth.att_euler.yaw"] = -turn  # 179 degrees
     (pair,) = pairs([mine], [other], ("a", "b"), "offboard")
     assert np.nanmax(np.abs(difference(pair).yaw)) == pytest.approx(2.0, abs=0.01)
+
+
+def test_desired_yaw_is_drawn_next_to_the_actual_yaw(flight):
+    one = moved(flight, (0.0, 0.0, 0.0))
+    later = np.arange(one.t.size) > one.t.size // 2
+    one.numbers["truth.att_euler.yaw"] = np.where(later, np.radians(179.0), 0.0)
+    one.numbers["pos_ref.yaw"] = np.where(later, np.radians(-179.0), 0.0)
+    (pair,) = pairs([one], [one], ("a", "b"), "takeoff")
+    drawn = pair.a.flight
+    apart = np.degrees(drawn.numbers["pos_ref.yaw"] - drawn.euler[:, 2])
+    assert apart[later] == pytest.approx(2.0, abs=0.01)
 
 
 def test_page_overlays_both_flights_and_lists_settings_that_differ(tmp_path, monkeypatch, capsys):

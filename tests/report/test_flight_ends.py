@@ -57,6 +57,81 @@ def test_vehicle_that_falls_after_its_disarming_has_not_landed(run, height_m, en
     assert analyse(fallen.flights["uav1"], disarmed=True)["landing"]["landed"] is (height_m == 0.15)
 
 
+def changed(run: RunData, **columns: tuple[slice, float]) -> RunData:
+    """Return the run with other values in some rows. columns: armed, landed or down -> (rows, value); NaN is unknown."""
+    flight = run.flights["uav1"]
+    names = {"armed": "info.is_armed", "landed": "info.is_landed", "down": "truth.pos.down"}
+    numbers = {name: values.copy() for name, values in flight.numbers.items()}
+    for column, (rows, value) in columns.items():
+        numbers[names[column]][rows] = value
+    flags = {column: numbers[names[column]] == 1.0 for column in ("armed", "landed")}
+    return replace(run, flights={"uav1": replace(flight, numbers=numbers, **flags)})
+
+
+def test_vehicle_that_falls_silent_armed_on_the_floor_was_not_disarmed(run):
+    silent = changed(run, armed=(slice(220, None), np.nan), landed=(slice(220, None), np.nan))
+    assert disarming_of("uav1", silent) is None and disarmed_vehicles(silent) == []
+    assert fate_of("uav1", silent, happenings(silent)).end == "landed but stayed armed"
+
+
+def test_vehicle_that_falls_silent_in_the_air_was_not_disarmed_there(run):
+    silent = changed(run, armed=(slice(100, None), np.nan), landed=(slice(100, None), np.nan))
+    assert disarming_of("uav1", silent) is None
+    assert fate_of("uav1", silent, happenings(silent)).end == "was still in the air when its log ended"
+    assert not analyse(silent.flights["uav1"])["landing"]["landed"]
+
+
+def test_missing_telemetry_does_not_split_a_flight(run):
+    gap = slice(60, 130)
+    whole = changed(run, down=(slice(0, 20), 0.0))
+    one = changed(whole, armed=(gap, np.nan), landed=(gap, np.nan))
+    assert [text for _, text in texts_of(one, "flight")].count("took off") == 1
+    assert fate_of("uav1", one, happenings(one)) == fate_of("uav1", whole, happenings(whole))
+
+
+def test_flight_of_unknown_height_is_a_flight(run):
+    below = changed(run, down=(slice(None), -0.05))
+    assert fate_of("uav1", below, happenings(below)).end == "did not fly"
+    unknown = changed(below, down=(slice(20, 150), np.nan))
+    fate = fate_of("uav1", unknown, happenings(unknown))
+    assert fate.end == "landed" and fate.flown_s == pytest.approx(160 / 30, abs=0.1)
+
+
+def test_fall_of_an_earlier_flight_is_reported(run):
+    fallen = changed(
+        run,
+        armed=(slice(80, 120), 0.0),
+        landed=(slice(85, 120), 1.0),
+        down=(slice(85, 121), -0.05),
+    )
+    fate = fate_of("uav1", fallen, happenings(fallen))
+    assert (fate.end, fate.level) == ("was disarmed in the air and fell 0.9 m", "bad")
+
+
+@pytest.mark.parametrize("lost", ["events.jsonl", "flight.mcap"])
+def test_run_with_an_incomplete_record_is_not_as_planned(tmp_path, lost):
+    folder = make_run(tmp_path / "run")
+    whole = read_run(folder)
+    assert verdict(whole, happenings(whole)).level == "good"
+    (folder / "events.jsonl").unlink() if lost == "events.jsonl" else (folder / lost).write_bytes(b"cut")
+    incomplete = read_run(folder)
+    judged = verdict(incomplete, happenings(incomplete))
+    assert judged.level == "warn" and any(lost in cause for cause in judged.causes), judged.causes
+
+
+@pytest.mark.parametrize(
+    ("failed", "level"),
+    [([], "warn"), (["program.uav1: exit 1"], "bad"), (["the landing was not confirmed"], "bad")],
+)
+def test_run_that_ctrl_c_ended_has_failed_only_with_a_failure(run, failed, level):
+    stopped = replace(
+        run,
+        outcome={**run.outcome, "exit_code": 130, "cause": "Ctrl-C", "reason": "Ctrl-C", "failed": failed},
+    )
+    judged = verdict(stopped, happenings(stopped))
+    assert judged.level == level and any("Ctrl-C" in cause for cause in judged.causes)
+
+
 def texts_of(run: RunData, kind: str) -> list[tuple[float, str]]:
     return [(round(h.at_s, 1), h.text) for h in happenings(run) if h.kind == kind]
 
@@ -193,6 +268,18 @@ def test_failsafe_and_its_change_of_mode_are_one_entry(run):
     )
 
 
+def test_summary_has_the_times_of_the_report(run):
+    late = {name: replace(flight, t0=run.origin_s + 0.4) for name, flight in run.flights.items()}
+    first_row = summarise(run.names, late, {}, [])["vehicles"]["uav1"]
+    found = summarise(run.names, late, {}, [], (), run.origin_s)["vehicles"]["uav1"]
+    assert found["modes"][-1]["t_s"] == pytest.approx(first_row["modes"][-1]["t_s"] + 0.4)
+    assert found["landing"]["touchdown_s"] == pytest.approx(first_row["landing"]["touchdown_s"] + 0.4)
+    assert found["setpoints"]["each"][0]["at_s"] == pytest.approx(
+        first_row["setpoints"]["each"][0]["at_s"] + 0.4
+    )
+    assert found["duration_s"] == first_row["duration_s"]
+
+
 def scenario(run: RunData, step: str, at_s: float) -> RunData:
     """Return the run as a smoke flight that passed, with one step."""
     place = {"file": "a.smoke.yaml", "line": 4, "text": step}
@@ -214,6 +301,16 @@ def test_program_killed_by_the_scenario_is_an_injected_fault(run):
     killed = scenario(replace(run, events=[dead, stop]), "at each.airborne + 5 s: kill program each", 8.0)
     assert texts_of(killed, "fault") == [(8.1, "injected fault: program.uav1 was killed by the scenario")]
     assert texts_of(killed, "arena") == [(13.0, "the scenario has ended: the run is stopped")]
+
+
+@pytest.mark.parametrize(("step", "level"), [("kill program uav1", "note"), ("hang program uav1", "bad")])
+def test_killed_program_is_no_failure_of_a_failed_scenario(run, step, level):
+    end = Event(at_s=15.0, process="arena", text="failed: program.uav1: killed by SIGKILL")
+    flown = scenario(replace(run, events=[end]), step, 8.0)
+    failed = replace(flown, scenario={**flown.scenario, "passed": False})
+    found = [h for h in happenings(failed) if h.kind == "arena"]
+    assert [h.level for h in found] == [level]
+    assert found[0].text.endswith("(by the scenario)") == (level == "note")
 
 
 @pytest.mark.parametrize("step", ["drain battery uav1 in 30 s", "kill program uav2", "kill router"])

@@ -204,13 +204,13 @@ def test_real_vehicle_is_shown_with_motion_capture_on_its_own_time_axis(tmp_path
 def test_long_logs_are_thinned_without_losing_the_largest_error(tmp_path):
     run = make_run(tmp_path / "run")
     head, *rows = flight_csv().splitlines(keepends=True)
-    stamps = [5.0 + k / 2000 for k in range(120_000)]
+    stamps = [5.0 + k / 2000 for k in range(45_000)]
     column = head.split(",").index("truth.pos.east")
     cells = rows[100].split(",")
     lines = [",".join([f"{t:.4f}", *cells[1:]]) for t in stamps]
     peak = cells.copy()
     peak[column] = "0.9"
-    lines[77_777] = ",".join([f"{stamps[77_777]:.4f}", *peak[1:]])
+    lines[33_333] = ",".join([f"{stamps[33_333]:.4f}", *peak[1:]])
     (run / "csv" / "uav1.csv").write_text(head + "".join(lines))
     page = run_page(read_run(run))
     (distance,) = traces(page, "tracking", vehicle="uav1", curve="distance")

@@ -67,6 +67,24 @@ def test_time_of_an_expectation_counts_from_the_step_that_began_with_it(run):
     ]
 
 
+def test_failed_step_is_listed_when_it_failed(run):
+    late = {**entry("uav1.landed within 0.5 s", "expect", 6.0, None, "failed"), "failed_s": 6.5}
+    steps = [late, entry("at uav1.airborne: kill program uav1", "do", 6.0, 6.0)]
+    told = replace(run, scenario={"scenario": "s", "verdict": {"steps": steps}})
+    assert [(s.at_s, s.good) for s in scenario_steps(told)] == [(6.0, True), (6.5, False)]
+
+
+def test_rule_that_was_not_checked_is_neither_good_nor_bad(run):
+    place = {"text": "all vehicles have landed at the end"}
+    rules = [{"place": place, "outcome": outcome} for outcome in ("passed", "failed", "not reached")]
+    told = replace(run, scenario={"scenario": "s", "verdict": {"rules": rules}})
+    assert [(row["level"], row["result"]) for row in scenario_rows(told)["rules"]] == [
+        ("good", "passed"),
+        ("bad", "FAILED"),
+        ("soft", "not checked: the scenario failed before"),
+    ]
+
+
 def test_rule_leads_to_the_figure_of_its_quantity_and_its_vehicles(run):
     rules = [
         {"place": {"text": text}, "outcome": "passed", "worst": 1.0, "unit": unit, "at_s": 6.0, "who": who}

@@ -93,6 +93,15 @@ def test_failed_expectation_names_the_observed_values(referee_for, expectation: 
     assert verdict.steps[1].outcome == "failed" and not verdict.passed and verdict.ended == "a step failed"
 
 
+@pytest.mark.parametrize(
+    ("expectation", "after"),
+    [("uav1.mode == LAND within 500 ms", 0.5), ("not uav1.airborne for 3 s", 1.0)],
+)
+def test_failed_expectation_has_the_time_of_its_failure(referee_for, expectation: str, after: float) -> None:
+    step = judged(referee_for(AT + expectation + "\n")).steps[1]
+    assert step.done_s is None and step.failed_s == pytest.approx(START_S + after, abs=0.021)
+
+
 def test_one_observation_too_late_fails(referee_for) -> None:
     assert judged(referee_for(AT + "uav1.mode == LAND within 5.02 s\n")).passed
     assert not judged(referee_for(AT + "uav1.mode == LAND within 5 s\n")).passed

@@ -107,6 +107,19 @@ def test_table_has_a_row_per_scenario_and_every_failure() -> None:
     assert shown((PASSED,)).count("\n") == 2
 
 
+def test_table_names_the_failed_step_and_not_a_passed_one() -> None:
+    failed = StepResult(
+        place=place(9, "uav1.landed within 0.5 s"),
+        outcome="failed",
+        begun_s=8.0,
+        failed_s=8.5,
+        failure="in the air",
+    )
+    verdict = replace(PASSED.verdict, steps=(*PASSED.verdict.steps, failed))
+    row = shown((replace(PASSED, verdict=verdict),)).splitlines()[1]
+    assert "FAILED: uav1.landed within 0.5 s" in row and "uav1.mode == LAND within 2 s" not in row
+
+
 def test_summary_counts_scenarios() -> None:
     assert report.summary(BOTH) == "2 scenarios, 1 failed; 21 s of simulation"
     assert report.summary(BOTH[:1]) == "1 scenario, all passed; 10 s of simulation"

@@ -78,6 +78,19 @@ def test_vehicle_on_the_floor_is_not_judged(referee_for) -> None:
     assert verdict.passed and verdict.rules[0].who == "uav1"
 
 
+@pytest.mark.parametrize("rule", ["each.battery > 20 %", "tracking(each) < 1 m", "each.mode != RTL"])
+def test_rule_about_a_value_that_one_vehicle_never_sent_fails(referee_for, rule: str) -> None:
+    def script(t: float, silent: Mapping[str, Any]) -> Mapping[str, Any]:
+        made = {name: replace(v, target_p_n=v.p_n) for name, v in both(t).items()}
+        return {**made, "uav2": replace(made["uav2"], **silent)}
+
+    assert judged(referee_for(FLOWN, [rule]), lambda t: script(t, {})).passed
+    silent = {"battery": None, "target_p_n": None} if "mode" not in rule else {"mode": ""}
+    result = judged(referee_for(FLOWN, [rule]), lambda t: script(t, silent)).rules[0]
+    assert result.outcome == "failed"
+    assert result.failure == "the rule could not be evaluated for uav2: the value was never received"
+
+
 def test_rms_is_over_offboard_only(referee_for) -> None:
     def script(t: float) -> Mapping[str, Any]:
         off = 0.3 if 2.0 <= t < 4.0 else 0.1

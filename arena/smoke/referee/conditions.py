@@ -1,4 +1,4 @@
-"""Evaluates the conditions of a scenario at the newest observation of a flight. None means unknown."""
+"""Evaluates the conditions of a scenario at the newest observation of a flight."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from arena.smoke.language.vocabulary import QUANTITIES, REAL_TIME_FACTOR
 from arena.smoke.referee.flight_history import FlightHistory
 
 Truth = bool | None
-_OFFBOARD = "OFFBOARD"
+OFFBOARD = "OFFBOARD"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +133,7 @@ def _value_from_history(kind: str, flight: FlightHistory, vehicle: VehicleState)
         return flight.touchdown_m_s(vehicle.name)
     if kind == "drift":
         return flight.drift_m(vehicle.name)
-    if kind == "tracking" and not (vehicle.airborne and vehicle.mode == _OFFBOARD):
+    if kind == "tracking" and not (vehicle.airborne and vehicle.mode == OFFBOARD):
         return None
     other = vehicle.target_p_n if kind == "tracking" else vehicle.est_p_n
     return None if other is None else math.dist(other, vehicle.p_n)

@@ -45,16 +45,18 @@ class _Record:
 
 @dataclass(kw_only=True)
 class ExpectationTracker:
-    """Tracker of one expectation of a scenario during a flight.
+    """State of one expectation of a scenario: open, fulfilled or failed, with the values observed so far.
 
     begun_s: simulation time from which the time of the expectation counts [s].
-    done_s: simulation time at which the expectation was fulfilled [s].  failure: why it failed, with the observed values.
+    done_s: simulation time at which the expectation was fulfilled [s].  failed_s: simulation time at which it failed [s].
+    failure: why it failed, with the observed values.
     """
 
     expectation: Expectation
     begun_s: float
     outcome: Outcome = "not reached"
     done_s: float | None = None
+    failed_s: float | None = None
     failure: str = ""
     _known: bool = False
     _records: dict[str, _Record] = field(default_factory=dict)
@@ -70,7 +72,7 @@ class ExpectationTracker:
             return
         passed = flight.now.time_s - self.begun_s
         if self.expectation.within_s is not None and passed > self.expectation.within_s + EPSILON_S:
-            self._fail(self._describe())
+            self._fail(passed, self._describe())
             return
         for evaluation in evaluate(self.expectation.condition, flight):
             self._records.setdefault(evaluation.who, _Record()).update(evaluation)
@@ -83,12 +85,12 @@ class ExpectationTracker:
 
     def _update_for(self, limit: float, truth: bool | None, passed: float) -> None:
         if truth is False and passed <= limit + EPSILON_S:
-            self._fail(f"{self._describe()} (failed after {passed:.2f} s)")
+            self._fail(passed, f"{self._describe()} (failed after {passed:.2f} s)")
         elif passed >= limit - EPSILON_S:
             if self._known:
                 self._fulfil(passed)
             else:
-                self._fail(self._describe())
+                self._fail(passed, self._describe())
 
     def close(self, flight: FlightHistory, why: str) -> None:
         """Decide an open expectation at the end of the flight: fulfilled or failed.
@@ -101,13 +103,13 @@ class ExpectationTracker:
         if self.expectation.within_s is not None and holds(self.expectation.condition, flight):
             self._fulfil(passed)
         else:
-            self._fail(f"{self._describe()}; {why} after {passed:.2f} s")
+            self._fail(passed, f"{self._describe()}; {why} after {passed:.2f} s")
 
     def _fulfil(self, passed: float) -> None:
         self.outcome, self.done_s = "passed", self.begun_s + passed
 
-    def _fail(self, failure: str) -> None:
-        self.outcome, self.failure = "failed", failure
+    def _fail(self, passed: float, failure: str) -> None:
+        self.outcome, self.failed_s, self.failure = "failed", self.begun_s + passed, failure
 
     def _describe(self) -> str:
         """Return the failure as text: the expectation, and the values observed for each failed vehicle or process."""
@@ -129,5 +131,6 @@ class ExpectationTracker:
             kind="expect",
             begun_s=self.begun_s,
             done_s=self.done_s,
+            failed_s=self.failed_s,
             failure=self.failure,
         )

@@ -67,9 +67,9 @@ class FlightHistory:
             self._timed[1:] = [(now.time_s, now.wall_s)]
 
     def action(self) -> None:
-        """Record the time and all positions when an action is carried out; `drift_m` counts from there.
+        """Record the time of an action, and the positions from which `drift_m` is measured.
 
-        The positions are those of the newest observation.
+        The positions are those of the vehicles in the newest observation.
         """
         self.action_s = self.now.time_s
         for name, history in self._histories.items():
@@ -120,7 +120,7 @@ class FlightHistory:
 
     @property
     def still_up(self) -> tuple[str, ...]:
-        """Names of the vehicles that have taken off and not landed.
+        """Names of the vehicles that must still land: they have taken off, but not landed.
 
         A crashed vehicle on the floor counts as landed.
         """

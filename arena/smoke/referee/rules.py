@@ -7,9 +7,12 @@ from dataclasses import dataclass, field
 
 from arena.smoke.language.model import Condition, Rule
 from arena.smoke.language.vocabulary import REAL_TIME_FACTOR
-from arena.smoke.referee.conditions import Evaluation, evaluate, in_words, subject, unit
+from arena.smoke.referee.conditions import OFFBOARD, Evaluation, evaluate, in_words, subject, unit
 from arena.smoke.referee.flight_history import FlightHistory
 from arena.smoke.referee.verdict import RuleResult
+
+_FROM_TELEMETRY = frozenset({"battery", "estimate error", "mode", "armed"})
+_NEVER_RECEIVED = "the value was never received"
 
 
 @dataclass(kw_only=True)
@@ -27,12 +30,13 @@ class _Sum:
 
 @dataclass(kw_only=True)
 class RuleTracker:
-    """Tracker of one rule of a scenario during a flight."""
+    """Tracker of one rule of a scenario: checks the observations of a flight and keeps the worst value."""
 
     rule: Rule
     _worst: Evaluation | None = None
     _worst_s: float | None = None
     _sums: dict[str, _Sum] = field(default_factory=dict)
+    _received: dict[str, bool] = field(default_factory=dict)
 
     def update(self, flight: FlightHistory) -> None:
         """Evaluate the rule at the newest observation.
@@ -42,6 +46,9 @@ class RuleTracker:
         """
         condition, flying = self.rule.condition, flight.in_flight
         for evaluation in evaluate(condition, flight) if flying else ():
+            if evaluation.who in flying and self._must_be_known(evaluation.who, flight):
+                known = self._received.get(evaluation.who, False)
+                self._received[evaluation.who] = known or evaluation.holds is not None
             if evaluation.holds is None or (
                 condition.vehicles and condition.kind != "separation" and evaluation.who not in flying
             ):
@@ -54,6 +61,16 @@ class RuleTracker:
                 or self._is_worse(evaluation, self._worst)
             ):
                 self._worst, self._worst_s = evaluation, flight.now.time_s
+
+    def _must_be_known(self, who: str, flight: FlightHistory) -> bool:
+        """Return whether the autopilot of a vehicle in flight should have sent the value of the rule by now.
+
+        A tracking error exists only in OFFBOARD and in the air. Quantities from the world are always known.
+        """
+        if self.rule.condition.kind == "tracking":
+            vehicle = flight.now.vehicles.get(who)
+            return vehicle is not None and vehicle.airborne and vehicle.mode == OFFBOARD
+        return self.rule.condition.kind in _FROM_TELEMETRY
 
     def _sum(self, evaluation: Evaluation) -> None:
         kind = self._sums.setdefault(evaluation.who, _Sum())
@@ -80,6 +97,10 @@ class RuleTracker:
             return RuleResult(
                 place=self.rule.place, outcome="failed" if complete else "not reached", failure=failure
             )
+        unknown = sorted(who for who, received in self._received.items() if not received)
+        if complete and unknown and worst.holds is not False:
+            failure = f"the rule could not be evaluated for {', '.join(unknown)}: {_NEVER_RECEIVED}"
+            return RuleResult(place=self.rule.place, outcome="failed", failure=failure)
         shown, si = unit(condition) if worst.value is not None else ("", 1.0)
         return RuleResult(
             place=self.rule.place,
@@ -123,4 +144,4 @@ def _never(condition: Condition) -> str:
         return "no position setpoint was received in OFFBOARD and in the air"
     if condition.kind == REAL_TIME_FACTOR:
         return "the flight was shorter than 1 s"
-    return "no vehicle took off, or the value was never received"
+    return f"no vehicle took off, or {_NEVER_RECEIVED}"

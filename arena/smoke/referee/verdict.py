@@ -17,6 +17,7 @@ class StepResult:
 
     begun_s: time of the trigger, or time from which the expectation counts [s].
     done_s: time at which the actions were carried out or the expectation was fulfilled [s]; None if never.
+    failed_s: time at which the expectation failed, for example at the end of its `within` [s]; None if it did not fail.
     failure: text with the observed values; "" if not failed.
     """
 
@@ -25,6 +26,7 @@ class StepResult:
     kind: Literal["at", "do", "expect"] = "expect"
     begun_s: float | None = None
     done_s: float | None = None
+    failed_s: float | None = None
     failure: str = ""
 
     @property
