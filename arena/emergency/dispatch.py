@@ -21,13 +21,13 @@ from arena.emergency.direct_link import DirectLink
 from arena.emergency.first_commands import component_for
 from arena.emergency.identity_check import IdentityCheck
 from arena.emergency.landing_sequence import Action, LandingSequence
-from arena.emergency.run_record import recorded_down
+from arena.emergency.run_record import has_given_up, recorded_down
 from arena.emergency.targets import Target
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from arena.transport import open_udp, receive_datagrams
 
 _TURN_S = 0.05
-# A simulated vehicle whose run records a crash, or the end of its PX4, is tried for this time: it may fly on after a collision.
+# Time for which a simulated vehicle is tried whose run records a crash, or the end of its PX4 or world. It may fly on after a collision.
 _TRY_DOWN_S, _TRY_SILENT_S = 15.0, 3.0
 _READ_RECORD_S = 1.0
 _FIRST_HEARTBEAT_S = 1.0
@@ -40,11 +40,12 @@ class TargetConnections:
     """All connections of `land-all` to one vehicle, and the landing sequence of the vehicle.
 
     down: reason why the run records the vehicle as crashed or ended; "" if it does not
+    world_ended: the vehicle is only simulated, and the run records the end of its world
     """
 
     def __init__(self, target: Target, landing: LandingSequence, say: Say, now: float) -> None:
         self.target, self.landing = target, landing
-        self.down = ""
+        self.down, self.world_ended = "", False
         self.router = open_udp()
         self.panic = _open_panic_link(target)
         self._began, self._next_bind = now, now + _REBIND_S
@@ -120,14 +121,21 @@ class TargetConnections:
         """Return whether to stop commanding this vehicle.
 
         This is the case if the vehicle is confirmed as landed or stopped. It is also the case if the run folder records
-        that the vehicle crashed or that its PX4 has ended, and commands were sent for long enough.
+        that the vehicle crashed, or that its PX4 or its world has ended, and commands were sent for long enough.
         """
         if self.landing.confirmed:
             return self.landing.settled(now)
         limit_s = _TRY_SILENT_S if self.landing.reported.received_at is None else _TRY_DOWN_S
-        return bool(self.down) and now - began > limit_s
+        return (bool(self.down) or self.gone) and now - began > limit_s
+
+    @property
+    def gone(self) -> bool:
+        """True if the simulation of this vehicle has ended. A vehicle that sends telemetry is not gone."""
+        return self.world_ended and self.landing.reported.received_at is None
 
     def result_line(self, now: float) -> str:
+        if self.gone:
+            return f"{self.landing.name}: does not fly: its simulation has ended"
         recorded = f"; the run records: {self.down}" if self.down and not self.landing.confirmed else ""
         return self.landing.result_line(now) + recorded
 
@@ -165,11 +173,17 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
     began = time.monotonic()
     all_connections: list[TargetConnections] = []
     isolated = _Isolation(say)
+    names = [t.name for t in targets]
     for t in targets:
         with isolated(t.name):
             number = component_for(t)
             landing = LandingSequence(
-                name=t.name, system=t.id, component=number, action=action, now=began, radio=t.radio
+                name=t.name if names.count(t.name) == 1 else t.name_in_run,
+                system=t.id,
+                component=number,
+                action=action,
+                now=began,
+                radio=t.radio,
             )
             all_connections.append(TargetConnections(t, landing, say, began))
     code = EXIT_OK
@@ -184,7 +198,7 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
     failed = [t.name for t in targets if t.name not in opened]
     for name in failed:
         say(f"{name}: NOT CONFIRMED: no connection could be opened, so no command was sent")
-    confirmed = not failed and all(connections.landing.confirmed for connections in all_connections)
+    confirmed = not failed and all(c.landing.confirmed or c.gone for c in all_connections)
     return code or (EXIT_OK if confirmed else EXIT_FAILED)
 
 
@@ -256,9 +270,11 @@ def _read_records(all_connections: list[TargetConnections]) -> None:
     waiting = [c for c in all_connections if not c.landing.confirmed and c.target.run is not None]
     for run in {c.target.run for c in waiting if c.target.run is not None}:
         down = recorded_down(run, [c.target.name for c in waiting if c.target.run == run])
+        world_ended = has_given_up("world", run)
         for connections in waiting:
             if connections.target.run == run:
                 connections.down = down.get(connections.target.name, "")
+                connections.world_ended = connections.target.ends_with_world and world_ended
 
 
 def _say_changes(landing: LandingSequence, say_once: _OnceEach, say: Say) -> None:

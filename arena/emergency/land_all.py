@@ -18,7 +18,7 @@ from arena.emergency.first_commands import send_first_commands
 from arena.emergency.landing_sequence import Action
 from arena.emergency.other_users import start_for_others
 from arena.emergency.run_record import record_command
-from arena.emergency.targets import Found, Target, choose, find, of_runs
+from arena.emergency.targets import Found, Target, choose, find, of_runs, untrusted_text
 from arena.errors import EXIT_FAILED, EXIT_OK, ArenaError, InputError
 
 LAND_TIMEOUT_S, KILL_TIMEOUT_S = 60.0, 10.0
@@ -110,12 +110,12 @@ def _command_own(action: Action, selection: Selection, elsewhere: Callable[[], b
             f"not commanded: {replay} is a replay. Its vehicles are recorded: they do not fly, and cannot land"
         )
     if found.replays and not found.source:
-        return EXIT_OK
+        return _report_unread(found, EXIT_OK)
     targets = choose(found.targets, selection.only, selection.spared)
     if not targets:
         if found.source:
             _say(f"no vehicle to {'land' if action == 'land' else 'stop'}")
-        return EXIT_OK
+        return _report_unread(found, EXIT_OK)
     return _command_found(action, selection, found, targets)
 
 
@@ -162,14 +162,16 @@ def _record(command: str, targets: Sequence[Target]) -> None:
 
 
 def _report_unread(found: Found, code: int) -> int:
-    """Print a line for each active run whose files cannot be read. Return the exit code of land-all or kill-all.
+    """Print a line for each active run whose files cannot or must not be read. Return the exit code of land-all or kill-all.
 
     code: exit code for the vehicles that were commanded. It is returned, except that EXIT_FAILED replaces 0 if the files of
-        a run cannot be read.
+        a run were not read.
     """
     for why in found.unread:
         _say(f"NOT COMMANDED: the vehicles of an active run whose files cannot be read: {why}")
-    return code or (EXIT_FAILED if found.unread else EXIT_OK)
+    for folder in found.untrusted:
+        _say(untrusted_text(folder))
+    return code or (EXIT_FAILED if found.unread or found.untrusted else EXIT_OK)
 
 
 def names(text: str) -> tuple[str, ...]:

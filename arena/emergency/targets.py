@@ -17,8 +17,13 @@ from arena.emergency.active_runs import ActiveRun, active_runs, active_runs_of_o
 from arena.emergency.run_record import DirectAddress, valid_uid, with_run_record
 from arena.emergency.yaml_fallback import VehicleEntry, read_yaml, vehicles_of
 from arena.errors import InputError
+from arena.run_dirs import untrusted_folders
 from arena.transport import Address, url_from_json
 
+_SOFTWARE = (
+    "builtin",
+    "px4",
+)  # autopilots that run on this computer, unlike a flight controller in the loop (hitl)
 _NO_REPLAY = '"replay": ""'  # in the plan.json of every other run
 _LINK_BASE, _PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS = 24000, 4, 5, 6
 
@@ -32,6 +37,7 @@ class Target:
     tools: address at which the router receives frames for this vehicle
     radio: false if no pilot has an RC transmitter (`radio: none` of a real vehicle)
     run: run folder of a simulated vehicle, which records crashes; None for a real vehicle
+    ends_with_world: true if body and autopilot are simulated: without the world process, nothing flies
     direct: address for a connection to a real vehicle without router and link process; None if simulated or
     unknown
     """
@@ -43,7 +49,14 @@ class Target:
     tools: Address
     radio: bool = True
     run: Path | None = field(default=None, compare=False)
+    ends_with_world: bool = field(default=False, compare=False)
     direct: DirectAddress | None = field(default=None, compare=False)
+
+    @property
+    def name_in_run(self) -> str:
+        """Name with the run folder, such as `uav1 of lab/runs/2026-01-31_12-00-00`, for vehicles of several runs."""
+        run = self.run or (self.direct.run if self.direct is not None else None)
+        return f"{self.name} of {run}" if run is not None else f"{self.name} (system id {self.id})"
 
     @property
     def signs(self) -> bool:
@@ -57,6 +70,7 @@ class Found:
 
     source: the run folders or the YAML that contain the addresses
     unread: one message per active run whose plan cannot be read
+    untrusted: folders with runs of this user that are not read, because others may write to them
     replays: the active runs that are replays: they have no vehicle, and are not commanded
     """
 
@@ -64,6 +78,7 @@ class Found:
     targets: tuple[Target, ...]
     unread: tuple[str, ...] = ()
     replays: tuple[str, ...] = ()
+    untrusted: tuple[Path, ...] = ()
 
 
 def find(
@@ -92,7 +107,19 @@ def find(
     if os.geteuid() != 0:
         runs += [shared for found in active_runs_of_others().values() for shared in found]
     replays = tuple(str(one) for one in runs if is_replay(one))
-    return replace(_find_in(runs, arena, elsewhere, replays), replays=replays)
+    untrusted = tuple(untrusted_folders())
+    try:
+        return replace(_find_in(runs, arena, elsewhere, replays), replays=replays, untrusted=untrusted)
+    except InputError as error:
+        raise InputError("\n".join([str(error), *map(untrusted_text, untrusted)])) from error
+
+
+def untrusted_text(folder: Path) -> str:
+    """Return the message for a folder with runs that others may write."""
+    return (
+        f"NOT COMMANDED: the vehicles of runs in {folder}: others may write to this folder, and so choose which addresses are "
+        f"commanded. If nobody has changed its files: chmod go-w {folder}, then repeat"
+    )
 
 
 def _find_in(
@@ -242,6 +269,7 @@ def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
             tools=(v["router"]["partner_host"], int(v["tools_port"])),
             radio=v["simulated"] is True or v.get("radio") != "none",
             run=run if v["simulated"] is True else None,
+            ends_with_world=v["simulated"] is True and v.get("autopilot") in _SOFTWARE,
             direct=None if v["simulated"] is True else _planned_direct(plan, str(v["name"]), run),
         )
         for v in plan["vehicles"]

@@ -143,6 +143,55 @@ def test_a_vehicle_without_its_px4_is_not_confirmed_and_not_waited_for(tmp_path,
     )
 
 
+WORLD_ENDED = {
+    "process": "world",
+    "from": "STOPPING",
+    "to": "EXITED",
+    "reason": "exit 0 (the run ends: done)",
+}
+WORLD_READY = {"process": "world", "from": "STARTING", "to": "READY", "reason": "reported ready"}
+
+
+def test_a_silent_vehicle_whose_simulation_has_ended_does_not_fly(tmp_path, monkeypatch):
+    monkeypatch.setattr(dispatch, "_TRY_SILENT_S", 0.3)
+    monkeypatch.setattr(dispatch, "_READ_RECORD_S", 0.1)
+    run = record(tmp_path / "run", WORLD_READY, WORLD_ENDED)
+    silent = dataclasses.replace(target(2, "127.74.32.1"), run=run, ends_with_world=True)
+    assert land([silent], timeout_s=60.0) == (0, ["uav2: does not fly: its simulation has ended"])
+
+
+@pytest.mark.parametrize(
+    ("ends_with_world", "events"),
+    [(True, [WORLD_READY]), (True, []), (True, [WORLD_ENDED, WORLD_READY]), (False, [WORLD_ENDED])],
+    ids=["world runs", "no record", "world runs again", "flight controller in the loop"],
+)
+def test_a_silent_vehicle_that_may_fly_is_not_confirmed(tmp_path, monkeypatch, ends_with_world, events):
+    monkeypatch.setattr(dispatch, "_TRY_SILENT_S", 0.1)
+    monkeypatch.setattr(dispatch, "_READ_RECORD_S", 0.05)
+    run = record(tmp_path / "run", *events)
+    silent = dataclasses.replace(target(2, "127.74.33.1"), run=run, ends_with_world=ends_with_world)
+    assert land([silent], timeout_s=0.6) == (1, ["uav2: NOT CONFIRMED: no telemetry received"])
+
+
+def test_a_vehicle_with_telemetry_is_landed_despite_a_recorded_end_of_its_world(tmp_path, monkeypatch):
+    monkeypatch.setattr(dispatch, "_TRY_SILENT_S", 0.1)
+    monkeypatch.setattr(dispatch, "_READ_RECORD_S", 0.05)
+    run = record(tmp_path / "run", WORLD_ENDED)
+    with Fleet([1], "127.74.34.1") as fleet:
+        code, lines = land([dataclasses.replace(t, run=run, ends_with_world=True) for t in fleet.targets])
+    assert code == 0 and lines[-1].startswith("uav1: landed and disarmed")
+
+
+def test_lines_of_vehicles_with_one_name_give_their_run_folder(tmp_path):
+    runs = [record(tmp_path / name) for name in ("a", "b")]
+    with Fleet([1], "127.74.35.1") as fleet:
+        flies = dataclasses.replace(fleet.targets[0], run=runs[0])
+        silent = dataclasses.replace(target(2, "127.74.35.1", name="uav1"), run=runs[1])
+        code, lines = land([flies, silent], timeout_s=5.0)
+    assert code == 1 and lines[-1] == f"uav1 of {runs[1]}: NOT CONFIRMED: no telemetry received"
+    assert lines[-2].startswith(f"uav1 of {runs[0]}: landed and disarmed after")
+
+
 def test_a_real_vehicle_is_waited_for_despite_a_record(tmp_path, monkeypatch):
     monkeypatch.setattr(dispatch, "_TRY_SILENT_S", 0.1)
     monkeypatch.setattr(dispatch, "_READ_RECORD_S", 0.1)

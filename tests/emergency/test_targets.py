@@ -164,6 +164,28 @@ def test_an_unread_run_is_reported_and_fails_the_command(runtime, monkeypatch, c
     assert "NOT COMMANDED" in capsys.readouterr().out.splitlines()[-1]
 
 
+def test_own_runs_that_others_may_change_are_named_and_fail_the_command(
+    runtime, tmp_path, monkeypatch, capsys
+):
+    runtime("a", plan((1,)))
+    runtime("b", plan((2,), host="127.54.20.2"))
+    folder = tmp_path / "rt" / "arena" / "a"
+    folder.chmod(0o770)
+    assert [t.name for t in find().targets] == ["uav2"]
+    monkeypatch.setattr("arena.emergency.dispatch.bring_down", lambda *_, **__: 0)
+    assert land_all() == 1
+    assert f"NOT COMMANDED: the vehicles of runs in {folder}: others may write" in capsys.readouterr().out
+    folder.chmod(0o700)
+    assert len(find().targets) == 2 and land_all() == 0
+
+
+def test_nothing_to_land_names_the_folders_that_others_may_change(runtime, tmp_path):
+    runtime("a", plan((1,)))
+    (tmp_path / "rt" / "arena").chmod(0o777)
+    with pytest.raises(InputError, match=f"chmod go-w {tmp_path}/rt/arena, then repeat"):
+        find()
+
+
 UDPIN_URL = ConnectionUrl(kind="udpin", host="0.0.0.0", port=14540)
 UDPIN = DirectAddress(connection=UDPIN_URL, local=("0.0.0.0", 14540))
 
@@ -425,3 +447,16 @@ def test_yaml_that_gives_a_refused_id_keeps_it() -> None:
     text = "vehicles:\n  big: {id: 250}\n  uav: {}\n  uav9: {}\n"
     found = yaml_fallback.vehicles_of(yaml_fallback.read_yaml(text))[1]
     assert [(v.name, v.id) for v in found] == [("big", 250), ("uav", 1), ("uav9", 2)]
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "simulated", "ends"),
+    [("builtin", True, True), ("px4", True, True), ("hitl", True, False), ("hardware", False, False)],
+)
+def test_only_a_vehicle_without_hardware_ends_with_its_world(autopilot, simulated, ends):
+    planned = plan([1])
+    (vehicle,) = planned.vehicles
+    changed = dataclasses.replace(
+        planned, vehicles=(dataclasses.replace(vehicle, autopilot=autopilot, simulated=simulated),)
+    )
+    assert from_plan(changed.to_json())[0].ends_with_world is ends
