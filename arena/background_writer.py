@@ -91,7 +91,7 @@ class BackgroundWriter:
 def within(
     timeout_s: float, job: Callable[[], T], discard: Callable[[T], None] = lambda result: None
 ) -> T | None:
-    """Run a function in a new thread. Return its result; None if it has not ended after `timeout_s` [s].
+    """Run a function in a new thread. Wait for its result at most `timeout_s` [s]; return None after that time.
 
     job: function that handles its own errors.
     discard: called with a result that comes too late, for example to close a file.

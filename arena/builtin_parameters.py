@@ -252,7 +252,10 @@ WITHOUT_EFFECT: dict[str, str] = {
 
 
 def effect_problem(name: str, value: float) -> str:
-    """Return why this parameter value has no effect in the built-in autopilot; "" for no problem."""
+    """Return why the built-in autopilot ignores a parameter value; "" if there is no problem.
+
+    The default value of a known parameter is never a problem.
+    """
     if name not in SPECS:
         return f"the built-in autopilot has no {name}"
     if name in WITHOUT_EFFECT and value != SPECS[name].default:

@@ -1,6 +1,6 @@
 """Wall clock and simulation clock with the same interface. Code that flies vehicles uses a `Clock`, not the time module.
 
-The world process serves the simulation clock. A page of shared memory holds the time [s] and whether the clock is in
+The process `world` (or `replay`) serves the simulation clock. A page of shared memory holds the time [s] and whether the clock is in
 lockstep (1) or follows the wall clock (0). A local socket wakes the clients.
     client -> server   first packet: the client's name, utf-8;  later: a requested wake-up time, one native double [s]
     server -> client   the present time, one native double [s], when the requested time has come
@@ -24,6 +24,7 @@ from typing import Protocol
 
 from arena.errors import RunError
 
+Needed = Callable[[float], bool]
 _DOUBLE = struct.Struct("=d")
 _TIMEVAL = struct.Struct("@ll")  # seconds, microseconds
 _CREDENTIALS = struct.Struct("=3i")  # pid, uid, gid
@@ -104,7 +105,7 @@ class SimTime:
 
 
 class LockstepClock(ABC):
-    """Base class of clocks in simulation time, which run periodic work (chores) during a sleep."""
+    """Base class of clocks that count simulation time, and call a function at regular times during a sleep (chores)."""
 
     _chores: Callable[[], None] | None = None
     _chores_every_s, _chores_due = 0.0, 0.0
@@ -120,19 +121,25 @@ class LockstepClock(ABC):
 
     @abstractmethod
     def sleep_only(self, t: float) -> float:
-        """Sleep until simulation time t [s] without the periodic work of `do_while_asleep`. Return the time [s]."""
+        """Sleep until simulation time t [s] and return the time [s]. Never calls the function of `do_while_asleep`."""
 
-    def do_while_asleep(self, chores: Callable[[], None], every_s: float) -> None:
-        """Set a function that each later `sleep_until` calls every `every_s` of simulation time [s]."""
-        self._chores, self._chores_every_s = chores, every_s
+    def do_while_asleep(self, chores: Callable[[], None], every_s: float, needed: Needed) -> None:
+        """Set a function that `sleep_until` calls during the sleep, every `every_s` seconds of simulation time.
+
+        needed: returns whether the call at a time [s] is needed; if it is not, the sleep is not interrupted.
+        """
+        self._chores, self._chores_every_s, self._needed = chores, every_s, needed
         self._chores_due = self.now() + every_s
 
     def sleep_until(self, t: float) -> float:
         """Sleep until the simulation time t [s]. Return the time after the sleep [s]."""
         while self._chores is not None and self._chores_due < t:
-            now = self.sleep_only(self._chores_due)
-            self._chores_due = now + self._chores_every_s
-            self._chores()
+            if self._needed(self._chores_due):
+                now = self.sleep_only(self._chores_due)
+                self._chores_due = now + self._chores_every_s
+                self._chores()
+            else:
+                self._chores_due += self._chores_every_s
         return self.sleep_only(t)
 
     def rate(self, hz: float) -> Rate:
@@ -172,7 +179,7 @@ class SimClock(LockstepClock):
         return now
 
     def request_wake(self, t: float) -> None:
-        """Request the world to wake this client at simulation time t [s]. Then call `wait_for_wake`."""
+        """Request a wake-up at simulation time t [s] from the clock server. Then call `wait_for_wake`."""
         try:
             self._socket.send(_DOUBLE.pack(t))
         except OSError as error:
@@ -196,19 +203,17 @@ class SimClock(LockstepClock):
         return float(_DOUBLE.unpack(packet)[0])
 
     def fileno(self) -> int:
-        """Return a file descriptor that is readable at the wake-up time, or when the world has ended."""
+        """Return a file descriptor that is readable at the wake-up time, or when the clock server has ended."""
         return self._socket.fileno()
 
     @property
     def server_pid(self) -> int:
-        """Process id of the world, which is the server of the clock."""
-        pid, _, _ = _CREDENTIALS.unpack(
-            self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-        )
-        return int(pid)
+        """Process id of the clock server, which is the process `world` or, in a replay, `replay`."""
+        raw = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        return int(_CREDENTIALS.unpack(raw)[0])
 
     def ended(self) -> bool:
-        """Return whether the world (the server of the clock) has ended. Never blocks.
+        """Return whether the process that contains the clock server has ended. Never blocks.
 
         Do not call this function between `request_wake` and `wait_for_wake`, because it would consume the wake-up.
         """
@@ -232,16 +237,13 @@ class _Client:
     """
 
     def __init__(self, connection: socket.socket) -> None:
-        self.connection = connection
-        self.name = ""
+        self.connection, self.name, self.gates = connection, "", False
         self.wake: float | None = None
-        self.gates = False
-        self.awake_since = 0.0
-        self._limit_s = 0.0
+        self.awake_since = self._limit_s = 0.0
         connection.setblocking(True)
 
     def limit_wait(self, timeout_s: float) -> None:
-        """Limit the time for which `recv` waits for a request of this client [s], by SO_RCVTIMEO.
+        """Set the longest time [s] for which `recv` waits for a request of this client (SO_RCVTIMEO).
 
         A timeout set with `settimeout` would cost one more system call for each wait.
         """
@@ -252,7 +254,7 @@ class _Client:
 
 
 class ClockServer:
-    """Server of the simulation clock, owned by the world. In lockstep, call `may_advance` before each `tick`.
+    """Server of the simulation clock, in the simulation or a replay. In lockstep, call `may_advance` before each `tick`.
 
     lockstep: the world waits for the clients (see `SimTime.lockstep`).
     dropped: names of the clients for which the world no longer waits.
@@ -313,7 +315,7 @@ class ClockServer:
                 self._read(client, socket.MSG_DONTWAIT)
 
     def wait_for_requests(self, timeout_s: float) -> bool:
-        """Wait until all awake clients sleep again, by requesting a wake-up. Return False after a timeout.
+        """Wait until each awake client has requested its next wake-up and sleeps. Return False after a timeout.
 
         Clients for which the world does not wait are ignored (`_Client.gates`).
 
@@ -329,19 +331,16 @@ class ClockServer:
         return True
 
     def may_advance(self, now: float, wall: float) -> bool:
-        """Return whether the world may advance in lockstep: all clients must be waiting for a later simulation time.
+        """Return whether simulation time may advance in lockstep: all clients must be waiting for a later time.
 
         A client that has been awake for more than one second of wall time is added to `dropped` and not waited for any more.
         """
-        all_asleep = True
-        for client in self._clients.values():
-            if client.gates and client.wake is None:
-                if wall - client.awake_since > _HUNG_S:
-                    client.gates = False
-                    self.dropped.append(client.name)
-                else:
-                    all_asleep = False
-        return all_asleep
+        awake = [client for client in self._clients.values() if client.gates and client.wake is None]
+        for client in awake:
+            if wall - client.awake_since > _HUNG_S:
+                client.gates = False
+                self.dropped.append(client.name)
+        return not any(client.gates for client in awake)
 
     def has_disconnected(self, name: str) -> bool:
         """Return whether a client with this name has used the clock and has then disconnected."""

@@ -11,6 +11,12 @@ MONITOR_PORT = 8480
 PROCESS_ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFERED", "1"))
 """Environment variables of arena's processes. Without them, numpy's threads take the CPU cores that other processes need."""
 
+RUN_FOLDER, RUNTIME_FOLDER, OPEN_BRACE = "{run}", "{rt}", "{brace}"
+"""Placeholders that the supervisor replaces when the run has its folders.
+
+`{brace}` stands for `{` before a text that would otherwise be such a placeholder.
+"""
+
 MAX_ROTORS = 8
 """Largest number of rotors of a vehicle."""
 

@@ -131,7 +131,7 @@ def word(fault: Fault, key: str, choices: Collection[str]) -> str:
 
 
 def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple[str, ...]:
-    """Return the value of one key of a fault, after a check that the value is a list of given words.
+    """Return the value of a fault's key that must be a list of words, such as the names of two axes.
 
     Raises InputError if the value is not a list of `count` different words of `choices`.
     """

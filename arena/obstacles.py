@@ -48,7 +48,7 @@ class Obstacle:
 
     @property
     def r_nb(self) -> Rows:
-        """Rotation matrix from the obstacle's own axes (FRD) to NED, as rows."""
+        """Rotation matrix from the obstacle's own axes (FRD) to NED [-] (3, 3), as a tuple of rows."""
         return _rotation(self.rpy_rad)
 
     @property

@@ -1,4 +1,4 @@
-"""Replacements for the libraries of the ISR Flying Arena thesis: its programs fly with changed imports only.
+"""Replacements for the libraries of the ISR Flying Arena thesis: old programs need only new import lines.
 
 The programs were written for the thesis's class `UAV`, with ROS 1 and MAVROS, or with MAVSDK.
 

@@ -1,6 +1,7 @@
-"""Conversion of the command line of `arena up` to that of programs of the ISR Flying Arena thesis.
+"""Converts the command line with which `arena up` starts a program to the arguments that old programs read.
 
-The arguments are `ns mass radius height num_rotors thrust_curve`, then those of the program.
+Old programs were written for the ISR Flying Arena thesis. They read `ns mass radius height num_rotors thrust_curve`, then
+their own arguments.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ _settings_file: list[str] = []
 
 
 def translate() -> None:
-    """Change `sys.argv` from the arguments of `arena up` to those of the ISR Flying Arena thesis.
+    """Replace the arguments of `arena up` in `sys.argv` by those that programs of the thesis read.
 
     `arena up` passes `--uav FILE` and the arguments of the YAML. The program reads `sys.argv[1]` to `sys.argv[6]` (name, mass [kg],
     radius [m], height [m], number of rotors, name of the thrust curve), and its own arguments after them. A command line without

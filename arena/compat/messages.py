@@ -1,4 +1,4 @@
-"""ROS messages with which a program of the ISR Flying Arena thesis publishes its reference."""
+"""ROS messages with which a program of the ISR Flying Arena thesis publishes its wanted position."""
 
 from __future__ import annotations
 

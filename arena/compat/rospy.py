@@ -23,7 +23,7 @@ class ROSInterruptException(Exception):
 
 
 class Time:
-    """Instant [s] by the simulation clock, or Unix time if the program uses the wall clock."""
+    """Point in time [s] on the simulation clock, or Unix time if the program uses the wall clock."""
 
     def __init__(self, secs: float = 0.0) -> None:
         self._s = float(secs)
@@ -34,21 +34,21 @@ class Time:
 
     @classmethod
     def from_sec(cls, secs: float) -> Time:
-        """Return the instant `secs` [s] as a `Time`."""
+        """Return a number of seconds as a `Time`."""
         return cls(secs)
 
     def to_sec(self) -> float:
-        """Return the instant as a number [s]."""
+        """Return the point in time as a number [s]."""
         return self._s
 
     @property
     def secs(self) -> int:
-        """Whole seconds of the time."""
+        """Whole seconds of the point in time, as in ROS."""
         return int(self._s)
 
     @property
     def nsecs(self) -> int:
-        """Fraction of the last second of the time [ns]."""
+        """Time after the last whole second [ns], as in ROS."""
         return round(1e9 * (self._s - int(self._s)))
 
 
@@ -67,7 +67,7 @@ class Rate:
 
 
 class Publisher:
-    """Publisher of the program's reference position, the only topic that can be published here.
+    """Publisher of the vehicle's wanted position, the only topic that can be published without ROS.
 
     The topic is `NAME/mavros/waypoints/position` with the name of the vehicle.
 
@@ -119,7 +119,7 @@ def sleep(duration: float) -> None:
 
 
 def is_shutdown() -> bool:
-    """Return False. A program is stopped by a signal."""
+    """Return False always, because `arena` stops a program by a signal and not through ROS."""
     return False
 
 

@@ -131,7 +131,7 @@ class UAV:
         self._uav.set_pos_yaw(pos, yaw, time)
 
     def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint once, then wait for 1/freq.
+        """Send a velocity setpoint, then wait until the next one is due at the rate `freq`.
 
         vel: [m/s] [NED] (3, 1). yaw: [rad]. freq: [Hz].
         """
@@ -139,7 +139,7 @@ class UAV:
         self._uav.set_vel_yaw(vel, yaw, freq)
 
     def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint in vehicle axes (forward, right, down) once, then wait for 1/freq.
+        """Send a velocity setpoint in vehicle axes (FRD), then wait until the next one is due at the rate `freq`.
 
         vel_body: forward, right, down [m/s] (3, 1). yaw_rate: [rad/s]. freq: [Hz].
         """
@@ -149,7 +149,7 @@ class UAV:
     def set_att_thrust(
         self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
     ) -> None:
-        """Send an attitude and thrust setpoint once, then wait for 1/freq.
+        """Send an attitude and thrust setpoint, then wait until the next one is due at the rate `freq`.
 
         att: roll, pitch, yaw [rad] (3, 1) for att_type "euler", q_nb wxyz (4, 1) for "quaternion". thrust: [N]. freq: [Hz].
         """
@@ -157,7 +157,7 @@ class UAV:
         self._uav.set_att_thrust(att, att_type, thrust, freq)
 
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a setpoint of angular rates and thrust once, then wait for 1/freq.
+        """Send a setpoint of angular rates and thrust, then wait until the next one is due at the rate `freq`.
 
         ang_vel: [rad/s] [FRD] (3, 1). thrust: [N]. freq: [Hz].
         """
@@ -165,7 +165,7 @@ class UAV:
         self._uav.set_ang_vel_thrust(ang_vel, thrust, freq)
 
     def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
-        """Send an actuator setpoint once, then wait for 1/freq.
+        """Send an actuator setpoint, then wait until the next one is due at the rate `freq`.
 
         Raises CommandRefusedError for autopilots newer than PX4 v1.13.
 

@@ -17,7 +17,7 @@ from arena.uav.setpoints import AttitudeKind
 
 
 class UAV:
-    """Vehicle for programs of the ISR Flying Arena thesis (MAVSDK version). It has the coroutines that they call.
+    """Vehicle with the coroutines that programs of the ISR Flying Arena thesis (MAVSDK) use to fly it.
 
     drone_ns: name of the vehicle. In the thesis this argument is the UDP port. Both come from `sys.argv[1]`, which is the name here.
     The other arguments, the data groups and the exceptions are those of `arena.compat.uav_mavros.UAV`.
@@ -88,14 +88,14 @@ class UAV:
         await self._set(self._uav.set_pos_yaw, pos, yaw, time)
 
     async def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint once, then wait for 1/freq.
+        """Send a velocity setpoint, then wait until the next one is due at the rate `freq`.
 
         vel: [m/s] [NED] (3, 1). yaw: [rad]. freq: [Hz].
         """
         await self._set(self._uav.set_vel_yaw, vel, yaw, freq)
 
     async def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint in vehicle axes (forward, right, down) once, then wait for 1/freq.
+        """Send a velocity setpoint in vehicle axes (FRD), then wait until the next one is due at the rate `freq`.
 
         vel_body: forward, right, down [m/s] (3, 1). yaw_rate: [rad/s]. freq: [Hz].
         """
@@ -104,30 +104,30 @@ class UAV:
     async def set_att_thrust(
         self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
     ) -> None:
-        """Send an attitude and thrust setpoint once, then wait for 1/freq.
+        """Send an attitude and thrust setpoint, then wait until the next one is due at the rate `freq`.
 
         att: roll, pitch, yaw [rad] (3, 1) for att_type "euler", q_nb wxyz (4, 1) for "quaternion". thrust: [N]. freq: [Hz].
         """
         await self._set(self._uav.set_att_thrust, att, att_type, thrust, freq)
 
     async def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a setpoint of angular rates and thrust once, then wait for 1/freq.
+        """Send a setpoint of angular rates and thrust, then wait until the next one is due at the rate `freq`.
 
         ang_vel: [rad/s] [FRD] (3, 1). thrust: [N]. freq: [Hz].
         """
         await self._set(self._uav.set_ang_vel_thrust, ang_vel, thrust, freq)
 
     async def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
-        """Send an actuator setpoint once, then wait for 1/freq.
+        """Send an actuator setpoint, then wait until the next one is due at the rate `freq`.
 
         Raises CommandRefusedError for autopilots newer than PX4 v1.13.
         """
         await self._set(self._uav.set_act, group, output, freq)
 
     async def _set(self, call: Callable[..., None], *arguments: Any) -> None:
-        """Send a setpoint with a setter of `arena.compat.uav_mavros.UAV`, if it was computed from recent values.
+        """Send a setpoint, unless it was computed from telemetry that is too old.
 
-        Raises StaleDataError if a coroutine has computed the setpoint from a value that is too old.
+        call: setter of `arena.compat.uav_mavros.UAV`. Raises StaleDataError if a coroutine has read a value that was too old.
         """
         self._uav.reads.check()
         await self._run(call, *arguments)

@@ -30,7 +30,7 @@ _READY_TIMEOUT_S = 10.0
 
 
 class _StepTimer:
-    """Timer for the steps of the copilot (STEP_HZ).
+    """Timer that triggers the rule checks of the copilot at a fixed rate (STEP_HZ).
 
     Deadlines are absolute. Missed deadlines are skipped.
     """
@@ -41,7 +41,7 @@ class _StepTimer:
         self._requested = False
 
     def wait(self, timeout_s: float) -> float | None:
-        """Wait until the next step of the copilot is due, and return its time [s]; None after a timeout.
+        """Wait until the next rule check of the copilot is due, and return the time [s]; None after a timeout.
 
         timeout_s: limit of wall time [s]
         """
@@ -82,7 +82,7 @@ class CopilotProcess:
         self._spent_s, self._steps, self._longest_s = 0.0, 0, 0.0
 
     def run(self) -> None:
-        """Run until a stop signal. If the supervisor dies, first wait until all vehicles are disarmed.
+        """Run the copilot until a stop signal. If the supervisor dies, first wait until all vehicles are disarmed.
 
         Simulation time stands still before PX4 has booted and when the world has stopped. Meanwhile the
         copilot receives telemetry and sends stats.
@@ -147,11 +147,9 @@ class CopilotProcess:
             self._socket.sendto(data, to)
 
     def _report(self) -> bool:
-        """Report the copilot's counters to the supervisor.
+        """Send the copilot's statistics to the supervisor. Return whether the copilot process may end.
 
-        The first call also reports that the copilot is ready.
-
-        Return whether the process may end.
+        Also reports, once, that the copilot is ready.
 
         Called twice a second of wall time. `ShutdownPolicy` decides when the process may end.
         """

@@ -79,7 +79,7 @@ class Copilot:
         self._refused: set[tuple[int, int, int]] = set()
 
     def on_frames(self, frames: Iterable[CapturedFrame], now: float, server: int = 0) -> None:
-        """Store the poses of captured frames.
+        """Store the poses from frames of motion capture.
 
         server: index of the motion-capture server that sent the frames
         """
@@ -98,9 +98,10 @@ class Copilot:
         self.states.on_datagram(row, data, now)
 
     def heartbeat(self) -> bytes:
-        """Return the copilot's HEARTBEAT, to send once a second to each vehicle's tools port of the router.
+        """Return the copilot's HEARTBEAT message, which keeps its connections to the MAVLink router alive.
 
-        A tools port is the UDP port of the MAVLink router for clients. The router drops clients that are silent.
+        The router drops clients that are silent. Send the message once a second to the tools port of each vehicle, which is
+        the UDP port of the router for clients.
         """
         return self._codec.onboard_heartbeat()
 
@@ -281,9 +282,9 @@ class Copilot:
 
 
 def _lasted(since: dict[int, float], row: int, so: bool, now: float) -> bool:
-    """Return True once when a condition has been true for more than `_SILENT_S` [s] without interruption.
+    """Return True at the first call after a condition was true for more than `_SILENT_S` [s] without interruption.
 
-    Return True only once. Later calls return False until the condition has been false.
+    Later calls return False until the condition has been false.
     since: row of the vehicle -> start time of the condition [s], updated here. so: whether the condition is true now.
     """
     if not so:

@@ -62,7 +62,7 @@ class Order:
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """Command to send to one vehicle and events to log, as result of one `Escalation` step.
+    """Result of `Escalation.decide`: the command to send to one vehicle, and events to log.
 
     send: the order to send now, None if there is none. events: lines for the event log.
     renews: the vehicle obeys `send` already: it is sent only to the router, which refuses OFFBOARD for another second.
@@ -74,7 +74,7 @@ class Decision:
 
 
 def may_end(mode: str, order: Order | None) -> bool:
-    """Return whether the copilot may end the present flight mode of a vehicle by a command.
+    """Return whether the copilot may command a vehicle to leave its present flight mode.
 
     It may do so in the modes that user programs use (`OPEN`), and in a landing that the copilot itself has commanded. Only
     a termination, which is more severe, ends such a landing.
@@ -84,7 +84,7 @@ def may_end(mode: str, order: Order | None) -> bool:
 
 @dataclass(kw_only=True)
 class Escalation:
-    """Decides at each step which command of the copilot a vehicle gets: hold, land, terminate or none.
+    """State machine that decides which command the copilot sends to one vehicle: hold, land, terminate or none.
 
     Call `decide` once per step.
     """
@@ -219,7 +219,7 @@ class Escalation:
                 return
 
     def _due(self, status: VehicleStatus, now: float) -> Step | None:
-        """Return the command of the copilot to send to the vehicle now; None for none.
+        """Return the command that the copilot must send to the vehicle now; None if there is nothing to send.
 
         Return None if the copilot has given no order, if the vehicle has obeyed the order, or if the command was sent less
         than REPEAT_S ago.

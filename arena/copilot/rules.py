@@ -1,4 +1,4 @@
-"""Rules of the copilot: find which vehicles violate a rule.
+"""Rules of the copilot, such as geofence and speed: finds the vehicles that violate a rule.
 
 Pure; a rule with a duration stores when its condition began.
 
@@ -21,7 +21,7 @@ _SIDES = (("south", "north"), ("west", "east"), ("ceiling", "floor"))
 
 
 class RuleChecker:
-    """Checks all rules of the copilot, such as geofence, separation and speed, at each step.
+    """Checker of all rules of the copilot, such as geofence, separation and speed.
 
     For a rule with a duration it stores when the condition began. Call `violations` once per step.
     """
@@ -127,9 +127,9 @@ class RuleChecker:
             yield Violation(row=int(row), rule="program", why=why)
 
     def _lasting(self, m: FleetState, rule: str, now_so: Mask) -> list[int]:
-        """Return the rows of the flying vehicles that have violated a rule for at least its duration `for_s`.
+        """Return the row numbers of the flying vehicles that have violated a rule for its time `for_s` without a break.
 
-        now_so: whether it is true now.
+        now_so: mask of the vehicles that violate the rule now.
         """
         since = self._since[rule]
         so = now_so & m.flying

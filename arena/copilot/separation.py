@@ -99,9 +99,10 @@ def _broken(
 
 
 def _order(m: FleetState, a: int, b: int) -> tuple[int, int]:
-    """Return two vehicles as (first, yielding): the vehicle that comes later in the YAML yields.
+    """Return the rows of two close vehicles as (vehicle with right of way, vehicle that must hold).
 
-    If the copilot may command only the earlier vehicle, the earlier vehicle yields.
+    The vehicle that comes later in the YAML must hold. If the copilot may command only the earlier vehicle, the earlier
+    vehicle must hold.
     """
     return (a, b) if m.open[b] or not m.open[a] else (b, a)
 

@@ -55,7 +55,7 @@ class VehicleStates:
         self.counts: Counter[str] = Counter()
 
     def on_datagram(self, row: int | None, data: Buffer, now: float) -> None:
-        """Update the states from the telemetry or the program heartbeats in a datagram.
+        """Read a datagram, and update the states of vehicles and programs from its messages.
 
         row: vehicle from whose tools port the datagram came. None for any other sender, from which only
         program heartbeats are used.

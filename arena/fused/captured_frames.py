@@ -13,7 +13,7 @@ _COMPARE_CLOCKS_S = 0.2  # as a client does
 
 
 class FrameConverter:
-    """Converter of frames of the motion capture emulator to the form that its clients use, with poses in NED.
+    """Converter of motion capture frames: from poses as the emulator measures them to named poses in NED.
 
     bodies: rigid bodies of the emulator's configuration, each with `number` and `name`.
     """

@@ -269,7 +269,7 @@ class _Sensors:
             self._core.on_datagram(row, data, self._time.now())
 
     def step(self, now: float) -> None:
-        """Send the emulated sensors' measurements that are due in this simulation step through the router.
+        """Pass the emulated sensors' measurements that are due in this simulation step to the router.
 
         now: simulation time [s].
         """

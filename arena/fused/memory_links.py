@@ -103,7 +103,7 @@ class MemoryCapture:
         return -1
 
     def poll(self, now: float) -> list[CapturedFrame]:
-        """Return the captured frames that have arrived, oldest first."""
+        """Return the new motion-capture frames, oldest first."""
         found, self.waiting = self.waiting, []
         self.counts["frames"] += len(found)
         return found

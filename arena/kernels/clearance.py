@@ -74,7 +74,9 @@ class Clearance:
         return True
 
     def _measure(self) -> None:
-        """Measure the distances of all bodies to each other, to boxes and to the floor; update `free` and `_spare`.
+        """Measure the distances of all bodies to each other, to boxes and to the floor.
+
+        Update `free`, which marks the bodies with enough space around them, and `_spare`.
 
         `_spare` is the smallest distance minus the space that its bodies need.
         """

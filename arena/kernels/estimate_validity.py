@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
+from arena.kernels import limits
 from arena.kernels.arrays import flags, floats
 
 if TYPE_CHECKING:
@@ -27,6 +29,7 @@ class EstimateValidity:
     """Validity of the position, height and heading estimates of V vehicles.
 
     xy, z, yaw: output: whether horizontal position and velocity, height, and heading are valid (V,)
+    rejected: output: whether the last pose was rejected (V,).  tilt: output: estimated tilt [rad] (V,)
     cov: covariance of the error state (V, 15, 15)
     limits: largest variances of valid position [m2], velocity [m2/s2] and attitude [rad2] (9,)
     settle_s: time from the alignment until the estimate is valid [s]
@@ -44,10 +47,12 @@ class EstimateValidity:
         xy: Mask,
         z: Mask,
         yaw: Mask,
+        rejected: Mask,
     ) -> None:
         v = len(xy)
         self.state, self.vision, self.cov, self.limits, self.settle_s = state, vision, cov, limits, settle_s
-        self.xy, self.z, self.yaw = flags(xy), flags(z), flags(yaw)
+        self.xy, self.z, self.yaw, self.rejected = flags(xy), flags(z), flags(yaw), flags(rejected)
+        self.tilt = floats(v)
         self.timeout_s, self.aligned_at = floats(v), floats(v, fill=float("inf"))
         self.last_baro = floats(v)
 
@@ -64,6 +69,8 @@ class EstimateValidity:
             self.z[i] = aligned and now - height < timeout
             unused = vision.control[i] & _USE_YAW == 0
             self.yaw[i] = aligned and (unused or now - vision.last_yaw[i] < timeout)
+            self.rejected[i] = vision.test_ratio[i, 0] > 1.0 or vision.test_ratio[i, 1] > 1.0
+            self.tilt[i] = math.acos(limits.within(state.r_nb[i, 2, 2], -1.0, 1.0))
 
     def _has_converged(self, i: int, now: float) -> bool:
         """Return whether vehicle i has small variances, and was aligned more than `settle_s` ago."""

@@ -39,7 +39,7 @@ class FlightWatch:
         self.speed, self.recent = floats(v), view(np.zeros((v, 3)))
 
     def step(self) -> bool:
-        """Update all extreme values. Return whether a vehicle has touched down, lifted off or tilted too far.
+        """Update all measurements, such as the largest tilt. Return whether a vehicle touched down, lifted off or tilted too far.
 
         The caller finds these vehicles by comparing `floor` with `was_on_floor`, and the tilt with `min_cos_tilt`. After that
         the caller calls `finish`.

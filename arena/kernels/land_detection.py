@@ -17,11 +17,16 @@ from arena.kernels.arrays import flags, floats
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from arena.kernels.arrays import Floats, Integers
+
     Mask = NDArray[np.bool_]
 
 _G = GRAVITY_M_S2
 _LOW_THRUST = 0.3  # share of the way from MPC_THR_MIN to MPC_THR_HOVER
 _FREEFALL_M_S2 = 2.0  # below this specific force the vehicle falls
+_NONE, _POSITION = 0, 3  # levels of a setpoint, as in `cascade`
+_UPWARD = 0.1  # least distance [m] and rate [m/s] of a setpoint to climb
+_NAN = float("nan")
 _REST_M_S2 = 0.5  # largest difference of the specific force from gravity at rest
 
 
@@ -99,26 +104,64 @@ class LandDetection:
         return self.thrust[i] <= self.thr_min[i] + _LOW_THRUST * (self.thr_hover[i] - self.thr_min[i])
 
 
+class ClimbRequest:
+    """Detection of setpoints that require a climb, for V vehicles.
+
+    p_n: estimated position [m] [NED] (V, 3).  v_sp_n: velocity setpoint of the position controller [m/s] [NED] (V, 3)
+    armed: input: whether the vehicle is armed (V,)
+    thr_min, thr_hover: MPC_THR_MIN, MPC_THR_HOVER (V,)
+    climbing: output: whether an armed vehicle's setpoint (height, climb rate or thrust) requires a climb (V,)
+    sink: output: setpoint of the sink rate [m/s], NaN for none (V,)
+    """
+
+    def __init__(self, p_n: Floats, v_sp_n: Floats, armed: Mask, climbing: Mask) -> None:
+        v, self.p_n, self.v_sp_n = len(armed), p_n, v_sp_n
+        self.armed, self.climbing, self.sink = flags(armed), flags(climbing), floats(v)
+        self.thr_min, self.thr_hover = floats(v), floats(v)
+
+    def read_setpoints_from(self, level: Integers, p_n: Floats, v_n: Floats, thrust: Floats) -> None:
+        """Store the arrays from which `update` reads the setpoints.
+
+        level: controller that receives the setpoint (V,).  p_n, v_n: position [m], velocity [m/s] [NED] (V, 3)
+        thrust: collective thrust 0..1 (V,)
+        """
+        self.level, self.sp_p_n, self.sp_v_n, self.sp_thrust = level, p_n, v_n, thrust
+
+    def update(self) -> None:
+        """Detect for each vehicle whether its setpoint requires a climb."""
+        for i in range(len(self.sink)):
+            positioned = self.level[i] == _POSITION
+            self.sink[i] = self.v_sp_n[i, 2] if positioned else _NAN
+            self.climbing[i] = self.armed[i] != 0 and (
+                self._is_upward(i) if positioned else self.level[i] != _NONE and self._has_thrust(i)
+            )
+
+    def _is_upward(self, i: int) -> bool:
+        # NaN compares false, so axes without a setpoint are ignored
+        return self.sp_p_n[i, 2] - self.p_n[i, 2] < -_UPWARD or self.sp_v_n[i, 2] < -_UPWARD
+
+    def _has_thrust(self, i: int) -> bool:
+        return self.sp_thrust[i] > self.thr_min[i] + 0.5 * (self.thr_hover[i] - self.thr_min[i])
+
+
 class RampLaw:
     """Take-off ramp of V vehicles: after arming, the limit of the climb rate rises slowly.
 
     armed_since: input: time of arming [s], infinite while disarmed (V,)
     landed, climbing: input: whether on the ground, whether the setpoint is a climb (V,)
-    full: input: climb rate at the end of the ramp [m/s] (V,)
+    offboard: input: whether in OFFBOARD (V,)
+    full, full_offboard: climb rate at the end of the ramp, MPC_TKO_SPEED, and MPC_Z_VEL_MAX_UP in OFFBOARD [m/s] (V,)
     spoolup_s, ramp_s: COM_SPOOLUP_TIME, MPC_TKO_RAMP_T [s] (V,)
     start: climb rate at the begin of the ramp: no thrust [m/s] (V,)
     flying, begun: output, see `TakeoffRamp` (V,)
     climb_rate: output of `limit`: greatest climb rate now [m/s] (V,)
     """
 
-    def __init__(self, flying: Mask, landed: Mask, climbing: Mask) -> None:
-        v, self.flying, self.landed, self.climbing = (
-            len(flying),
-            flags(flying),
-            flags(landed),
-            flags(climbing),
-        )
-        self.armed_since, self.full, self.spoolup_s, self.ramp_s = floats(v), floats(v), floats(v), floats(v)
+    def __init__(self, flying: Mask, landed: Mask, climbing: Mask, offboard: Mask) -> None:
+        v, self.flying, self.landed = len(flying), flags(flying), flags(landed)
+        self.climbing, self.offboard = flags(climbing), flags(offboard)
+        self.armed_since, self.spoolup_s, self.ramp_s = floats(v), floats(v), floats(v)
+        self.full, self.full_offboard = floats(v), floats(v)
         self.start, self.begun, self.climb_rate = floats(v), floats(v), floats(v)
 
     def update(self, now: float) -> None:
@@ -146,6 +189,7 @@ class RampLaw:
         """
         for i in range(len(self.begun)):
             part = limits.within((now - self.begun[i]) / max(self.ramp_s[i], 1e-3), 0.0, 1.0)
-            self.climb_rate[i] = self.start[i] + part * (self.full[i] - self.start[i])
+            full = self.full_offboard[i] if self.offboard[i] else self.full[i]
+            self.climb_rate[i] = self.start[i] + part * (full - self.start[i])
             if self.flying[i]:
                 self.climb_rate[i] = math.inf

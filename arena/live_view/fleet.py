@@ -167,8 +167,8 @@ class FleetTracker:
             names=tuple(v.name for v in self._vehicles),
             kinds=tuple(v.kind for v in self._vehicles),
             modes=tuple(self._mode(i, now) for i in range(n)),
-            armed=tuple(self._fact(i, "armed") for i in range(n)),
-            landed=tuple(self._fact(i, "landed") for i in range(n)),
+            armed=tuple(self._armed(i, now) for i in range(n)),
+            landed=tuple(self._landed(i, now) for i in range(n)),
             connected=tuple(self._fact(i, "connected") for i in range(n)),
             controls=tuple(str(self._fact(i, "control") or "") for i in range(n)),
             texts=tuple(t.texts[-1].text if t.texts else "" for t in self.telemetry),
@@ -194,6 +194,23 @@ class FleetTracker:
 
     def _fact(self, row: int, name: str) -> Any:
         return self._facts.get(f"{self._vehicles[row].name}.{name}")
+
+    def _armed(self, row: int, now: float) -> bool | None:
+        heartbeat = self.telemetry[row].heartbeat
+        if heartbeat is not None and now - heartbeat.received_at <= STALE_S:
+            return heartbeat.armed
+        return self._reported(row, "armed")
+
+    def _landed(self, row: int, now: float) -> bool | None:
+        ground = self.telemetry[row].ground
+        if ground is not None and now - ground.received_at <= STALE_S:
+            return ground.landed
+        return self._reported(row, "landed")
+
+    def _reported(self, row: int, name: str) -> bool | None:
+        """Return a state that the supervisor has reported; None if the vehicle is silent, because the state may have changed."""
+        value: bool | None = self._fact(row, name)
+        return None if self._fact(row, "connected") is False else value
 
     def _mode(self, row: int, now: float) -> str:
         heartbeat = self.telemetry[row].heartbeat

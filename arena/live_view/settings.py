@@ -131,7 +131,7 @@ class Settings:
             )
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise RunError(
-                f"cannot read the slice view.json of the run ({type(error).__name__}: {error}): "
+                f"cannot read view.json, the run's configuration for viewers ({type(error).__name__}: {error}): "
                 "was the arena started by another version of arena?"
             ) from error
 

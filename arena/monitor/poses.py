@@ -29,7 +29,7 @@ def world_positions(p_n: Array) -> Array:
 
 
 def world_attitudes(q_nb: Array) -> Array:
-    """Convert attitudes q_nb [-] wxyz (N, 4) to FLU body axes in world axes [-] wxyz (N, 4).
+    """Convert attitude quaternions from FRD in NED to FLU in world axes (z up). wxyz (N, 4).
 
     Unknown attitudes are level.
     """

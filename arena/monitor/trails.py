@@ -27,7 +27,7 @@ class Trails:
         self.number = 0
 
     def add(self, p_n: Array) -> bool:
-        """Add the present positions of all vehicles. Return True if the last piece of the trails is now complete.
+        """Add the present positions of all vehicles. Return True if the newest piece of the trails is now full.
 
         Then call `next_piece`.
 

@@ -1,4 +1,4 @@
-"""Interface of the recorder's output channels, and the raw channels, which store all received data unchanged.
+"""Output channels of the recorder: their interface, and the raw channels for data as received.
 
 The raw channels are the record from which the logs of a flight are computed.
 """
@@ -76,7 +76,7 @@ class RecordChannels(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """Vehicle whose data the recorder writes.
+    """A vehicle of the recording.
 
     index: its row in the truth page, None for a real vehicle.
     """

@@ -31,7 +31,7 @@ class TrafficMeter:
         self._counts[2 + up] += len(data)
 
     def sequence(self, first: int, last: int) -> None:
-        """Count the messages that were lost before a datagram of the autopilot, from its sequence number.
+        """Count the lost messages of the autopilot: those missing between its previous datagram and this one.
 
         first, last: sequence numbers of its first and last message. No message is lost between them.
         """

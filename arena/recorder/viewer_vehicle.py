@@ -116,7 +116,7 @@ class VehicleChannels:
                 publish(decode(data, frame), time_s)
 
     def _take_references(self, data: bytes, time_s: float) -> None:
-        """Publish to viewers the wanted states and planned paths in a datagram of a user program."""
+        """Read wanted states and planned paths from a datagram of a user program, to show them in viewers."""
         if may_contain_path(data):
             self._plan_changed |= self._plan.on_datagram(data)
             return

@@ -50,7 +50,7 @@ def hiding(obstacles: Sequence[Obstacle], eye_n: Array, p_n: Array) -> list[Obst
 
 
 def _span(a: Array, b: Array, near: Array, far: Array) -> tuple[float, float]:
-    """Return where the line from a to b enters and leaves a box: two fractions of the line (0 at a, 1 at b).
+    """Return the points at which the line from a to b enters and leaves a box, as numbers from 0 (at a) to 1 (at b).
 
     near, far: corners of the box (3,).
     """

@@ -26,7 +26,7 @@ LOOK_BACK_NS = 30 * NS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """Result of `Playback.step`: the messages to send now, and the replay's times after the step.
+    """Result of `Playback.step`: the messages to send now, and the new times of the replay's clock and of the record.
 
     clock_ns: new time of the clock [ns].  record_ns: new time of the record [ns].
     items: messages to send, in this order.  jumped: the replay has jumped to this time of the record before the step.

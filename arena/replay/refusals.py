@@ -100,6 +100,6 @@ def _words(kind: Kind, mode: str, param: str) -> str:
 
 
 def _first_parameter(data: bytes, at: Frame) -> float:
-    """Return param1 of a COMMAND_LONG; -1 if it is NaN or its absolute value is 1e6 or more."""
+    """Return param1 of a COMMAND_LONG, such as a message id. Return -1 for a value that cannot be one, such as NaN."""
     (value,) = struct.unpack("<f", uint_at(data, at, 0, 4).to_bytes(4, "little"))
     return float(value) if abs(value) < 1e6 else -1.0

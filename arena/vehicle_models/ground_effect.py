@@ -35,7 +35,7 @@ _MIN_HEIGHT = 0.5  # rotor radii
 
 
 def ground_table(profile: Mapping[str, Any]) -> tuple[Array, float, float]:
-    """Compute the table of a vehicle's thrust increase near the floor, over its height.
+    """Compute a table of how much the floor increases the thrust of a vehicle, over its height.
 
     profile: the vehicle's profile, as in the files of `profiles/`
     Returns (1) the thrust divided by the thrust far from the floor, at CELLS + 1 equally spaced heights of
@@ -58,7 +58,7 @@ def ground_table(profile: Mapping[str, Any]) -> tuple[Array, float, float]:
 
 
 def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) -> Array:
-    """Return thrust near the floor divided by thrust far from the floor [-] (n,), mean of the rotors.
+    """Return the factor by which the floor increases the thrust at each height, averaged over the rotors [-] (n,).
 
     z: height of the rotors' plane above the floor [m] (n,)
     places: positions of the rotors in that plane [m] (R, 2)
@@ -74,9 +74,9 @@ def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) ->
 
 
 def _image(z: Array, apart: Array) -> Array:
-    """Compute how much another rotor's mirror image below the floor adds to the ground effect [1/m2] (n, ...).
+    """Compute the part of the ground effect that another rotor causes [1/m2] (n, ...).
 
-    This is one term of the sum S in the module's docstring, divided by R^2.
+    The model mirrors this rotor at the floor. The result is one term of the sum S in the module's docstring, divided by R^2.
 
     z: heights of the rotor plane above the floor [m] (n,)
     apart: horizontal distance to the other rotor [m]

@@ -152,7 +152,7 @@ class Rotors:
 
 
 def reaction_sign(profile: Profile, columns: int) -> Array:
-    """Return the sign of the torque on the body about its z axis [FRD] when a rotor gains speed (columns,).
+    """Return the sign of the torque about z that each rotor exerts on the body when it speeds up [FRD] (columns,).
 
     The sign is 1 for a rotor that turns ccw seen from above, and -1 for cw.
 

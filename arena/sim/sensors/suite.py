@@ -164,9 +164,9 @@ class _RandomStreams:
 
 
 def _noise_ratio(period_s: float) -> float:
-    """Return the ratio of the noise at the present rate to the noise at NOISE_HZ [-].
+    """Return the factor from a sensor's noise at NOISE_HZ to its noise at a sample period [-].
 
-    The noise is white with constant density.
+    The noise is white, so its standard deviation grows with the root of the sample rate.
     """
     return math.sqrt(1.0 / (NOISE_HZ * period_s))
 
