@@ -36,10 +36,10 @@ collected: bytecode
 unit: bytecode
 	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 4 $(SPREAD) -q
 
-# Flights of a few vehicles mostly wait: four share two cores. Arenas of many vehicles fly alone.
+# Flights of a few vehicles mostly wait: four share two cores. Of arenas with many vehicles two do.
 flights: bytecode
 	$(BIN)/python -m pytest -m "flight and not nightly" -n 4 $(SPREAD) -q
-	$(BIN)/python -m pytest -m "crowd and not nightly" -q
+	$(BIN)/python -m pytest -m "crowd and not nightly" -n 2 $(SPREAD) -q
 
 # Long campaigns: every cell of the process table, every shipped scenario, twelve vehicles, full fuzz and estimator campaigns.
 nightly: bytecode

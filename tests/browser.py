@@ -13,6 +13,14 @@ import pytest
 
 SOFTWARE_GL = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
+PICTURE_PERIOD_MS = 500
+"""Time between two pictures of a page. At its own rate, drawing in software takes all that the arena leaves of the cores."""
+_DRAW_RARELY = f"""
+const draw = window.requestAnimationFrame.bind(window);
+window.requestAnimationFrame = (callback) => setTimeout(() => draw(callback), {PICTURE_PERIOD_MS});
+window.cancelAnimationFrame = clearTimeout.bind(window);
+"""
+
 
 def chromium() -> str:
     """Return the path of chromium; skip the test if there is none."""
@@ -35,6 +43,7 @@ def open_page(url: str, *, width: int = 1440, height: int = 900) -> Iterator[Any
         patient.chmod(0o700)
         browser = playwright.chromium.launch(executable_path=str(patient), args=list(SOFTWARE_GL))
         page = browser.new_page(viewport={"width": width, "height": height})
+        page.add_init_script(_DRAW_RARELY)
         page.goto(url, timeout=120_000)
         yield page
         browser.close()

@@ -25,6 +25,8 @@ os.umask(0o022)  # runtime folders that a group may write are ignored
 
 COUNTED = {"px4": "real PX4", "browser": "real browser", "fastdds": "Fast DDS"}
 """Marks of tests that are counted in the summary, because they need something that a computer may not have -> its name there."""
+FILE_MARKS = ("flight", "crowd")
+"""Marks that stand in the file of their tests, so that other files need not be imported to select them."""
 
 
 @pytest.fixture(autouse=True)
@@ -61,8 +63,26 @@ SLOWEST_FILES = (
 """Test files that take longest, in this order. They begin first, so that no worker flies alone at the end of the suite."""
 
 
+def names_mark(file: Path, mark: str) -> bool:
+    """Return whether the source of a test file uses a mark."""
+    return f"mark.{mark}" in file.read_text()
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Ignore files without the mark that `-m MARK and ...` selects: `make flights` then imports 40 of 400 files."""
+    mark, _, more = str(config.getoption("markexpr")).partition(" and ")
+    selects = mark in FILE_MARKS and " or " not in more
+    is_test = collection_path.name.startswith("test_") and collection_path.suffix == ".py"
+    return True if selects and is_test and not names_mark(collection_path, mark) else None
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are deselected
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the slowest files first, and record which tests are marked px4 or browser; keywords would also match folder names."""
+    for path, mark in {(i.path, mark) for i in items for mark in FILE_MARKS if i.get_closest_marker(mark)}:
+        assert names_mark(path, mark), (
+            f"{path}: its tests have the mark {mark}, which must stand in this file"
+        )
     place = {name: number for number, name in enumerate(SLOWEST_FILES)}
     here = Path(__file__).parent
     items.sort(key=lambda item: place.get(item.path.relative_to(here).as_posix(), len(place)))

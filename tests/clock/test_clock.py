@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from arena.clock import ClockServer, SimClock, WallClock
+from arena.clock import ClockServer, LockstepClock, SimClock, WallClock
 from arena.errors import RunError
 
 
@@ -157,7 +157,9 @@ def test_chores_are_done_on_the_sleeping_thread_at_their_period(tmp_path):
     try:
         clock, done = SimClock(tmp_path / "clock", "p"), []
         assert clock.lockstep
-        clock.do_while_asleep(lambda: done.append((clock.now(), threading.current_thread())), 0.1)
+        clock.do_while_asleep(
+            lambda: done.append((clock.now(), threading.current_thread())), 0.1, lambda at: True
+        )
         thread, found = in_thread(lambda: clock.sleep_until(0.35))
         for step in range(1, 36):
             serve_until(server, lambda: all(c.wake is not None for c in server._clients.values()) or found)
@@ -167,6 +169,25 @@ def test_chores_are_done_on_the_sleeping_thread_at_their_period(tmp_path):
         assert {at for _, at in done} == {thread}
     finally:
         server.close()
+
+
+def test_chores_that_are_not_needed_do_not_end_a_sleep():
+    class Sleeps(LockstepClock):
+        lockstep = True
+        t, wakes = 1.0, ()
+
+        def now(self):
+            return self.t
+
+        def sleep_only(self, t):
+            self.t, self.wakes = t, (*self.wakes, round(t, 6))
+            return t
+
+    clock, done = Sleeps(), []
+    clock.do_while_asleep(lambda: done.append(round(clock.t, 6)), 0.1, lambda at: at > 1.25)
+    clock.sleep_until(1.15)
+    assert clock.sleep_until(1.45) == 1.45
+    assert done == [1.3, 1.4] and clock.wakes == (1.15, 1.3, 1.4, 1.45)
 
 
 def test_server_knows_who_has_joined_and_who_has_left(server, tmp_path):

@@ -36,7 +36,7 @@ vehicles:
             return any(text in entry.get("event", "") for entry in flight.events())
 
         eventually(lambda: has_event("uav1: arm permit granted by"), 90, "the first permit", flight.said)
-        assert "uav2: not connected, so it has no arm permit" in flight.said()
+        flight.until_said("uav2: not connected, so it has no arm permit", 30)
         late.mute = False
         uav.mute = True
         eventually(lambda: has_event("withdrawn: no telemetry for 3 s"), 60, "its withdrawal", flight.said)

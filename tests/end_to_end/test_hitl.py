@@ -12,7 +12,7 @@ import pytest
 from arena.plan import make_plan
 from arena.schema import load_arena
 
-from .flight import ROOT, Hangar
+from .flight import ROOT, Hangar, end_with_us
 
 pytestmark = pytest.mark.crowd  # real time, which a neighbour on the cores would take
 REPORT = True  # these tests read the summary
@@ -49,7 +49,12 @@ def running() -> Iterator[list[subprocess.Popen[bytes]]]:
 def switch_on(params: dict[str, float], device: str, folder: Path) -> subprocess.Popen[bytes]:
     file = folder / "board.params"
     file.write_text("".join(f"{name} {value}\n" for name, value in params.items()))
-    return subprocess.Popen([sys.executable, str(BOARD), device, "6", str(file)])
+    # In a session of its own: Linux shares the processors between sessions, and the tests' session can be busy.
+    return subprocess.Popen(
+        [sys.executable, str(BOARD), device, "6", str(file)],
+        start_new_session=True,
+        preexec_fn=end_with_us,  # noqa: PLW1509 - no thread has been started here
+    )
 
 
 def test_hitl_flies_the_first_example_and_lands(

@@ -85,7 +85,10 @@ def test_real_and_simulated_vehicle_fly_the_same_program(hangar: Hangar, room: P
 
 
 def test_failed_preflight_check_refuses_arming_with_its_reason(hangar: Hangar, room: PosingRoom) -> None:
-    flight = up(hangar, room, EXAMPLE, "--until-done", more=", params: {COM_OF_LOSS_T: 7}")
+    options = ("--until-done",)
+    flight = up(
+        hangar, room, PROGRAMS / "fly.py", *options, args="lands", more=", params: {COM_OF_LOSS_T: 7}"
+    )
     assert flight.wait(120) == 1
     assert "COM_OF_LOSS_T" in flight.log("program.uav2") and "Preflight" in flight.log("program.uav2")
     assert not any(row["info.is_armed"] == "True" for row in flight.rows("uav2"))

@@ -16,7 +16,15 @@ PERIOD = ("rotor_dynamics", "free_flight", "flight_period")
 CAPTURE = ("truth_interpolation", "pose_measurement")
 WATCH = ("battery_discharge", "flight_watch")
 CONTROL = ("control_allocation", "position_control", "attitude_control", "rate_control", "cascade")
-MOTORS = (*ESTIMATION, *CONTROL, "estimate_validity", "motor_outputs")
+MOTORS = (
+    *ESTIMATION,
+    *CONTROL,
+    "estimate_validity",
+    "barometer_offset",
+    "motor_outputs",
+    "land_detection",
+    "motor_release",
+)
 
 
 def fill(law: object, rng: np.random.Generator, **scales: float) -> None:
@@ -180,9 +188,14 @@ def watch_flights(modules: dict[str, ModuleType]) -> list[np.ndarray]:
 def detect_landings(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     """Run land detector and take-off ramp with random motion and setpoints. Return all arrays after each step."""
     rng = np.random.default_rng(10)
-    masks = [rng.random(VEHICLES) < 0.5 for _ in range(6)]
+    masks = [rng.random(VEHICLES) < 0.5 for _ in range(9)]
     land = modules["land_detection"].LandDetection(*masks[:5])
-    ramp = modules["land_detection"].RampLaw(masks[5], masks[0], masks[4])
+    ramp = modules["land_detection"].RampLaw(masks[5], masks[0], masks[4], masks[6])
+    estimates, setpoints = rng.normal(size=(2, VEHICLES, 3)), rng.normal(size=(2, VEHICLES, 3))
+    climb = modules["land_detection"].ClimbRequest(*map(memoryview, estimates), masks[7], masks[8])
+    level, thrust = rng.integers(0, 4, VEHICLES), rng.random(VEHICLES)
+    climb.read_setpoints_from(*map(memoryview, (level, *setpoints, thrust)))
+    fill(climb, rng, thr_min=-0.1, thr_hover=-0.5)
     fill(
         land,
         rng,
@@ -193,16 +206,21 @@ def detect_landings(modules: dict[str, ModuleType]) -> list[np.ndarray]:
         thr_hover=-0.5,
         land_speed=-0.5,
     )
-    fill(ramp, rng, full=-2.0, spoolup_s=-0.2, ramp_s=-0.3, start=2.0, begun=-3.0)
+    fill(ramp, rng, full=-2.0, full_offboard=-3.0, spoolup_s=-0.2, ramp_s=-0.3, start=2.0, begun=-3.0)
     seen = []
     for step in range(200):
         masks[3][:], masks[4][:] = rng.random((2, VEHICLES)) < 0.3
         fill(land, rng, v_n=0.3, omega_b=0.3, thrust=-0.2, sink=1.0, trigger_s=-0.05)
         arrays_of(land)["force"][:] = 9.8 + rng.normal(size=VEHICLES)
         arrays_of(ramp)["armed_since"][:] = 0.02 * step - rng.random(VEHICLES)
+        level[:], thrust[:] = rng.integers(0, 4, VEHICLES), rng.random(VEHICLES)
+        estimates[:], setpoints[:] = rng.normal(size=(2, 2, VEHICLES, 3))
+        setpoints[rng.random(setpoints.shape) < 0.3] = np.nan
+        climb.update()
         for law in (land.step, ramp.update, ramp.limit):
             law(0.02 * step)
-        for law in (land, ramp):
+        seen.append(masks[8].copy())
+        for law in (land, ramp, climb):
             seen += [values.copy() for values in arrays_of(law).values()]
     return seen
 
@@ -253,7 +271,7 @@ def command_motors(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     vision = modules["vision_fusion"].VisionFusion(
         state, covariance, rng.integers(0, 16, VEHICLES), np.zeros(VEHICLES, int)
     )
-    masks = np.zeros((3, VEHICLES), bool)
+    masks = np.zeros((4, VEHICLES), bool)
     validity = modules["estimate_validity"].EstimateValidity(
         state, vision, covariance.cov, np.full(9, 1.5), 1.0, *masks
     )
@@ -266,9 +284,8 @@ def command_motors(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     floats = modules["control_allocation"].floats
     cascade = modules["cascade"].CascadeLaw(position, attitude, rate, floats(VEHICLES))
     numbers = [rng.normal(size=VEHICLES) for _ in range(3)]
-    cascade.read_setpoints_from(
-        rng.integers(0, 4, VEHICLES), random_attitudes(rng), rng.normal(size=(VEHICLES, 3)), *numbers
-    )
+    level = rng.integers(0, 4, VEHICLES)
+    cascade.read_setpoints_from(level, random_attitudes(rng), rng.normal(size=(VEHICLES, 3)), *numbers)
     allocation = modules["control_allocation"].ControlAllocation(
         rng.normal(size=(VEHICLES, 4, 3)), np.ones((VEHICLES, 4), bool)
     )
@@ -276,6 +293,16 @@ def command_motors(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     fill(outputs, rng, idle=-0.1, up_from=-0.1)
     fill(vision, rng, last_xy=-1.0, last_z=-1.0, last_yaw=-1.0)
     fill(validity, rng, timeout_s=-1.0, aligned_at=-0.2, last_baro=-1.0)
+    known = np.zeros((2, VEHICLES), bool)
+    baro = modules["barometer_offset"].BarometerOffset(state, vision, *known)
+    fill(baro, rng, after_s=-0.5)
+    stands = rng.random((6, VEHICLES)) < 0.5
+    ramp, since = modules["land_detection"].RampLaw(*stands[:4]), rng.random(VEHICLES)
+    arrays_of(ramp)["begun"][::2] = np.inf
+    release = modules["motor_release"].MotorRelease(
+        outputs, ramp, memoryview(level), stands[4], memoryview(since), stands[5], known[0].copy()
+    )
+    fill(release, rng, spoolup_s=-1.0, tilt_landed=-0.2)
     seen = []
     for step in range(60):
         fill(state, rng, p_n=3.0, v_n=1.0, omega_b=1.0, r_nb=0.5)
@@ -284,10 +311,16 @@ def command_motors(modules: dict[str, ModuleType]) -> list[np.ndarray]:
         arrays_of(state)["q_nb"][:] = random_attitudes(rng)
         outputs.step(0.04 * step, step % 2 == 0)
         validity.update(0.04 * step)
-        seen += [masks.copy().astype(float)]
-        for law in (outputs, allocation, rate, position):
+        arrays_of(baro)["altitude"][:] = np.where(
+            rng.random(VEHICLES) < 0.2, np.nan, rng.normal(size=VEHICLES)
+        )
+        seen += [masks.copy().astype(float), np.array([baro.update(0.04 * step)], float), known.copy()]
+        stands[:], level[:] = rng.random((6, VEHICLES)) < 0.5, rng.integers(0, 4, VEHICLES)
+        if step % 3 == 2:
+            release.update()
+        for law in (outputs, allocation, rate, position, baro, release):
             seen += [values.copy() for values in arrays_of(law).values()]
-    assert 0.0 < np.mean([each for each in seen if each.shape == (3, VEHICLES)]) < 1.0
+    assert 0.0 < np.mean([each for each in seen if each.shape == (4, VEHICLES)]) < 1.0
     return seen
 
 

@@ -100,6 +100,24 @@ def test_old_telemetry_is_not_the_present_state():
     assert abs(found.silent_s[0] - STALE_S - 0.1) < 1e-9
 
 
+def test_state_of_a_silent_vehicle_is_unknown():
+    tracker = FleetTracker(VEHICLES)
+    facts = {"uav2.armed": False, "uav2.landed": True, "uav2.connected": False}
+    tracker.on_status({"facts": facts})
+    found = tracker.snapshot(10.0)
+    assert (found.armed[1], found.landed[1]) == (None, None)
+
+
+def test_own_telemetry_counts_more_than_an_old_report_of_the_supervisor():
+    tracker = FleetTracker(VEHICLES)
+    tracker.on_status({"facts": {"uav2.armed": False, "uav2.landed": True, "uav2.connected": True}})
+    heartbeat = mavlink.MAVLink_heartbeat_message(2, 12, 128, OFFBOARD, 4, 3)
+    in_air = mavlink.MAVLink_extended_sys_state_message(0, mavlink.MAV_LANDED_STATE_IN_AIR)
+    tracker.on_datagram(1, packed(heartbeat, 2) + packed(in_air, 2), 10.0)
+    found = tracker.snapshot(10.0)
+    assert (found.armed[1], found.landed[1]) == (True, False)
+
+
 def test_messages_of_another_system_are_ignored():
     tracker = FleetTracker(VEHICLES)
     tracker.on_datagram(0, packed(local(1.0, 2.0, -3.0), 2), 10.0)

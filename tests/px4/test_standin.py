@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.px4_startup import read_startup, rotors
-from arena.autopilot.sitl_standin import BANNER, FREE_RUN, StandIn
+from arena.autopilot.sitl_standin import BANNER, FREE_RUN, StandIn, take_lock
 from arena.errors import InputError
 from arena.plan import make_plan
 from arena.plan.px4_startup import reset_by_startup
@@ -183,6 +184,25 @@ def test_invalid_samples_do_not_start_the_stand_in() -> None:
         assert px4.receive_simulator(link.sample(1.0, sensors(1), 0)) == b""
 
 
+def _yaw_after(samples: Iterable[int]) -> float:
+    """Return the estimated yaw of a stand-in that turns at 0.5 rad/s and receives the samples of these numbers."""
+    link, px4 = SimulatorLink(4, HIL), StandIn("x", PARAMS)
+    turning = {**sensors(1), "gyro_b": np.array([[0.0, 0.0, 0.5]])}
+    for k in samples:
+        px4.receive_simulator(link.sample(PERIOD_S * k, turning, 0))
+    assert px4._autopilot is not None
+    return px4._autopilot.vehicles[0].yaw()
+
+
+def test_rotation_during_missing_samples_is_not_lost() -> None:
+    whole = _yaw_after(range(1, 1001))
+    assert _yaw_after(k for k in range(1, 1001) if k < 500 or k % 20 == 0) == pytest.approx(whole, abs=0.01)
+
+
+def test_a_sample_that_is_missing_at_the_start_does_not_change_the_sensor_period() -> None:
+    assert _yaw_after([1, *range(4, 1001)]) == pytest.approx(_yaw_after(range(1, 1001)), abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -199,3 +219,13 @@ def test_an_invalid_command_line_exits_with_2(tmp_path: Path, arguments: list[st
     )
     assert done.returncode == 2 and said in done.stderr
     assert BANNER in done.stdout or "usage" in done.stderr
+
+
+def test_lock_does_not_follow_a_symbolic_link(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
+    (tmp_path / f"arena-standin-{os.getuid()}-127.58.1.1-3.lock").symlink_to(tmp_path / "target")
+    with pytest.raises(OSError):
+        take_lock(3, "127.58.1.1")
+    assert not (tmp_path / "target").exists()
+    with take_lock(4, "127.58.1.1") as lock:
+        assert Path(lock.name).is_file()

@@ -3,10 +3,14 @@
 import os
 import signal
 import threading
+import time
 
 import numpy as np
 
 from arena import UAV
+
+SPIN_S = 10.0
+"""Time for which a hung program uses all of the CPU that it gets [s]. Its vehicle has landed by then."""
 
 with UAV.from_args() as uav:
     uav.start_offboard_mission()
@@ -34,8 +38,10 @@ with UAV.from_args() as uav:
         case "throws":
             raise ValueError("no such place")
         case "spins":
-            while True:
-                pass
+            begun = time.monotonic()
+            while True:  # does not reply to anything, as long as a vehicle needs to land with all of the CPU; then without
+                if time.monotonic() > begun + SPIN_S:
+                    time.sleep(1.0)
         case "waits":
             threading.Event().wait()
         case "freezes":
