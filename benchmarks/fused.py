@@ -1,6 +1,7 @@
 """CPU time of a whole fused arena per simulated second, at the greatest speed, by the number of vehicles.
 
-    python benchmarks/fused.py [--vehicles 1 10 50] [--seconds 40] [--repeat 1] [--gpd FOLDER --gpd-python PYTHON --gpd-bench FILE]
+    python benchmarks/fused.py [--vehicles 1 10 50] [--seconds 40] [--repeat 1] [--group]
+        [--gpd FOLDER --gpd-python PYTHON --gpd-bench FILE]
 
 Each vehicle flies circles with trajectory setpoints at 50 Hz; from 48 vehicles on one choreographer flies all of them at 20 Hz, as in
 examples/11_swarm. The window begins 12 s after the start of the simulation, when all vehicles fly, and lasts `--seconds` of simulated
@@ -58,12 +59,18 @@ with UAV.all_from_args() as fleet:
 """
 
 
-def write_arena(count: int, until_s: float, folder: Path, *, program: bool = True) -> Path:
-    """Write the YAML and the program of an arena, vehicles 1.4 m apart, and return the path of the YAML."""
+def write_arena(
+    count: int, until_s: float, folder: Path, *, program: bool = True, group: bool = False
+) -> Path:
+    """Write the YAML and the program of an arena, vehicles 1.4 m apart, and return the path of the YAML.
+
+    group: the programs of all vehicles run in one process.
+    """
     fleet = count >= FLEET_FROM
     (folder / "circle.py").write_text((FLEET if fleet else PROGRAM).format(until=until_s))
     side = max(1, round(count**0.5))
-    run = "{path: circle.py, group: show, run: once}" if fleet else "circle.py"
+    grouped = f"{{path: circle.py, group: show, run: {'once' if fleet else 'each'}}}"
+    run = grouped if fleet or group else "circle.py"
     lines = [
         f"world: {{size: [{1.4 * side + 8:.1f}, {1.4 * side + 8:.1f}, 6]}}",
         f"defaults: {{profile: iris{f', program: {run}' if program else ''}}}",
@@ -107,14 +114,15 @@ def processes(root: int) -> dict[int, str]:
     return found
 
 
-def fly(count: int, seconds: float, after: list[str]) -> dict[str, float]:
+def fly(count: int, seconds: float, after: list[str], *, group: bool = False) -> dict[str, float]:
     """Fly one arena. Return the CPU time per simulated second of its parts: world, programs, other.
 
+    group: as in `write_arena`
     after: command that is run with the pid of the world at the beginning of the window, such as a profiler
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        path = write_arena(count, FROM_S + seconds + 1.0, folder)
+        path = write_arena(count, FROM_S + seconds + 1.0, folder, group=group)
         command = [
             sys.executable,
             "-m",
@@ -197,6 +205,9 @@ def main() -> None:
     options.add_argument("--vehicles", type=int, nargs="+", default=[1, 10, 50])
     options.add_argument("--seconds", type=float, default=40.0)
     options.add_argument("--repeat", type=int, default=1)
+    options.add_argument(
+        "--group", action="store_true", help="the programs of all vehicles run in one process"
+    )
     options.add_argument("--gpd", help="folder that contains gym_pybullet_drones/")
     options.add_argument("--gpd-python", default=sys.executable)
     options.add_argument("--gpd-bench", help="path of gpd_bench.py")
@@ -222,7 +233,7 @@ def main() -> None:
                 "-o",
                 str(given.profile),
             ]
-            parts = fly(count, given.seconds, spy if given.profile else [])
+            parts = fly(count, given.seconds, spy if given.profile else [], group=given.group)
             whole = sum(parts.values())
             line = f"{count:3} vehicles: {whole:.4f} CPU s per simulated second = {4000 * whole:6.0f} us per step ("
             line += ", ".join(f"{part} {4000 * each:.0f}" for part, each in parts.items()) + ")"

@@ -39,6 +39,9 @@ programs, SDKs and tools (PX4's mode ONBOARD), the other two those of the link f
 `MAV_CMD_SET_MESSAGE_INTERVAL` changes the rates of the link on which it arrives, and `MAV_CMD_REQUEST_MESSAGE` sends each of these
 messages once. "Event": the message is sent when there is something to report.
 
+`WIND_COV` is not in the table: the built-in autopilot estimates no wind, so a request for this message is denied. PX4 sends it only while
+it estimates the wind (`EKF2_DRAG_CTRL` 1).
+
 """
 _EVENTS = {
     "COMMAND_ACK": "reply to each command",

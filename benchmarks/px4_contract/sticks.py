@@ -82,7 +82,7 @@ def position_mode(r: Rig, t: Transcript) -> None:
     t.note("stays down with centred sticks", bool(r.p_n[2] > -0.15))
     r.each[:] = [sticks(throttle=0.8)]
     up = r.until(lambda r: r.p_n[2] < -1.6, 20.0)
-    t.number("climbs 1.6 m in", up, near=1.5, part=0.3, unit="s")
+    t.number("climbs 1.6 m in", up, near=0.4, part=0.15, unit="s")
     r.each[:] = [CENTRE]
     r.run(4.0)
     before = r.p_n.copy()
