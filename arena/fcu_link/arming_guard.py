@@ -5,11 +5,36 @@ A mode change never arms PX4. MAVLink FTP, parameters and the upload of missions
 
 from __future__ import annotations
 
+import math
+import re
+
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.authority import COMMANDS, Kind, command_of, parse_request
 from arena.fcu_link.harmless_commands import HARMLESS
 from arena.wire.mavlink_frame import Buffer, Frame
+
+_SAY_NEW_S = 1.0  # a program requests arming once a second
+_SAY_AGAIN_S = 10.0
+_NUMBER = re.compile(r"\d+(\.\d+)?")
+
+
+class RefusalReport:
+    """Decides which refusals the user sees: one with new reasons soon, the same refusal every 10 s.
+
+    Refusals that differ only in their numbers are the same.
+    """
+
+    def __init__(self) -> None:
+        self._words, self._said_at = "", -math.inf
+
+    def is_due(self, text: str, now: float) -> bool:
+        """Return whether to show a refusal now. now: monotonic time [s]."""
+        words = _NUMBER.sub("", text)
+        if now - self._said_at < (_SAY_AGAIN_S if words == self._words else _SAY_NEW_S):
+            return False
+        self._words, self._said_at = words, now
+        return True
 
 
 def needs_checks(data: Buffer, frame: Frame, system: int, *, armed: bool) -> bool:

@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.authority import MESSAGES, TEMPORARILY_REJECTED, CommandGate, command_of, pack_reply, role_on_link
 from arena.constants import REORDERED_MS
 from arena.fcu_link.arm_permit import ArmPermit
-from arena.fcu_link.arming_guard import needs_checks, request_words
+from arena.fcu_link.arming_guard import RefusalReport, needs_checks, request_words
 from arena.fcu_link.axes_check import AxesCheck
 from arena.fcu_link.axes_record import AxesRecord
 from arena.fcu_link.identity import SILENT_S, Identity
@@ -92,7 +92,7 @@ class FcuLink:
         self.signing_problem = ""  # why messages of the vehicle are not used, if it has a signing key
         self._silence = SilenceReport(s.connection, s.id, LINK_COMPONENT, self.counts, now)
         self._reasons_sent_at: dict[str, float] = {}
-        self._refusal_reported_at = -math.inf
+        self._refusals = RefusalReport()
 
     # -- from the vehicle ----------------------------------------------------------------------------------------------
 
@@ -338,10 +338,10 @@ class FcuLink:
         if (refused := self._refuse(link, data, frame, now, sent=False)) is not None:
             return refused  # a final refusal: the sender must not wait for the checks
         self.counts["to the vehicle: arming refused"] += 1
-        if now - self._refusal_reported_at >= 1.0:
-            self._refusal_reported_at = now
-            what = request_words(data, frame)
-            self._say(f"{what} refused (requested by {frame.sysid}/{frame.compid}): {'; '.join(reasons)}")
+        what = request_words(data, frame)
+        text = f"{what} refused (requested by {frame.sysid}/{frame.compid}): {'; '.join(reasons)}"
+        if self._refusals.is_due(text, now):
+            self._say(text)
         fresh = now - self._reasons_sent_at.get(link, -math.inf) >= _REPEAT_REASONS_S
         if fresh:
             self._reasons_sent_at[link] = now

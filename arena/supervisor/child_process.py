@@ -15,7 +15,7 @@ import socket
 import stat
 import subprocess
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -89,7 +89,8 @@ class Child:
         self.cpu_s = used.ru_utime + used.ru_stime
         if self._popen is not None:
             self._popen.returncode = os.waitstatus_to_exitcode(status)
-        return exit_of(status)
+        exit = exit_of(status)
+        return replace(exit, last_line=last_line(self.log, self.log_start)) if exit.code else exit
 
     def receive(self) -> list[dict[str, Any]]:
         """Return the packets from the process's status socket: facts, events, readiness.
@@ -255,11 +256,11 @@ def _open_null() -> int:
     return os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
 
 
-def last_line(log: Path) -> str:
-    """Return the last non-blank line of a log file, or "" if there is none."""
+def last_line(log: Path, start: int = 0) -> str:
+    """Return the last non-blank line of a log file after the byte `start`, or "" if there is none."""
     try:
         with log.open("rb") as file:
-            file.seek(max(0, log.stat().st_size - 4096))
+            file.seek(max(start, log.stat().st_size - 4096))
             lines = file.read().decode(errors="replace").splitlines()
     except OSError:
         return ""

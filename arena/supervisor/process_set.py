@@ -15,7 +15,7 @@ from typing import Any
 
 from arena.plan.model import Plan, ProcessSpec
 from arena.supervisor import child_process, messages, run_end
-from arena.supervisor.child_process import Child, last_line
+from arena.supervisor.child_process import Child
 from arena.supervisor.event_log import EventLog
 from arena.supervisor.fork_client import ForkClient
 from arena.supervisor.member_rows import member_rows
@@ -230,8 +230,9 @@ class ProcessSet:
             if spec.is_program and status.state in ENDED:
                 worlds = [name for name, other in self.specs.items() if other.kind == "world"]
                 self.request(program_ended(spec.name), to=worlds)
-            if status.exit is not None and before.state in (State.STARTING, State.READY):
-                self._log_last_line(spec.name, status.exit, now)
+            was_running = before.state in (State.STARTING, State.READY)
+            if was_running and status.exit is not None and status.exit.last_line:
+                self.log.event(now, spec.name, f"last line of its log: {status.exit.last_line}")
         match action:
             case Action.START:
                 self._start(spec, now)
@@ -258,11 +259,6 @@ class ProcessSet:
             self.log.event(
                 now, spec.name, f"runs again after it was paused for {now - before.stopped_at:.1f} s"
             )
-
-    def _log_last_line(self, name: str, exit: Exit, now: float) -> None:
-        """Log the last line that a failed process printed, because it usually names the cause."""
-        if exit.code and exit.ran and (line := last_line(self.folder.log(name))):
-            self.log.event(now, name, f"last line of its log: {line}")
 
     def _signal(self, name: str, number: int) -> None:
         if name in self.children:

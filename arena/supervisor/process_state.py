@@ -66,11 +66,13 @@ class Exit:
     code: exit code as a shell reports it; 128 + n for signal n.
     text: for people, such as `exit 1`.
     ran: false if the executable could not be started.
+    last_line: last non-blank line that a failed process printed, since it was started. It usually names the cause.
     """
 
     code: int
     text: str
     ran: bool = True
+    last_line: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

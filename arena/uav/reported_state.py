@@ -45,8 +45,13 @@ class ReportedState:
         if t.heartbeat is None:
             because = f" ({fault})" if fault else ""
             return f"no heartbeat from the autopilot has arrived at {link}{because}. Is the arena running?"
-        if self._source.age(t.local) > self._source.stale_s:
-            return f"the autopilot has no position estimate{self.texts()}"
+        for estimate, name in ((t.local, "position"), (t.attitude, "attitude")):
+            if self._source.age(estimate) > self._source.stale_s:
+                return f"the autopilot has no {name} estimate{self.texts()}"
+        if self._source.age(t.heartbeat) > self._source.limit_s("heartbeat"):
+            return (
+                f"the autopilot's last heartbeat is {self._source.age(t.heartbeat):.1f} s old{self.texts()}"
+            )
         return f"the autopilot's pre-arm checks fail{self.texts(waited_s + TEXTS_S)}"
 
     def is_down(self) -> bool:

@@ -215,6 +215,20 @@ def test_a_refused_motor_test_is_reported_with_its_name():
     assert line.startswith("uav7: DO_MOTOR_TEST (command 209) refused (requested by 7/191): Preflight: ")
 
 
+def test_the_same_refusal_is_shown_every_ten_seconds_and_another_one_at_once():
+    rig = rig_with_reasons()
+    rig.core.events()
+    shown = []
+    for k in range(25):
+        rig.fly(1.0, p_n=(POSE[0] + 1.0, POSE[1], POSE[2] + 0.01 * k), battery=5)
+        rig.core.from_link("router", Codec(ID, PROGRAM).pack(arm()), rig.now)
+        shown += [e for e in rig.core.events() if "refused" in e]
+    assert len(shown) == 3, shown
+    rig.fly(1.0, p_n=(POSE[0] + 1.0, POSE[1], POSE[2]), battery=5)
+    rig.send("router", SPINNING["DO_MOTOR_TEST"])
+    assert any("DO_MOTOR_TEST" in e for e in rig.core.events())
+
+
 HARMLESS = {
     "REQUEST_MESSAGE": command(512, 148.0),
     "SET_MESSAGE_INTERVAL": command(511, 30.0, 20000.0),

@@ -248,6 +248,15 @@ def test_vehicle_that_is_not_ready_is_not_armed_and_raises_why(autopilot, uav, m
     assert autopilot.orders == []
 
 
+def test_vehicle_without_attitude_is_not_armed_and_raises_why(autopilot, uav, monkeypatch):
+    monkeypatch.setattr(vehicle_control, "READY_TIMEOUT_S", 0.4)
+    autopilot.telemetry = [name for name in autopilot.telemetry if not name.startswith("ATTITUDE")]
+    until(lambda: uav._source.age(uav._source.telemetry.attitude) > uav._source.stale_s)
+    with pytest.raises(NotConfirmedError, match=r"the autopilot has no attitude estimate"):
+        uav.start_offboard_mission()
+    assert autopilot.orders == []
+
+
 def test_first_heartbeat_is_requested(autopilot, uav):
     uav.start_offboard_mission()
     first = autopilot.commands[0]
