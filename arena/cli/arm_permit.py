@@ -6,13 +6,14 @@ This includes vehicles that rebooted or reconnected.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import typer
 
 from arena.cli._running import RunOption, connect, find, user_name
 from arena.errors import RunError
+from arena.supervisor import Control
 
 _ANSWER_S = 3.0
 _PERIOD_S = 0.1
@@ -40,24 +41,45 @@ def register(app: typer.Typer) -> None:
         for vehicle in vehicles:
             if vehicle in links:
                 print(vehicle_line(vehicle, links[vehicle]))
-        arena.ask(do="arm_permit", vehicles=vehicles, by=by)
-        deadline = time.monotonic() + _ANSWER_S
-        waiting = list(vehicles)
-        while waiting and time.monotonic() < deadline:
-            links = _links(arena.ask(do="ps"))
-            waiting = [v for v in waiting if links[v].get("arm_permit") != by]
-            time.sleep(_PERIOD_S)
+        _request(arena, vehicles, by)
+
+
+def _request(arena: Control, vehicles: Sequence[str], by: str) -> None:
+    """Request arm permits, and print for each vehicle whether it got the permit.
+
+    by: who requests the permits. Raises RunError with the reason of each vehicle that got none.
+    """
+    before = {vehicle: _answer(stats).get("number") for vehicle, stats in _links(arena.ask(do="ps")).items()}
+    arena.ask(do="arm_permit", vehicles=list(vehicles), by=by)
+    deadline = time.monotonic() + _ANSWER_S
+    answers: dict[str, Mapping[str, Any]] = {}
+    while len(answers) < len(set(vehicles)) and time.monotonic() < deadline:
+        links = _links(arena.ask(do="ps"))
         for vehicle in vehicles:
-            if vehicle not in waiting:
-                print(f"{vehicle}: is allowed to arm now")
-        if waiting:
-            raise RunError(
-                "\n".join(
-                    f"{v}: got no arm permit within {_ANSWER_S:g} s. Is the vehicle switched on and connected? Then run "
-                    f"`arena arm-permit {v}` again"
-                    for v in waiting
-                )
+            answer = _answer(links[vehicle])
+            if answer.get("number") not in (None, before.get(vehicle)) and answer["by"] == by:
+                answers[vehicle] = answer
+        time.sleep(_PERIOD_S)
+    refused = []
+    for vehicle in vehicles:
+        if vehicle not in answers:
+            refused.append(
+                f"{vehicle}: got no arm permit within {_ANSWER_S:g} s. Is the vehicle switched on and connected? Then run "
+                f"`arena arm-permit {vehicle}` again"
             )
+        elif why := answers[vehicle]["refusal"]:
+            refused.append(
+                f"{vehicle}: got no arm permit: {why}. Run `arena arm-permit {vehicle}` again when this has changed"
+            )
+        else:
+            print(f"{vehicle}: is allowed to arm now")
+    if refused:
+        raise RunError("\n".join(refused))
+
+
+def _answer(stats: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the answer of the process link.<vehicle> to the last request for an arm permit; {} if none."""
+    return stats.get("arm_permit_answer") or {}
 
 
 def vehicle_line(vehicle: str, stats: Mapping[str, Any]) -> str:

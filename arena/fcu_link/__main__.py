@@ -83,7 +83,7 @@ class FcuLinkShell:
         self._next_tick = self._next_second = now
         self._flow: Counter[str] = Counter()
         self._ready = self._over = self._types_written = False
-        self._permit = ""
+        self._permit: dict[str, object] = {}
         self._computer = computer_start()
         self._set_time(now)
         self._files, self._file_errors = BackgroundWriter("files", _MAX_FILES), SimpleQueue[str]()
@@ -256,9 +256,11 @@ class FcuLinkShell:
             self._say(text)
         while not self._file_errors.empty():
             self._say(self._file_errors.get())
-        if self._core.permit.by != self._permit:
-            self._permit = self._core.permit.by
-            self._process.stats({"arm_permit": self._permit})
+        permit = self._core.permit
+        state: dict[str, object] = {"arm_permit": permit.by, "arm_permit_answer": permit.answer}
+        if state != self._permit:
+            self._permit = state
+            self._process.stats(state)
         facts = self._core.gate.changed_facts("_at_link")
         if facts and not self._s.simulated:  # the router reports simulated vehicles
             self._process.facts(facts)

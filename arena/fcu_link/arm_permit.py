@@ -6,6 +6,8 @@ worked on it. An armed vehicle keeps it.
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class ArmPermit:
     """Permission of a person to arm one vehicle.
@@ -13,12 +15,15 @@ class ArmPermit:
     vehicle: name of the vehicle
     needed: false for a simulated vehicle or a flight controller in the loop, which need no permit
     by: who granted the permit; "" without a permit
+    answer: result of the last request for a permit, for the person who sent it: `number` (differs for each request), `by`
+        and `refusal` ("" if the permit was granted); empty before the first request
     events: messages for the user; the caller takes them and empties the list
     """
 
     def __init__(self, vehicle: str, *, needed: bool) -> None:
         self._vehicle, self._needed = vehicle, needed
         self.by = ""
+        self.answer: dict[str, Any] = {}
         self.events: list[str] = []
         self._armed = False
         self._interruption = ""  # happened while the vehicle was armed, as far as known
@@ -30,7 +35,7 @@ class ArmPermit:
             return []
         return [f"no arm permit: run arena arm-permit {self._vehicle}"]
 
-    def grant(self, by: str, *, connected: bool, carried: bool = False) -> None:
+    def grant(self, by: str, now: float, *, connected: bool, carried: bool = False) -> None:
         """Grant the permit to arm if the vehicle is connected and nobody carries it for its axes check.
 
         by: name of the person who grants the permit. connected: whether the vehicle is connected.
@@ -38,11 +43,14 @@ class ArmPermit:
         """
         if not self._needed:
             return
+        refusal = ""
         if not connected:
-            self.events.append(f"no arm permit from {by}: the vehicle is not connected")
-            return
-        if carried:
-            self.events.append(f"no arm permit from {by}: the axes check is running")
+            refusal = "the vehicle is not connected"
+        elif carried:
+            refusal = "the axes check is running"
+        self.answer = {"number": int(now * 1e3), "by": by, "refusal": refusal}
+        if refusal:
+            self.events.append(f"no arm permit from {by}: {refusal}")
             return
         self.by = by
         self._interruption = ""

@@ -377,7 +377,7 @@ class FcuLink:
             self.permit.on_interruption("somebody carries it for its axes check")
         self._was_armed = self._was_armed or request.get("do") == "was_armed"
         if request.get("do") == "permit":
-            self.permit.grant(str(request.get("by")), connected=connected, carried=self.axes.running)
+            self.permit.grant(str(request.get("by")), now, connected=connected, carried=self.axes.running)
             if self.permit.by:
                 self.identity.fix()
 

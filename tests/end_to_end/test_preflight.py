@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -129,3 +130,13 @@ def test_what_cannot_be_checked_is_refused(lab: Lab) -> None:
     armed = lab.flight.cli("preflight", "uav1")
     assert armed.returncode != 0 and "nobody must lift an armed vehicle" in armed.stdout
     lab.vehicle.armed = False
+
+
+def test_permit_during_the_check_is_refused_with_its_reason(lab: Lab) -> None:
+    with lab.flight.start_cli("preflight", "uav1") as command:
+        assert command.stdout is not None
+        next(line for line in command.stdout if "Lift the vehicle" in line)
+        refused = lab.flight.cli("arm-permit", "uav1")
+        command.send_signal(signal.SIGINT)
+    assert refused.returncode != 0
+    assert "uav1: got no arm permit: the axes check is running" in refused.stderr, refused.stderr

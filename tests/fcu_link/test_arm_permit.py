@@ -60,6 +60,16 @@ def test_review_fault_3_a_vehicle_that_is_not_connected_gets_no_permit():
     assert rig.reasons() == [REASON], "it appeared after the yes"
 
 
+def test_the_answer_to_each_request_tells_whether_and_why_the_permit_was_refused():
+    rig = Rig(permit=False)
+    permit(rig)
+    first = rig.core.permit.answer
+    assert first["by"] == "alice" and first["refusal"] == "the vehicle is not connected"
+    rig.fly(2.0)
+    permit(rig)
+    assert rig.core.permit.answer["refusal"] == "" and rig.core.permit.answer["number"] != first["number"]
+
+
 def test_the_permit_of_another_vehicle_is_ignored():
     rig = Rig(permit=False)
     rig.fly(2.0)
