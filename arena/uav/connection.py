@@ -16,7 +16,7 @@ import time
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import Clock, LockstepClock
-from arena.errors import InputError, NotConfirmedError
+from arena.errors import InputError, NotConfirmedError, RunError
 from arena.transport import Address, open_udp, parse_url, receive_datagrams
 from arena.uav.backend import Backend, BackendName, Command, MavlinkBackend, Wire
 from arena.uav.measurements import Measurements
@@ -77,6 +77,7 @@ class Connection:
         self._polled = self._polled_at = -1.0
         self._heartbeat_due = 0.0
         self._ending = threading.Event()
+        self._error: Exception | None = None  # of the background thread; the next `refresh` raises it
         self._backend = _open_backend(
             backend,
             Wire(
@@ -90,7 +91,7 @@ class Connection:
         if isinstance(clock, LockstepClock) and self._lockstep:
             clock.do_while_asleep(self.chores, _CHORES_EVERY_S, self.needs_chores)
         else:
-            self._receiver.add(self.chores)
+            self._receiver.add(self._chores_in_background)
 
     @property
     def fault(self) -> str:
@@ -101,7 +102,13 @@ class Connection:
         """Read the data that has arrived at the sockets.
 
         Do nothing if the sockets were read in the last millisecond or, in lockstep, at the present simulation time.
+        Raises RunError once if the background thread could not process received data.
         """
+        error, self._error = self._error, None
+        if error is not None:
+            raise RunError(
+                f"{self.url}: received data could not be processed: {type(error).__name__}: {error}"
+            ) from error
         if self._lockstep:
             if self._clock.now() != self._polled_at:
                 self.poll()
@@ -144,7 +151,7 @@ class Connection:
         A vehicle in the air then enters its offboard loss failsafe.
         """
         self._ending.set()
-        self._receiver.remove(self.chores)
+        self._receiver.remove(self._chores_in_background)
         with (
             self._receiving
         ):  # a library that gets a datagram after its end ends the process, with all its vehicles
@@ -178,6 +185,13 @@ class Connection:
             with self._sending:
                 data = self._codec.onboard_heartbeat()
             self._send_frame(data, self._vehicle)
+
+    def _chores_in_background(self) -> None:
+        """Call `chores` in the background thread. Keep an exception for the program, so that the thread serves other vehicles."""
+        try:
+            self.chores()
+        except Exception as error:
+            self._error = error
 
     def needs_chores(self, at: float) -> bool:
         """Return whether `chores` is needed at a time [s]: the heartbeat is due, or the sockets were not read shortly before.

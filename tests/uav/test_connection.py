@@ -9,7 +9,7 @@ from fake_autopilot import FakeAutopilot
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import LockstepClock, WallClock
-from arena.errors import InputError, NotConfirmedError
+from arena.errors import InputError, NotConfirmedError, RunError
 from arena.mocap.client import CapturedFrame, Pose
 from arena.transport import open_udp
 from arena.uav.connection import Connection
@@ -187,6 +187,45 @@ def test_backend_is_not_closed_while_another_thread_passes_it_a_datagram(monkeyp
         closing.join(10.0)
     receiver.remove(other)
     assert not closing.is_alive() and not backend.closed_in_receive
+
+
+class FailingBackend:
+    """A backend that cannot process its first datagram."""
+
+    def __init__(self) -> None:
+        self.received = 0
+        self.again = threading.Event()
+
+    def receive(self, datagram: bytes) -> None:
+        self.received += 1
+        if self.received == 1:
+            raise ValueError("no such field")
+        self.again.set()
+
+    def close(self) -> None:
+        pass
+
+
+def test_exception_of_one_connection_reaches_its_program_and_no_other_vehicle(monkeypatch):
+    backends = [FailingBackend(), FailingBackend()]
+    backends[1].received = 1  # the second connection receives without an exception
+    waiting = iter(backends)
+    monkeypatch.setattr("arena.uav.connection._open_backend", lambda name, wire: next(waiting))
+    receiver, ports = Receiver(), [free_address(), free_address()]
+    failing, other = (
+        Connection(f"udpin:{host}:{port}", 1, WallClock(), Poses(None), receiver=receiver)
+        for host, port in ports
+    )
+    with sending_to(ports[0], FakeAutopilot(telemetry=("HEARTBEAT",))):
+        assert backends[0].again.wait(10.0), "its next datagrams are processed"
+    with sending_to(ports[1], FakeAutopilot(telemetry=("HEARTBEAT",))):
+        assert backends[1].again.wait(10.0), "the thread serves the other connection"
+    with pytest.raises(RunError, match=f"{ports[0][0]}.* could not be processed: ValueError: no such field"):
+        failing.refresh()
+    failing.refresh()
+    other.refresh()
+    for connection in (failing, other):
+        connection.close()
 
 
 def test_closed_connection_sends_nothing_and_raises():
