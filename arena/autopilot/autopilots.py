@@ -215,7 +215,8 @@ class Autopilots:
         Changes of authority are not among them, because the router reports them.
         """
         for gate in self.gates:
-            gate.events()
+            if gate.has_news:
+                gate.events()
         found, self._events = self._events + (self._ulog_sink.events() if self._ulog_sink else []), []
         return found
 

@@ -291,7 +291,9 @@ def scenarios_page() -> str:
         "## Conditions",
         "- `not` before a condition negates it.\n"
         "- `each` in place of a vehicle's name: the condition must be true for every vehicle.\n"
-        "- While a value is unknown, an expectation is not fulfilled, and a rule of `always` is not violated.\n"
+        "- While a value is unknown, an expectation is not fulfilled, and a rule of `always` is not violated. "
+        "A value of the telemetry is unknown when it is 1 s old. "
+        "If a value is unknown for more than 2 s, an expectation with `for` and a rule fail.\n"
         "- Values marked *truth* come from the simulated world, values marked *telemetry* from the vehicle's MAVLink messages.",
         _meanings("condition", {**states, **values, **vocabulary.OTHER_CONDITIONS}),
         "## Actions",

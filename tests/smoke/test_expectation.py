@@ -150,6 +150,14 @@ def test_short_silence_breaks_nothing(referee_for) -> None:
     assert quiet.passed
 
 
+def test_long_silence_fails_although_the_value_was_known_before(referee_for) -> None:
+    lost = judged(
+        referee_for(AT + "uav1.armed for 6 s\n", may=["stay up"]),
+        lambda t: {"uav1": uav("uav1", 1.0, armed=None if t > 1.0 else True)},
+    )
+    assert "unknown for more than 2 s" in sentence(lost)
+
+
 def test_nan_setpoint_is_unknown(referee_for) -> None:
     nan = (math.nan, 0.0, 0.0)
     assert "unknown" in sentence(

@@ -11,6 +11,8 @@ from arena.smoke.language.vocabulary import QUANTITIES, REAL_TIME_FACTOR
 from arena.smoke.referee.flight_history import FlightHistory
 
 Truth = bool | None
+UNKNOWN_LIMIT_S = 2.0
+"""Longest time for which a value may be unknown before the flight fails [s]. Telemetry counts as unknown when it is 1 s old."""
 OFFBOARD = "OFFBOARD"
 
 

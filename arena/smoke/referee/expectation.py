@@ -5,7 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from arena.smoke.language.model import Condition, Expectation
-from arena.smoke.referee.conditions import Evaluation, evaluate, holds, in_words, subject
+from arena.smoke.referee.conditions import (
+    UNKNOWN_LIMIT_S,
+    Evaluation,
+    evaluate,
+    holds,
+    in_words,
+    subject,
+)
 from arena.smoke.referee.flight_history import FlightHistory
 from arena.smoke.referee.verdict import Outcome, StepResult
 
@@ -58,7 +65,7 @@ class ExpectationTracker:
     done_s: float | None = None
     failed_s: float | None = None
     failure: str = ""
-    _known: bool = False
+    _known_at: float | None = None
     _records: dict[str, _Record] = field(default_factory=dict)
 
     @property
@@ -77,17 +84,22 @@ class ExpectationTracker:
         for evaluation in evaluate(self.expectation.condition, flight):
             self._records.setdefault(evaluation.who, _Record()).update(evaluation)
         truth = holds(self.expectation.condition, flight)
-        self._known = self._known or truth is not None
         if self.expectation.for_s is not None:
             self._update_for(self.expectation.for_s, truth, passed)
         elif truth:
             self._fulfil(passed)
 
     def _update_for(self, limit: float, truth: bool | None, passed: float) -> None:
+        known = self._known_at
+        if truth is not None:
+            self._known_at = passed
+        elif known is not None and passed - known > UNKNOWN_LIMIT_S:
+            self._fail(passed, f"{self._describe()} (unknown for more than {UNKNOWN_LIMIT_S:g} s)")
+            return
         if truth is False and passed <= limit + EPSILON_S:
             self._fail(passed, f"{self._describe()} (failed after {passed:.2f} s)")
         elif passed >= limit - EPSILON_S:
-            if self._known:
+            if self._known_at is not None:
                 self._fulfil(passed)
             else:
                 self._fail(passed, self._describe())

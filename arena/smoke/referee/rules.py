@@ -7,12 +7,21 @@ from dataclasses import dataclass, field
 
 from arena.smoke.language.model import Condition, Rule
 from arena.smoke.language.vocabulary import REAL_TIME_FACTOR
-from arena.smoke.referee.conditions import OFFBOARD, Evaluation, evaluate, in_words, subject, unit
+from arena.smoke.referee.conditions import (
+    OFFBOARD,
+    UNKNOWN_LIMIT_S,
+    Evaluation,
+    evaluate,
+    in_words,
+    subject,
+    unit,
+)
 from arena.smoke.referee.flight_history import FlightHistory
 from arena.smoke.referee.verdict import RuleResult
 
 _FROM_TELEMETRY = frozenset({"battery", "estimate error", "mode", "armed"})
 _NEVER_RECEIVED = "the value was never received"
+_NOT_RECEIVED = "the value was not received in this time"
 
 
 @dataclass(kw_only=True)
@@ -37,6 +46,8 @@ class RuleTracker:
     _worst_s: float | None = None
     _sums: dict[str, _Sum] = field(default_factory=dict)
     _received: dict[str, bool] = field(default_factory=dict)
+    _known_s: dict[str, float] = field(default_factory=dict)
+    _lost_s: dict[str, float] = field(default_factory=dict)
 
     def update(self, flight: FlightHistory) -> None:
         """Evaluate the rule at the newest observation.
@@ -49,6 +60,9 @@ class RuleTracker:
             if evaluation.who in flying and self._must_be_known(evaluation.who, flight):
                 known = self._received.get(evaluation.who, False)
                 self._received[evaluation.who] = known or evaluation.holds is not None
+                self._note_age(evaluation, flight.now.time_s)
+            else:
+                self._known_s.pop(evaluation.who, None)
             if evaluation.holds is None or (
                 condition.vehicles and condition.kind != "separation" and evaluation.who not in flying
             ):
@@ -61,6 +75,14 @@ class RuleTracker:
                 or self._is_worse(evaluation, self._worst)
             ):
                 self._worst, self._worst_s = evaluation, flight.now.time_s
+
+    def _note_age(self, evaluation: Evaluation, now_s: float) -> None:
+        """Record when a value was known last, and for how long it was unknown at most."""
+        who = evaluation.who
+        if evaluation.holds is not None:
+            self._known_s[who] = now_s
+        elif who in self._known_s:
+            self._lost_s[who] = max(self._lost_s.get(who, 0.0), now_s - self._known_s[who])
 
     def _must_be_known(self, who: str, flight: FlightHistory) -> bool:
         """Return whether the autopilot of a vehicle in flight should have sent the value of the rule by now.
@@ -100,6 +122,11 @@ class RuleTracker:
         unknown = sorted(who for who, received in self._received.items() if not received)
         if complete and unknown and worst.holds is not False:
             failure = f"the rule could not be evaluated for {', '.join(unknown)}: {_NEVER_RECEIVED}"
+            return RuleResult(place=self.rule.place, outcome="failed", failure=failure)
+        lost = {who: s for who, s in self._lost_s.items() if s > UNKNOWN_LIMIT_S}
+        if complete and lost and worst.holds is not False:
+            spans = ", ".join(f"{who} for {s:.1f} s" for who, s in sorted(lost.items()))
+            failure = f"the rule could not be evaluated for {spans}: {_NOT_RECEIVED}"
             return RuleResult(place=self.rule.place, outcome="failed", failure=failure)
         shown, si = unit(condition) if worst.value is not None else ("", 1.0)
         return RuleResult(
