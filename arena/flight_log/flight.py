@@ -28,7 +28,7 @@ class Flight:
 
     name: name of the vehicle.  t: time since the first row [s] (n,).  t0: time of the first row [s].
     numbers: column name -> values (n,), NaN for empty cells. Flags, such as `info.is_armed`, are 1 or 0.
-    mode: flight modes (n,), "" if unknown.  armed, landed: flags (n,).
+    mode: flight modes (n,), "" if unknown.  armed, landed: flags (n,), false if unknown.
     """
 
     name: str
@@ -73,6 +73,12 @@ class Flight:
     def euler(self) -> Array:
         """Roll, pitch, yaw [rad] (n, 3) from the best source (`position_source`); NaN if unknown."""
         return self.group(COLUMNS_OF[self.position_source] + ".att_euler", RPY)
+
+    @property
+    def armed_known(self) -> NDArray[np.bool_]:
+        """Mask (n,): false in rows in which nothing is known about the arming, because no heartbeat was recorded shortly before."""
+        flags = self.numbers.get(FLAGS[0], np.full(self.t.size, np.nan))
+        return np.asarray(np.isfinite(flags) | self.armed)
 
     @property
     def offboard(self) -> NDArray[np.bool_]:

@@ -143,4 +143,7 @@ def whole_flight(
 
 
 def _state(now: Moments, k: int) -> str:
-    return now.mode[k] or "armed" if now.armed[k] else "disarmed"
+    """Return the state of a vehicle in picture k as text: the flight mode while it is armed, else `disarmed` or `state unknown`."""
+    if now.armed[k]:
+        return now.mode[k] or "armed"
+    return "disarmed" if now.armed_known[k] else "state unknown"

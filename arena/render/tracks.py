@@ -24,7 +24,7 @@ class Track:
 
     t: time since the start of the film's clock [s] (n,).  p_n: position [m] [NED] (n, 3).
     q_nb: attitude wxyz (n, 4).  ref_n: position reference [m] [NED] (n, 3), NaN if there is none.
-    mode: flight modes (n,).  armed: flags (n,).
+    mode: flight modes (n,).  armed: flags (n,).  armed_known: false where the log does not contain the arming state (n,).
     """
 
     name: str
@@ -34,6 +34,7 @@ class Track:
     ref_n: Array
     mode: Sequence[str]
     armed: NDArray[np.bool_]
+    armed_known: NDArray[np.bool_]
     airframe: Airframe
 
 
@@ -42,7 +43,8 @@ class Moments:
     """State of one vehicle at the times of the f pictures of a film.
 
     p_n: position [m] [NED] (f, 3).  q_nb: attitude wxyz (f, 4).  ref_n: position reference [m] [NED] (f, 3), NaN if none.
-    mode: flight modes (f,).  armed: flags (f,).  known: false where the log has a gap of more than MAX_GAP_S (f,).
+    mode: flight modes (f,).  armed: flags (f,).  armed_known: false where the log does not contain the arming state (f,).
+    known: false where the log has a gap of more than MAX_GAP_S (f,).
     """
 
     p_n: Array
@@ -50,6 +52,7 @@ class Moments:
     ref_n: Array
     mode: Sequence[str]
     armed: NDArray[np.bool_]
+    armed_known: NDArray[np.bool_]
     known: NDArray[np.bool_]
 
 
@@ -71,6 +74,7 @@ def track(flight: Flight, start_s: float, airframe: Airframe | None = None) -> T
         ref_n=np.where(flight.armed[:, None], flight.group("pos_ref"), np.nan)[rows],
         mode=[flight.mode[int(i)] for i in rows],
         armed=flight.armed[rows],
+        armed_known=flight.armed_known[rows],
         airframe=airframe or default_airframe(),
     )
 
@@ -116,6 +120,7 @@ def at(track: Track, times: Array) -> Moments:
         ref_n=track.ref_n[held],
         mode=[track.mode[int(i)] for i in held],
         armed=track.armed[held],
+        armed_known=track.armed_known[held],
         known=(gap <= MAX_GAP_S) | (share <= 0.0) | (share >= 1.0),
     )
 

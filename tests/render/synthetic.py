@@ -29,7 +29,7 @@ def circle_flight(
         name=name,
         t=t,
         t0=t0,
-        numbers={"time.seconds": t0 + t, **numbers},
+        numbers={"time.seconds": t0 + t, **numbers, "info.is_armed": armed.astype(float)},
         mode=["OFFBOARD" if a else "AUTO.LOITER" for a in armed],
         armed=armed,
         landed=~armed,
@@ -38,8 +38,9 @@ def circle_flight(
 
 def write_csv(flight: Flight, folder: Path) -> Path:
     """Write a flight as `csv/<name>.csv` in a folder, and return the path of the file."""
-    names = [*flight.numbers, "info.flight_mode", "info.is_armed", "info.is_landed"]
-    columns = [[f"{x:.6f}" for x in values] for values in flight.numbers.values()]
+    values_of = {name: values for name, values in flight.numbers.items() if not name.startswith("info.")}
+    names = [*values_of, "info.flight_mode", "info.is_armed", "info.is_landed"]
+    columns = [[f"{x:.6f}" for x in values] for values in values_of.values()]
     columns += [list(flight.mode), [str(a) for a in flight.armed], [str(a) for a in flight.landed]]
     lines = [",".join(names), *(",".join(row) for row in zip(*columns, strict=True))]
     (folder / "csv").mkdir(exist_ok=True)

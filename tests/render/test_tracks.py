@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from arena.geometry import euler_from_quat
-from arena.render.script import picture_times
+from arena.render.script import _state, picture_times
 from arena.render.tracks import at, flown_span, track
 
 from .synthetic import START_S, circle_flight
@@ -41,6 +41,14 @@ def test_mode_and_armed_flag_are_those_of_the_last_row():
     now = at(track(circle_flight(), START_S), np.array([0.0, 1.99, 2.01, 10.1]))
     assert list(now.mode) == ["AUTO.LOITER", "AUTO.LOITER", "OFFBOARD", "AUTO.LOITER"]
     assert now.armed.tolist() == [False, False, True, False]
+
+
+def test_state_without_heartbeats_is_unknown_and_not_disarmed():
+    flight = circle_flight()
+    silent = np.where(flight.t < 1.0, np.nan, flight.numbers["info.is_armed"])
+    late = dataclasses.replace(flight, numbers={**flight.numbers, "info.is_armed": silent})
+    now = at(track(late, START_S), np.array([0.5, 1.5, 5.0]))
+    assert [_state(now, k) for k in range(3)] == ["state unknown", "disarmed", "OFFBOARD"]
 
 
 def test_reference_is_shown_only_while_armed():
