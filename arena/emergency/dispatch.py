@@ -20,7 +20,7 @@ from functools import partial
 from arena.emergency.direct_link import DirectLink
 from arena.emergency.first_commands import component_for
 from arena.emergency.identity_check import IdentityCheck
-from arena.emergency.landing_sequence import Action, LandingSequence
+from arena.emergency.landing_sequence import TELEMETRY_STALE_S, Action, LandingSequence
 from arena.emergency.run_record import has_given_up, recorded_down
 from arena.emergency.targets import Target
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
@@ -125,16 +125,22 @@ class TargetConnections:
         """
         if self.landing.confirmed:
             return self.landing.settled(now)
-        limit_s = _TRY_SILENT_S if self.landing.reported.received_at is None else _TRY_DOWN_S
-        return (bool(self.down) or self.gone) and now - began > limit_s
+        gone = self.gone(now)
+        limit_s = _TRY_SILENT_S if gone or self.landing.reported.received_at is None else _TRY_DOWN_S
+        return (bool(self.down) or gone) and now - began > limit_s
 
-    @property
-    def gone(self) -> bool:
-        """True if the simulation of this vehicle has ended. A vehicle that sends telemetry is not gone."""
-        return self.world_ended and self.landing.reported.received_at is None
+    def gone(self, now: float) -> bool:
+        """Return whether the simulation of this vehicle has ended, so that the vehicle does not fly.
+
+        False for a vehicle that still sends telemetry, and for one whose last reports are not those of a landed vehicle.
+        """
+        reported = self.landing.reported.received_at
+        if not self.world_ended or self.landing.confirmed:
+            return False
+        return reported is None or (self.landing.reported_down and now - reported >= TELEMETRY_STALE_S)
 
     def result_line(self, now: float) -> str:
-        if self.gone:
+        if self.gone(now):
             return f"{self.landing.name}: does not fly: its simulation has ended"
         recorded = f"; the run records: {self.down}" if self.down and not self.landing.confirmed else ""
         return self.landing.result_line(now) + recorded
@@ -198,7 +204,7 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
     failed = [t.name for t in targets if t.name not in opened]
     for name in failed:
         say(f"{name}: NOT CONFIRMED: no connection could be opened, so no command was sent")
-    confirmed = not failed and all(c.landing.confirmed or c.gone for c in all_connections)
+    confirmed = not failed and all(c.landing.confirmed or c.gone(time.monotonic()) for c in all_connections)
     return code or (EXIT_OK if confirmed else EXIT_FAILED)
 
 

@@ -1,8 +1,9 @@
 """Commands that land or stop one vehicle, and confirmation of the landing or stop by telemetry.
 
 Pure: no sockets, no clocks.
-Only telemetry received after the start confirms a landing: a HEARTBEAT without the armed bit and an
-EXTENDED_SYS_STATE with the state on the ground. The HEARTBEAT alone confirms a stop of the motors. Acknowledgements
+Only telemetry received after the start confirms a landing: HEARTBEATs without the armed bit and an
+EXTENDED_SYS_STATE with the state on the ground. The HEARTBEATs alone confirm a stop of the motors. They must arrive over
+1 s without one that is armed, because a router that was stopped may deliver all its old messages at once. Acknowledgements
 and texts only change the texts for the user: another land-all may use the same MAVLink component id, so an
 acknowledgement may belong to a command of the other one.
 A vehicle of which a pilot takes manual control is not commanded any more (`pilot_watch`).
@@ -23,6 +24,7 @@ from arena.wire.px4_mode import AUTO_LAND, mode_words
 RETRY_S = 0.5
 REQUEST_AFTER_S = 1.0  # time after which missing telemetry is requested
 DISARM_AFTER_S = 3.0  # time on the ground after which an armed vehicle is disarmed
+DISARMED_S = 1.0  # the first and the last of the heartbeats that confirm disarming arrive so far apart
 WATCH_S = (
     2.0  # a vehicle that was on the ground from the start is watched this long: its program may arm it now
 )
@@ -43,6 +45,8 @@ class ReportedState:
     """State that the vehicle has reported since the start of land-all or kill-all; None if not reported.
 
     Times are monotonic [s].
+    disarmed_since, heartbeat_at: times of the first HEARTBEAT in the present series without the armed bit, and of the last
+        HEARTBEAT
     was_up: the vehicle was armed or off the ground at any time since the start
     """
 
@@ -51,6 +55,8 @@ class ReportedState:
     landed: bool | None = None
     mode: str | None = None
     mode_at: float | None = None
+    heartbeat_at: float | None = None
+    disarmed_since: float | None = None
     landed_since: float | None = None
     was_up: bool = False
 
@@ -67,6 +73,7 @@ class LandingSequence:
     now: monotonic [s]
     radio: a pilot may have an RC transmitter, see `PilotWatch`
     refusal: text about the last command that the vehicle refused; "" if it accepted the last one
+    confirmed: true while telemetry confirms that the vehicle has landed (or that its motors are stopped)
     """
 
     def __init__(
@@ -87,17 +94,19 @@ class LandingSequence:
         self._sender = mav.MinimalSender(EMERGENCY.system, component)
         self.component = component
         self._began = self._next_send = self._next_heartbeat = now
-        self._confirmed_at: float | None = None
+        self._down_since: float | None = None
+        self.confirmed = False
 
     @property
-    def confirmed(self) -> bool:
-        return self._confirmed_at is not None
+    def reported_down(self) -> bool:
+        """True if the last reports are those of a landed (or stopped) vehicle, although they may be old."""
+        return self._down_since is not None
 
     def settled(self, now: float) -> bool:
         """Return whether the vehicle is confirmed as landed (or stopped) and was monitored long enough."""
-        if self._confirmed_at is None:
+        if self._down_since is None or not self.confirmed:
             return False
-        return self.reported.was_up or now - self._confirmed_at >= WATCH_S
+        return self.reported.was_up or now - self._down_since >= WATCH_S
 
     def due(self, now: float) -> list[bytes]:
         """Return the MAVLink frames to send to the vehicle now: heartbeats, landing or kill commands, requests.
@@ -114,6 +123,10 @@ class LandingSequence:
                 frames += self._kill() if self.action == "kill" else self._land(now)
             if self.action == "land":
                 frames += self._missing_telemetry(now)
+            if (
+                self.reported_down
+            ):  # an answer shows whether the report was old, earlier than the next regular one
+                frames.append(self._command(mav.REQUEST_MESSAGE, mav.HEARTBEAT))
         return frames
 
     @property
@@ -152,9 +165,9 @@ class LandingSequence:
 
     def result_line(self, now: float) -> str:
         """Return one line for the user: landed, stopped, or NOT CONFIRMED with the last reported state."""
-        if self._confirmed_at is None:
+        if self._down_since is None or not self.confirmed:
             return f"{self.name}: NOT CONFIRMED: {self._last_state(now)}"
-        after = f"after {self._confirmed_at - self._began:.1f} s"
+        after = f"after {self._down_since - self._began:.1f} s"
         if self.action == "kill":
             return f"{self.name}: motors stopped {after}"
         if self.reported.was_up:
@@ -214,6 +227,11 @@ class LandingSequence:
             heartbeat = mav.parse_heartbeat(data, at)
             reported.armed = bool(heartbeat.base_mode & mav.ARMED)
             reported.mode, reported.mode_at = mode_words(heartbeat.custom_mode), now
+            reported.heartbeat_at = now
+            if reported.armed:
+                reported.disarmed_since = None
+            elif reported.disarmed_since is None:
+                reported.disarmed_since = now
             self._pilot.on_heartbeat(reported.armed, reported.mode, now)
         elif at.msgid == mav.EXTENDED_SYS_STATE:
             self._on_landed_state(mav.parse_landed_state(data, at), now)
@@ -261,7 +279,9 @@ class LandingSequence:
         reported = self.reported
         down = reported.armed is False and (self.action == "kill" or reported.landed is True)
         if not down:
-            self._confirmed_at = None
-        elif self._confirmed_at is None:
-            self._confirmed_at = now
-            self._next_send = now
+            self._down_since, self.confirmed = None, False
+            return
+        if self._down_since is None:
+            self._down_since = self._next_send = now
+        if reported.heartbeat_at is not None and reported.disarmed_since is not None:
+            self.confirmed = reported.heartbeat_at - reported.disarmed_since >= DISARMED_S

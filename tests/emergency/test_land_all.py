@@ -160,6 +160,16 @@ def test_a_silent_vehicle_whose_simulation_has_ended_does_not_fly(tmp_path, monk
     assert land([silent], timeout_s=60.0) == (0, ["uav2: does not fly: its simulation has ended"])
 
 
+def test_a_vehicle_whose_simulation_ends_with_its_landing_does_not_fly(tmp_path, monkeypatch):
+    """The run ends when all vehicles are disarmed, before a second heartbeat confirms it."""
+    monkeypatch.setattr(dispatch, "_TRY_SILENT_S", 0.3)
+    monkeypatch.setattr(dispatch, "_READ_RECORD_S", 0.1)
+    run = record(tmp_path / "run", WORLD_READY, WORLD_ENDED)
+    with Fleet([flying(1, landed=True, armed=False, period_s=60.0)], "127.74.39.1") as fleet:
+        only = dataclasses.replace(fleet.targets[0], run=run, ends_with_world=True)
+        assert land([only], timeout_s=60.0) == (0, ["uav1: does not fly: its simulation has ended"])
+
+
 @pytest.mark.parametrize(
     ("ends_with_world", "events"),
     [(True, [WORLD_READY]), (True, []), (True, [WORLD_ENDED, WORLD_READY]), (False, [WORLD_ENDED])],
@@ -298,7 +308,7 @@ def test_kill_all_stops_the_motors_in_the_air():
         code, lines = land(fleet.targets, action="kill")
     assert code == 0
     assert lines[0].startswith("uav1: motors stopped after ")
-    assert {(c.command, c.param1, c.param2) for c in fleet.autopilots[1].commands} == {(ARM, 0.0, FORCE)}
+    assert {(c.command, c.param1, c.param2) for c in fleet.autopilots[1].orders} == {(ARM, 0.0, FORCE)}
 
 
 def test_telemetry_from_another_address_confirms_nothing():

@@ -10,7 +10,7 @@ from arena.emergency.landing_sequence import LandingSequence
 
 COMPONENT = 200
 LAND, OFFBOARD, POSCTL = MODES["AUTO.LAND"], MODES["OFFBOARD"], 3 << 16
-MODE, NAV_LAND, ARM, INTERVAL = 176, 21, 400, 511
+MODE, NAV_LAND, ARM, INTERVAL, REQUEST_MESSAGE = 176, 21, 400, 511, 512
 
 
 class Scene:
@@ -93,14 +93,51 @@ def test_landed_and_disarmed_is_confirmed_with_its_time(scene):
     scene.receive(3.0, heartbeat(armed=True, mode=LAND), place(GROUND))
     assert not scene.landing.confirmed
     scene.receive(4.2, heartbeat(armed=False, mode=LAND))
-    assert scene.landing.confirmed
-    assert scene.line(5.0) == "uav1: landed and disarmed after 4.2 s"
+    assert not scene.landing.confirmed
+    scene.receive(5.2, heartbeat(armed=False, mode=LAND))
+    assert scene.landing.confirmed and scene.landing.settled(5.2)
+    assert scene.line(5.2) == "uav1: landed and disarmed after 4.2 s"
 
 
 def test_a_vehicle_on_the_ground_is_reported_as_such(scene):
     scene.receive(0.2, heartbeat(armed=False), place(GROUND))
-    assert scene.line(0.3) == "uav1: already on the ground"
-    assert scene.commands(1.0) == []
+    scene.receive(1.2, heartbeat(armed=False))
+    assert scene.line(1.3) == "uav1: already on the ground"
+    assert scene.commands(1.7) == []
+    assert not scene.landing.settled(2.1) and scene.landing.settled(2.2), "watched from the first report on"
+
+
+@pytest.mark.parametrize("action", ["land", "kill"])
+def test_old_messages_of_a_router_that_hung_confirm_nothing(action):
+    """A router that was stopped delivers at once what the vehicle sent before its take-off."""
+    scene = Scene(action)
+    scene.receive(0.2, heartbeat(armed=True), place(AIR))
+    for _ in range(10):
+        scene.receive(0.5, heartbeat(armed=False), place(GROUND))
+    scene.receive(0.6, heartbeat(armed=False), place(GROUND))
+    assert not scene.landing.confirmed
+    commands = scene.commands(0.6)
+    assert commands[0] == (MODE if action == "land" else ARM), "it is commanded further"
+    assert commands[-1] == REQUEST_MESSAGE, "the vehicle itself is asked"
+    scene.receive(1.2, heartbeat(armed=True), place(AIR))
+    scene.receive(1.7, heartbeat(armed=False), place(GROUND))
+    assert not scene.landing.confirmed, (
+        "the old and the new report are 1 s apart, with an armed one between them"
+    )
+
+
+def test_confirmation_is_not_delayed_by_more_than_the_time_of_its_heartbeats(scene):
+    """Heartbeats are requested, so the confirmation does not wait for the period of the vehicle."""
+    scene.receive(0.2, heartbeat(armed=True), place(AIR))
+    scene.receive(5.0, heartbeat(armed=False, mode=LAND), place(GROUND))
+    requests = []
+    for hundredth in range(500, 640):
+        at = hundredth / 100
+        if REQUEST_MESSAGE in scene.commands(at):
+            requests.append(at)
+            scene.receive(at + 0.01, heartbeat(armed=False, mode=LAND))
+    assert requests == pytest.approx([5.0, 5.5, 6.0])
+    assert scene.landing.confirmed
 
 
 @pytest.mark.parametrize(
@@ -172,11 +209,12 @@ def test_acknowledgements_for_others_are_ignored(scene, message):
 
 
 def test_a_vehicle_armed_again_is_landed_again(scene):
-    scene.receive(0.2, heartbeat(armed=False), place(GROUND))
+    for second in (0.2, 1.2):
+        scene.receive(second, heartbeat(armed=False), place(GROUND))
     assert scene.landing.confirmed
-    scene.receive(1.0, heartbeat(armed=True))
+    scene.receive(2.0, heartbeat(armed=True))
     assert not scene.landing.confirmed
-    assert MODE in scene.commands(1.1)
+    assert MODE in scene.commands(2.1)
 
 
 def test_missing_telemetry_is_reported_as_unknown(scene):
@@ -194,8 +232,10 @@ def test_kill_forces_the_motors_off_until_confirmed():
     scene.receive(0.3, heartbeat(armed=True), place(AIR))
     assert scene.commands(0.5) == [ARM]
     scene.receive(0.8, heartbeat(armed=False))
+    assert ARM in scene.commands(1.0), "the report may be old"
+    scene.receive(1.8, heartbeat(armed=False))
     assert scene.landing.confirmed
-    assert scene.line(1.0) == "uav1: motors stopped after 0.8 s"
+    assert scene.line(2.0) == "uav1: motors stopped after 0.8 s"
 
 
 # review fault 5
@@ -227,8 +267,9 @@ def test_the_pilots_landing_is_reported_by_the_autopilot(scene):
     scene.receive(9.0, heartbeat(armed=True, mode=POSCTL), place(GROUND))
     assert not scene.landing.confirmed
     assert scene.commands(13.0) == [], "an armed vehicle on the ground is the pilot's too"
-    scene.receive(14.0, heartbeat(armed=False, mode=POSCTL))
-    assert scene.line(14.0) == "uav1: landed and disarmed after 14.0 s"
+    for second in (14.0, 15.0):
+        scene.receive(second, heartbeat(armed=False, mode=POSCTL))
+    assert scene.line(15.0) == "uav1: landed and disarmed after 14.0 s"
 
 
 def test_a_vehicle_is_not_commanded_directly_while_a_pilot_may_have_control(scene):
