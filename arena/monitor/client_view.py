@@ -16,6 +16,7 @@ from arena.live_view import FleetSnapshot
 from arena.monitor.commands import Action, Commands
 from arena.monitor.history import BY_TITLE, QUANTITIES, History, Quantity, plot
 from arena.monitor.poses import world_positions
+from arena.monitor.tables import plots_html
 
 if TYPE_CHECKING:
     import viser
@@ -72,6 +73,7 @@ class ClientView:
         panel = gui.add_panel()
         tab = panel.add_tab("Plots", Icon.CHART_LINE)
         with tab:
+            self._plotted = gui.add_html(plots_html(names[0], 0), order=0.0)
             gui.add_html(HIDE_AXIS, order=100.0)
         self._plots = [_Plot(gui, tab, k + 1, title) for k, title in enumerate(FIRST_PLOTS)]
         panel.dock_left()
@@ -121,6 +123,7 @@ class ClientView:
     def _on_vehicle(self) -> None:
         self._hold.label = f"HOLD {self._vehicle.value}"
         self._land.label = f"LAND {self._vehicle.value}"
+        self._plotted.content = plots_html(self._vehicle.value, self.row)
         self._stop_following()
 
     def _stop_following(self) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from arena.live_view import Event, FleetSnapshot, ProcessRow, Snapshot
-from arena.monitor.colours import BAD, DIM, GOOD, KINDS, WARN, css
+from arena.monitor.colours import BAD, DIM, GOOD, WARN, css, trail
 from arena.monitor.commands import WORDS, Command
 
 OLD_POSE_S = 0.2
@@ -65,8 +65,18 @@ def status_html(snapshot: Snapshot | None, waiting_for: str) -> str:
     return _block(text)
 
 
+def _dot(row: int) -> str:
+    """Return a dot in the colour of a vehicle's flown path, as HTML. row: index of the vehicle."""
+    return f'<span style="color:{css(trail(row))}" title="colour of its flown path">&#9679;</span>'
+
+
+def plots_html(name: str, row: int) -> str:
+    """Return the heading of the plots as HTML: the name of the plotted vehicle. row: index of the vehicle."""
+    return _block(f"{_dot(row)} <b>{escape(name)}</b>")
+
+
 def vehicles_html(fleet: FleetSnapshot, *, most: int = 250) -> str:
-    """Return the HTML table of vehicles: kind, mode, height, battery and pose age.
+    """Return the HTML table of vehicles: colour of the flown path, mode, height, battery and pose age.
 
     most: largest number of rows.
     """
@@ -75,8 +85,6 @@ def vehicles_html(fleet: FleetSnapshot, *, most: int = 250) -> str:
 
 
 def _vehicle_row(fleet: FleetSnapshot, i: int) -> Sequence[str]:
-    kind = fleet.kinds[i]
-    dot = f'<span style="color:{css(KINDS[kind])}" title="{kind}">&#9679;</span>'
     silent = fleet.silent_s[i] > SILENT_S
     mode = (
         _coloured(fleet.modes[i] or "no heartbeat", BAD if silent else "")
@@ -91,7 +99,7 @@ def _vehicle_row(fleet: FleetSnapshot, i: int) -> Sequence[str]:
     battery, age = fleet.battery[i], fleet.pose_age_s[i]
     colour = BAD if battery < EMPTY_BATTERY else WARN if battery < LOW_BATTERY else ""
     return (
-        f"{dot} {escape(fleet.names[i])}",
+        f"{_dot(i)} {escape(fleet.names[i])}",
         mode,
         _figure(-fleet.p_n[i, 2], ".2f", "m"),
         _coloured(_figure(battery, ".0f", "%"), colour),

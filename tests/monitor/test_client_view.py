@@ -81,3 +81,16 @@ def test_buttons_command_nothing_without_a_run(page):
         browser.press(button)
     assert runs.given == [] and "Cancel" not in browser.on_click
     assert browser.notes() == 4, "a button that does nothing says so"
+
+
+def test_plots_name_their_vehicle():
+    browser = Browser()
+    heading = MagicMock()
+    browser.client.gui.add_html.side_effect = lambda content, **_: (
+        heading if "uav1" in content else MagicMock()
+    )
+    view = ClientView(browser.client, Runs(), vehicles=["uav1", "uav2"], run=lambda: None)
+    assert browser.client.gui.add_html.call_args_list[0].args[0].endswith("<b>uav1</b></div>")
+    view._vehicle.value = "uav2"
+    view._on_vehicle()
+    assert "<b>uav2</b>" in heading.content

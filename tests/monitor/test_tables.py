@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from fleets import fleet, snapshot
 
 from arena.live_view import Event, ProcessRow
 from arena.monitor import tables
+from arena.monitor.colours import css, trail
 from arena.monitor.commands import Command
 
 
@@ -32,6 +35,12 @@ def test_status_says_why_there_is_no_arena():
 def test_vehicles_table_has_unknown_values_as_dashes():
     html = tables.vehicles_html(fleet(1, p_n=np.full((1, 3), np.nan), battery=np.array([np.nan])))
     assert html.count(">-<") == 2 and "1.00 m" in tables.vehicles_html(fleet(1))
+
+
+def test_each_vehicle_has_a_dot_in_the_colour_of_its_path():
+    html = tables.vehicles_html(fleet(3))
+    dots = re.findall(r'color:(#\w+)" title="colour of its flown path"', html)
+    assert dots == [css(trail(i)) for i in range(3)] and len(set(dots)) == 3
 
 
 def test_control_of_another_than_the_program_is_shown():
