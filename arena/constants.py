@@ -17,6 +17,9 @@ RUN_FOLDER, RUNTIME_FOLDER, OPEN_BRACE = "{run}", "{rt}", "{brace}"
 `{brace}` stands for `{` before a text that would otherwise be such a placeholder.
 """
 
+REPORT_PROGRESS = "progress: "
+"""Beginning of an output line of the report task that names its present step. `arena up` shows the step."""
+
 MAX_ROTORS = 8
 """Largest number of rotors of a vehicle."""
 

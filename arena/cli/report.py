@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -69,8 +70,13 @@ def _report(run: Path, output: Path | None) -> Path:
         raise InputError(f"{run}: not a run folder. `arena runs` lists run folders")
     if output is not None:
         return write_page(read_run(run), output)
-    write_report(run)
+    write_report(run, _show if sys.stderr.isatty() else lambda _: None)
     return run / PAGE
+
+
+def _show(step: str) -> None:
+    """Print the present step of the report on the terminal. stdout contains only the path of the page."""
+    print(f"{step} ...", file=sys.stderr, flush=True)
 
 
 def _compare(run: str, other: str, output: Path, align: str) -> Path:

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from arena.constants import REPORT_PROGRESS
 from arena.errors import InputError
 from arena.flight_log.csv_file import write_csv
 from arena.flight_log.flight import Flight
@@ -67,20 +68,25 @@ def main(argv: list[str] | None = None) -> int:
     if len(arguments) != 1 or not Path(arguments[0]).is_dir():
         print("report: expected one argument: the path of a run folder", file=sys.stderr)
         return 2
-    print(report(Path(arguments[0])))
+    print(report(Path(arguments[0]), lambda step: print(f"{REPORT_PROGRESS}{step}", flush=True)))
     return 0
 
 
-def report(folder: Path) -> str:
-    """Write report.html, summary.json and summary.txt into the run folder. Return the text of summary.txt."""
+def report(folder: Path, progress: Callable[[str], None] = lambda _: None) -> str:
+    """Write report.html, summary.json and summary.txt into the run folder. Return the text of summary.txt.
+
+    progress: called at the begin of each step, with a text about the step for the user.
+    """
+    progress("reading the record")
     broken = _complete(folder)
     run = read_run(folder)
     run.missing.extend(broken)
-    _write_logs(run)
+    _write_logs(run, progress)
     summary = {
         **summarise(run.names, run.flights, run.outcome, run.missing, disarmed_vehicles(run), run.origin_s),
         "px4": _px4(folder, run.plan, run.outcome),
     }
+    progress(f"drawing report.html: {_vehicles(len(run.flights))}")
     text = _write(folder, summary)  # first, because a page that cannot be made must not cost the summary
     write_page(run)
     return text
@@ -96,7 +102,11 @@ def _complete(folder: Path) -> list[str]:
     return []
 
 
-def _write_logs(run: RunData) -> None:
+def _vehicles(count: int) -> str:
+    return "1 vehicle" if count == 1 else f"{count} vehicles"
+
+
+def _write_logs(run: RunData, progress: Callable[[str], None]) -> None:
     """Write `csv/<vehicle>.csv` and `tlog/<vehicle>.tlog` for each vehicle, computed from flight.mcap.
 
     Runs without flight.mcap get no files.
@@ -105,8 +115,10 @@ def _write_logs(run: RunData) -> None:
         return
     try:
         (run.folder / CSV_FOLDER).mkdir(exist_ok=True)
-        for flight in run.flights.values():
+        for number, flight in enumerate(run.flights.values(), 1):
+            progress(f"writing {CSV_FOLDER}/{flight.name}.csv ({number} of {len(run.flights)})")
             write_csv(run.folder / CSV_FOLDER / f"{flight.name}.csv", flight)
+        progress(f"writing {TLOG_FOLDER}/*.tlog: {_vehicles(len(run.flights))}")
         write_tlog_files(run.folder)
     except (InputError, OSError) as error:
         run.missing.append(f"{CSV_FOLDER}, {TLOG_FOLDER}: {error}")

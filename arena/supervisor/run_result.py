@@ -8,6 +8,7 @@ from datetime import datetime
 from functools import partial
 
 from arena.background_writer import BackgroundWriter
+from arena.constants import REPORT_PROGRESS
 from arena.errors import EXIT_OK
 from arena.plan.model import Plan
 from arena.supervisor import run_end
@@ -23,6 +24,8 @@ from arena.supervisor.side_task import SideTask
 
 OUTCOME_TIMEOUT_S = 5.0
 REPORT_TIMEOUT_S = 120.0
+PROGRESS_S = 3.0
+"""Period with which the present step of the report is shown [s]. A short report shows none."""
 
 
 class RunResult:
@@ -50,6 +53,8 @@ class RunResult:
         self._began, self._began_wall = time.monotonic(), datetime.now().astimezone()
         self.exit_code = EXIT_OK
         self.task: SideTask | None = None
+        self._doing = self._report_step = ""
+        self._report_began = self._shown_at = 0.0
 
     def write(self, end: End, landing: LandingTask, until_done: bool, now: float) -> None:
         """Determine the exit code, log every failure, and begin to write outcome.json.
@@ -115,10 +120,14 @@ class RunResult:
         """Start the report task. Return False if the plan has no report task or the start fails."""
         if self._plan.report is None:
             return False
-        what = "making the report: logs, summary and report.html"
-        self._log.show(Message(text=what if self._plan.report.name == "report" else "writing the logs"))
+        whole = self._plan.report.name == "report"
+        self._doing = "making the report" if whole else "writing the logs"
+        self._log.show(
+            Message(text=f"{self._doing}: logs, summary and report.html" if whole else self._doing)
+        )
+        self._report_began = self._shown_at = now
         forks = self._processes.forks
-        begun = SideTask.start(self._plan.report, self._folder, REPORT_TIMEOUT_S, now, _ignore, forks)
+        begun = SideTask.start(self._plan.report, self._folder, REPORT_TIMEOUT_S, now, self._on_line, forks)
         if isinstance(begun, Exit):
             self._event(f"no report: {begun.text}")
             return False
@@ -128,19 +137,31 @@ class RunResult:
     def _report_ended(self, task: SideTask, now: float) -> bool:
         """Return True when the report task has ended."""
         exit = task.poll(now)
-        if exit is not None and exit.code:
+        if exit is None:
+            self._show_progress(now)
+        elif exit.code:
             self._event(
                 f"the report failed: {exit.text}; make it again with `arena report {self._folder.path}` "
                 f"(log: {self._folder.log(task.name)})"
             )
         return exit is not None
 
+    def _on_line(self, text: str) -> None:
+        """Store the present step of the report task, from a line of its output.
+
+        Other lines are ignored: the task's log file contains them, and `arena up` prints the summary.
+        """
+        _, is_step, step = text.partition(REPORT_PROGRESS)
+        if is_step:
+            self._report_step = step
+
+    def _show_progress(self, now: float) -> None:
+        """Show the present step of the report task once every PROGRESS_S."""
+        if now - self._shown_at < PROGRESS_S:
+            return
+        self._shown_at = now
+        step = f": {self._report_step}" if self._report_step else ""
+        self._log.show(Message(text=f"{self._doing}{step} ({now - self._report_began:.0f} s)"))
+
     def _event(self, text: str) -> None:
         self._log.event(time.monotonic(), "arena", text)
-
-
-def _ignore(text: str) -> None:
-    """Ignore an output line of the report task.
-
-    The task's log file contains the line, and `arena up` prints the summary.
-    """

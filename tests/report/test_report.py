@@ -37,6 +37,12 @@ def test_figures_are_those_of_the_flight(whole):
     assert whole[2]["vehicles"]["uav2"]["airborne_after_s"] == 7.0
 
 
+def test_steps_of_the_report_are_shown_while_it_is_made(tmp_path):
+    steps = []
+    report(make_run(tmp_path / "run", vehicles=2), steps.append)
+    assert steps == ["reading the record", "drawing report.html: 2 vehicles"], "the run has no record"
+
+
 def test_text_has_the_main_figures(whole):
     assert whole[1] == (whole[0] / "summary.txt").read_text().rstrip("\n")
     for words in ("uav2", "0.050", "landed", "p99 0.40 ms", "0.998", "exit 0", "AUTO.LAND"):

@@ -324,3 +324,13 @@ def test_report_that_ctrl_c_ended_gives_this_reason_and_the_command_to_repeat_it
         f"the report failed: ended by Ctrl-C: killed by SIGKILL; make it again with `arena report {run.folder}`"
         in run.said()
     )
+
+
+def test_long_report_shows_its_present_step(start):
+    code = "import time; print('progress: writing csv/uav3.csv (3 of 10)', flush=True); time.sleep(600)"
+    report = spec("report", "", argv=(sys.executable, "-c", code), kind="task")
+    run = start(plan_of(program("p", "exits", "0"), report=report), "until_done")
+    run.until_said("making the report: writing csv/uav3.csv (3 of 10) (")
+    run.signal(signal.SIGINT)
+    run.wait()
+    assert "progress:" not in run.said()
