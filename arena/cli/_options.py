@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from arena.errors import InputError
+
 Jobs = Annotated[
     int | None,
     typer.Option(
@@ -35,6 +37,19 @@ Verbose = Annotated[
     typer.Option("-v", "--verbose", help="print every start and stop of a process, and the full summary"),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="print one JSON object per line, for other programs")]
+
+
+def speed_of(text: str) -> float | str:
+    """Return the value of an option --speed: a number above 0 and at most 1000, or `max`. Raises InputError for another text."""
+    if text == "max":
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value <= 1000.0:
+        raise InputError(f"--speed: got {text}, expected a number above 0 and at most 1000, or max")
+    return value
 
 
 def jobs_or_cores(jobs: int | None) -> int:

@@ -12,10 +12,10 @@ from arena.plan.model import Plan, ProcessSpec
 from arena.plan.open_ports import MONITOR_COMMAND
 
 
-def with_page(plan: Plan) -> tuple[Plan, str]:
-    """Return the plan with an address for the live page, and a line with the URL for the terminal.
+def with_page(plan: Plan, *, url: bool) -> tuple[Plan, str]:
+    """Return the plan with an address for the live page, and a line for the terminal.
 
-    The line is "" if the arena has no page.
+    The line says why there is no page. If there is one, the line contains its URL with `url`, and is "" without.
 
     Without viser, or without a free port, the plan is returned without the page: a flight does not need it.
     """
@@ -28,7 +28,8 @@ def with_page(plan: Plan) -> tuple[Plan, str]:
         why = "the package viser is not installed: pip install 'flying-arena[monitor]'"
         return _without(plan, spec), f"no page: {why}"
     if "--host" in spec.argv or "--port" in spec.argv:
-        return plan, f"watch live: the log of {spec.name} contains the URL (`arena logs {spec.name}`)"
+        where = f"watch live: the log of {spec.name} contains the URL (`arena logs {spec.name}`)"
+        return plan, where if url else ""
     from arena.monitor.server import free_port
 
     host = plan.address if ipaddress.ip_address(plan.address).is_loopback else "127.0.0.1"
@@ -38,7 +39,8 @@ def with_page(plan: Plan) -> tuple[Plan, str]:
         return _without(plan, spec), f"no page: {error}"
     placed = dataclasses.replace(spec, argv=(*spec.argv, "--host", host, "--port", str(port)))
     processes = tuple(placed if p is spec else p for p in plan.processes)
-    return dataclasses.replace(plan, processes=processes), f"watch live: http://{host}:{port}/"
+    line = f"watch live, when the page has started: http://{host}:{port}/" if url else ""
+    return dataclasses.replace(plan, processes=processes), line
 
 
 def _without(plan: Plan, spec: ProcessSpec) -> Plan:

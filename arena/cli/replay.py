@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from arena.cli._options import AsJson, NoReport, Quiet, TimeLimit, Verbose
+from arena.cli._options import AsJson, NoReport, Quiet, TimeLimit, Verbose, speed_of
 from arena.errors import InputError
 from arena.supervisor import Options, active_runs, create, plan_of
 
@@ -111,7 +111,7 @@ def register(app: typer.Typer) -> None:
         found = settings_of(paths)
         changed = dataclasses.replace(
             found,
-            speed=_speed(speed),
+            speed=speed_of(speed),
             from_s=from_s,
             loop=loop,
             paused=pause,
@@ -185,15 +185,3 @@ def _real_vehicles_run() -> bool:
             file=sys.stderr,
         )
     return found
-
-
-def _speed(text: str) -> float | str:
-    if text == "max":
-        return text
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value <= 1000.0:
-        raise InputError(f"--speed: got {text}, expected a number above 0 and at most 1000, or max")
-    return value

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from arena.cli._options import Jobs, jobs_or_cores
+from arena.cli._options import Jobs, jobs_or_cores, speed_of
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, InputError
 
 if TYPE_CHECKING:
@@ -81,6 +81,7 @@ def register(app: typer.Typer) -> None:
         from arena.kernels import INTERPRETED
         from arena.smoke.flying.fly_scenario import FlightOptions
 
+        speed_of(speed)  # its error names --speed, and not --set
         seeds = [] if seed is None else [f"world.seed={seed}", f"mocap.seed={seed}"]
         found = load(files(scenarios), [*(set_ or []), f"sim.speed={speed}", *seeds])
         if list_:

@@ -18,7 +18,7 @@ import typer
 
 from arena.cli._arena import at_free_address, clock_notes, copilot_notes, not_possible, without_effect
 from arena.cli._consent import ask_consent
-from arena.cli._options import AsJson, NoReport, Quiet, TimeLimit, Verbose
+from arena.cli._options import AsJson, NoReport, Quiet, TimeLimit, Verbose, speed_of
 from arena.cli._page import with_page
 from arena.cli._running import user_name
 from arena.errors import EXIT_FAILED, EXIT_OK, InputError, RunError
@@ -154,8 +154,11 @@ def register(app: typer.Typer) -> None:
         overrides += ["log.foxglove=true"] if foxglove else []
         overrides += ["tools.monitor=true"] if monitor else []
         overrides += [f"world.seed={seed}", f"mocap.seed={seed}"] if seed is not None else []
-        overrides += [f"sim.speed={speed}"] if speed is not None else []
-        plan, page = with_page(_plan(file, overrides))
+        if speed is not None:
+            speed_of(speed)  # its error names --speed, and not --set
+            overrides.append(f"sim.speed={speed}")
+        # in the foreground, the page reports its URL as an event, when it answers
+        plan, page = with_page(_plan(file, overrides), url=detach or quiet or as_json)
         for line in (*open_lines(plan), *([page] if page else [])):
             print(line, file=sys.stderr if as_json or quiet else sys.stdout, flush=True)
         consent = ask_consent(plan, yes=yes)

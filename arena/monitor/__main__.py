@@ -16,6 +16,7 @@ from pathlib import Path
 
 from arena.constants import MONITOR_PORT
 from arena.errors import EXIT_OK, ArenaError, InputError
+from arena.process_context import ProcessContext, supervisor_socket
 
 HOST = "127.0.0.1"
 """Address of the page, unless the user chooses another one."""
@@ -29,7 +30,7 @@ def serve(
 
     run: folder of the run to watch; None for the only running arena.  port: the next free port is used if it is taken.
     token: require a token on a loopback address, too.
-    say: called with the URL of the page.
+    say: called with the URL of the page when the page answers, and with the reason if there is no arena to show.
     Raises InputError if viser is not installed or the address is wrong, RunError if no port is free.
     """
     if importlib.util.find_spec("viser") is None:
@@ -42,11 +43,19 @@ def serve(
     access_for(host, port)  # reports a wrong address before a port is searched
     access = access_for(host, free_port(host, port), token=token)
     server, feed = open_server(access), LiveFeed(run)
+    feed.poll()
+    empty = feed.waiting_for
     stop = threading.Event()
     drawing = asyncio.run_coroutine_threadsafe(show(server, feed), server.get_event_loop())
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
+    # a URL with a token is a secret, and the supervisor writes events into files that are shared
+    shown = "the log of this process contains the URL" if access.token else access.url
+    process = ProcessContext("monitor", {}, supervisor_socket())
+    process.event(f"watch live: {shown}")
     say(f"watch the arena: {access.url}")
+    if empty and not process.supervised:
+        say(f"the page is still empty: {empty}")
     stop.wait()
     drawing.cancel()
     feed.close()

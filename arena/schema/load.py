@@ -32,6 +32,11 @@ def load_arena(path: str | Path, overrides: Sequence[str] = (), files: Files | N
     """
     if Path(path).is_dir():
         path = Path(path) / "arena.yaml"
+    if Path(path).suffix == ".py":
+        raise InputError(
+            f"{path}: is a Python program, not the YAML file of an arena. Write it in a YAML file, such as "
+            f"`vehicles: {{uav1: {{program: {Path(path).name}}}}}`, and give that file"
+        )
     return arena_of(load_yaml(path), overrides, files)
 
 

@@ -328,6 +328,12 @@ OTHER_NAMES: Mapping[str, str] = {
     "ros": "Write `tools: {ros2: true}`, or use MAVLink at the vehicle's SDK port",
 }
 """Keys that a user may look for and that do not exist, because the feature has another name -> what to use."""
+LIST_ITEMS: Mapping[tuple[str, str], str] = {
+    ("world", "size"): "north, east, height [m]",
+    ("world", "wind_m_s"): "wind to the north, east, down [m/s]",
+    ("start", "position"): "north, east, down [m]",
+}
+"""Items of the lists of 3 numbers: last two parts of the key -> names of the items with their unit, for messages."""
 PLANNED_VALUES: Mapping[tuple[str, str], str] = {
     ("autopilot", "ardupilot"): "Use px4 or builtin",
     ("source", "qualisys"): "Use emulator or natnet",

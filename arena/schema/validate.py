@@ -19,7 +19,7 @@ from pydantic_core import ErrorDetails
 from arena.errors import Problem
 from arena.schema.base import Strict
 from arena.schema.loader import YamlPath, dotted
-from arena.schema.models import OTHER_NAMES, PLANNED_KEYS, PLANNED_VALUES
+from arena.schema.models import LIST_ITEMS, OTHER_NAMES, PLANNED_KEYS, PLANNED_VALUES
 from arena.schema.source import Source, as_list, near, show
 
 _MOST_ROUNDS = 20
@@ -58,7 +58,8 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
                     _prune(data, path, missing=detail["type"] == "missing")
                 )  # missing because it was removed as wrong; already reported
                 continue
-            problems.append(source.problem(path, _sentence(kind, path, detail)))
+            item = detail["type"] == "missing" and path and isinstance(path[-1], int)
+            problems.append(source.problem(path[:-1] if item else path, _sentence(kind, path, detail)))
             pruned.add(_prune(data, path, missing=detail["type"] == "missing"))
         if () in pruned:
             break
@@ -102,12 +103,12 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
         return f"{path[-1]} is not available yet. {PLANNED_KEYS[str(path[-1])]}."
     if type_ == "extra_forbidden" and path[-1] in OTHER_NAMES:
         return f"unknown key. {OTHER_NAMES[str(path[-1])]}."
-    if isinstance(got, str) and (path[-1], got) in PLANNED_VALUES:
+    if isinstance(got, str) and path and (path[-1], got) in PLANNED_VALUES:
         return f"{got} is not available yet. {PLANNED_VALUES[str(path[-1]), got]}."
     if type_ == "extra_forbidden":
         return f"unknown key. {_instead(kind, path)}"
-    if (type_ == "missing" and isinstance(path[-1], int)) or type_ == "too_long":
-        return f"got {show(got)}, expected a list of 3."
+    if expected := _list_expected(path, type_):
+        return f"got {show(got)}, expected {expected}."
     if type_ == "missing":
         return "is missing" + (". Give at least one vehicle" if path == ("vehicles",) else "")
     expected = _expected(kind, path, detail)
@@ -121,11 +122,28 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
     return f"got {show(got)}, expected {expected}." + (hint if hint.startswith(" Did") else "")
 
 
+def _list_expected(path: YamlPath, type_: str) -> str:
+    """Return which list a key expects, such as `a list of 3 numbers: north, east, height [m]`; "" if it is not wrong as a list.
+
+    path: that of the key, or of a missing item. type_: pydantic's type of the error.
+    """
+    too_short = type_ == "missing" and bool(path) and isinstance(path[-1], int)
+    key = path[:-1] if too_short else path
+    items = LIST_ITEMS.get((str(key[-2]), str(key[-1]))) if len(key) > 1 else None
+    if too_short or type_ == "too_long" or (type_ == "tuple_type" and items):
+        return f"a list of 3 numbers: {items}" if items else "a list of 3"
+    return ""
+
+
 def _instead(kind: type[BaseModel], path: YamlPath) -> str:
     """Return a hint for an unknown key, such as a similar key.
 
-    The hint names the section that has this key, if there is exactly one, else the most similar key.
+    The hint names the section that has this key, if there is exactly one, else the most similar key. Sections below that of the
+    wrong key come first: `restart` of a vehicle is a key of its program. The sections of a tool are those of special tools.
     """
+    below = [keys for keys in _below(_kind_at(kind, path[:-1])) if keys[-1] == path[-1]]
+    if len(below) == 1 and path[0] != "tools":
+        return f"Did you mean {dotted((*path[:-1], *below[0]))}?"
     elsewhere = [keys for keys in _below(kind) if len(keys) > len(path) and keys[-len(path) :] == path]
     if len(elsewhere) == 1:
         return f"Did you mean {dotted(elsewhere[0])}?"
@@ -184,6 +202,12 @@ def _expected(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
 
 def keys_at(kind: Any, path: YamlPath) -> list[str]:
     """Return the keys that the model allows at a YAML path. `vehicles.uav1` gives the keys of a vehicle."""
+    found = _model_of(_kind_at(kind, path))
+    return list(found.model_fields) if found is not None else []
+
+
+def _kind_at(kind: Any, path: YamlPath) -> Any:
+    """Return the type of the value that the model allows at a YAML path; None for an unknown path."""
     for part in path:
         model = _model_of(kind)
         field = model.model_fields.get(str(part)) if model is not None else None
@@ -192,9 +216,8 @@ def keys_at(kind: Any, path: YamlPath) -> list[str]:
         elif _value_type(kind) is not None:
             kind = _value_type(kind)
         else:
-            return []
-    found = _model_of(kind)
-    return list(found.model_fields) if found is not None else []
+            return None
+    return kind
 
 
 def _model_of(kind: Any) -> type[BaseModel] | None:

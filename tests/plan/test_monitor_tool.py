@@ -68,20 +68,22 @@ def test_other_tools_cannot_be_true(tmp_path):
 
 def test_url_is_known_before_the_start(tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
-    placed, line = with_page(plan_of(tmp_path, "tools: {monitor: true}"))
+    plan = plan_of(tmp_path, "tools: {monitor: true}")
+    placed, line = with_page(plan, url=True)
     host, port = tool(placed).argv[-3], tool(placed).argv[-1]
-    assert line == f"watch live: http://{host}:{port}/" and host == "127.0.0.1"
+    assert line == f"watch live, when the page has started: http://{host}:{port}/" and host == "127.0.0.1"
+    assert with_page(plan, url=False)[1] == "", "the page itself reports its URL when it answers"
     plain = plan_of(tmp_path, "")
-    assert with_page(plain) == (plain, "")
+    assert with_page(plain, url=True) == (plain, "")
 
 
 def test_page_of_an_open_arena_stays_on_loopback(tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
     plan = dataclasses.replace(plan_of(tmp_path, "tools: {monitor: true}"), address="192.168.1.4")
-    assert "--host 127.0.0.1" in " ".join(tool(with_page(plan)[0]).argv)
+    assert "--host 127.0.0.1" in " ".join(tool(with_page(plan, url=True)[0]).argv)
 
 
 def test_flight_without_viser_has_no_page(tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    plan, line = with_page(plan_of(tmp_path, "tools: {monitor: true}"))
+    plan, line = with_page(plan_of(tmp_path, "tools: {monitor: true}"), url=False)
     assert tool(plan) is None and line.startswith("no page: the package viser is not installed")

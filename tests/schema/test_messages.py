@@ -20,6 +20,26 @@ GOLDEN: dict[str, tuple[str, list[str]]] = {
         V + "{profle: iris}\n",
         ["arena.yaml:2: vehicles.uav1.profle: unknown key. Did you mean profile?"],
     ),
+    "key of the program at the vehicle": (
+        V + "{program: hover.py, restart: alway}\n",
+        ["arena.yaml:2: vehicles.uav1.restart: unknown key. Did you mean vehicles.uav1.program.restart?"],
+    ),
+    "key of a start at the vehicle": (
+        V + "{position: [0, 0, 0]}\n",
+        ["arena.yaml:2: vehicles.uav1.position: unknown key. Did you mean vehicles.uav1.start.position?"],
+    ),
+    "room without a height": (
+        "world: {size: [4, 4]}\n" + V + "{}\n",
+        ["arena.yaml:1: world.size: got [4, 4], expected a list of 3 numbers: north, east, height [m]."],
+    ),
+    "room as a text": (
+        "world: {size: 4x4x3}\n" + V + "{}\n",
+        ["arena.yaml:1: world.size: got '4x4x3', expected a list of 3 numbers: north, east, height [m]."],
+    ),
+    "text in place of the keys": (
+        "just text\n",
+        ["arena.yaml:1: got 'just text', expected a mapping with keys such as name, address, world, sim."],
+    ),
     "planned key of a vehicle": (
         V + "{camera: front}\n",
         [
@@ -200,3 +220,13 @@ def test_parameter_of_a_params_file_is_not_judged(folder: Path) -> None:
 def test_unknown_parameter_of_a_module_of_its_own_is_allowed_on_hardware(folder: Path) -> None:
     Path("arena.yaml").write_text(f"{NATNET}{V}{{{HARDWARE}, params: {{ZZ_MY_GAIN: 1}}}}\n")
     make_plan(load_arena("arena.yaml"))
+
+
+def test_program_in_place_of_an_arena_is_named_in_one_line(tmp_path: Path) -> None:
+    program = tmp_path / "hover.py"
+    program.write_text("from arena.uav import UAV\n")
+    with pytest.raises(
+        InputError, match=r"hover\.py: is a Python program, not the YAML file of an arena"
+    ) as error:
+        load_arena(program)
+    assert "\n" not in str(error.value) and "program: hover.py" in str(error.value)
