@@ -84,14 +84,15 @@ def short_table(run: Path) -> Table | None:
         return None
     table = Table(box=None, pad_edge=False)
     table.add_column("vehicle", no_wrap=True)
-    for name in ("airborne s", "max height m", "tracking rms m", "battery %"):
+    for name in ("in the air s", "max height m", "tracking rms m", "battery %"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("result")
     for name, found in vehicles.items():
         judged = found.get("verdict") or {}
         table.add_row(
             name,
-            _figure(judged.get("airborne_s"), ".1f"),
+            # reports of older versions have only the time of the simulated world
+            _figure(found.get("in_air_s", judged.get("airborne_s")), ".1f"),
             _figure(judged.get("max_height_m"), ".2f"),
             _figure((found.get("tracking") or {}).get("rms_m"), ".3f"),
             _figure(found.get("battery_end"), ".0f"),

@@ -16,7 +16,14 @@ from arena.flight_log.flight import Flight
 from arena.geometry import Array
 from arena.report.happenings import estimated, tracked
 from arena.report.held_setpoints import Spans, constant_spans, last_row_of_held_setpoint, setpoints
-from arena.report.landings import FELL_M, fall_after_disarming, landing_drift, last_touchdown
+from arena.report.landings import (
+    FELL_M,
+    air_time_s,
+    fall_after_disarming,
+    flown_times,
+    landing_drift,
+    last_touchdown,
+)
 
 
 def analyse(flight: Flight, *, disarmed: bool | None = None, first_row_s: float = 0.0) -> dict[str, Any]:
@@ -25,13 +32,15 @@ def analyse(flight: Flight, *, disarmed: bool | None = None, first_row_s: float 
     disarmed: whether the vehicle was disarmed at the end; None: as in the last row of the log.
     first_row_s: time of the first row on the time axis of the results [s].
     """
-    spans = constant_spans(flight)
+    spans, flights = constant_spans(flight), flown_times(flight)
     found: dict[str, Any] = {
         "rows": int(flight.t.size),
         "duration_s": _round(flight.t[-1], 2),
         "log_hz": _round(_rate(flight), 2),
         "judged_by": flight.position_source,
         "flown": bool(flight.armed.any()),
+        "took_off_s": _round(flight.t[flights[0][0]] + first_row_s, 3) if flights else None,
+        "in_air_s": _round(air_time_s(flight), 2),
         "tracking": tracking(flight),
         "setpoints": setpoints(flight, spans),
         "landing": landing(flight, not flight.armed[-1] if disarmed is None else disarmed, spans),

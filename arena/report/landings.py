@@ -96,6 +96,11 @@ def touchdown_row(flight: Flight, first: int, last: int) -> int:
     return min(last, first + int(above[-1]) + 1) if above.size else last
 
 
+def air_time_s(flight: Flight) -> float:
+    """Return how long a vehicle was in the air: from take-off to touchdown, sum of all flights in a log [s]."""
+    return sum(float(flight.t[touchdown_row(flight, a, b)] - flight.t[a]) for a, b in flown_times(flight))
+
+
 def last_touchdown(flight: Flight) -> int | None:
     """Return the log row of the last touchdown, or None if the vehicle did not fly or did not land."""
     spans = flown_times(flight)

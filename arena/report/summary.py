@@ -48,7 +48,7 @@ def _real_time(s: Mapping[str, Any]) -> list[str]:
 def _vehicles(vehicles: Mapping[str, Any]) -> list[str]:
     head = (
         "vehicle",
-        "airborne",
+        "took off",
         "setpoints",
         "worst",
         "tracking",
@@ -59,7 +59,7 @@ def _vehicles(vehicles: Mapping[str, Any]) -> list[str]:
         "judged",
         "verdict",
     )
-    units = ("", "after s", "", "end, m", "rms m", "error m", "rms/max m", "rms/max deg", "Hz", "by", "")
+    units = ("", "at s", "", "end, m", "rms m", "error m", "rms/max m", "rms/max deg", "Hz", "by", "")
     rows = [_vehicle(name, v) for name, v in vehicles.items()]
     table = _table([head, units, *rows])
     timelines = [f"  {name}: {_timeline(v['modes'])}" for name, v in vehicles.items() if v.get("modes")]
@@ -74,7 +74,7 @@ def _vehicle(name: str, v: Mapping[str, Any]) -> tuple[str, ...]:
     verdict = f"crashed: {v['crashed']}" if v.get("crashed") else verdict
     return (
         name,
-        _n(v["airborne_after_s"], 1),
+        _n(v["took_off_s"], 1),
         str(v["setpoints"]["count"]),
         _n(v["setpoints"]["worst_m"], 3),
         _n(v["tracking"]["rms_m"], 3),

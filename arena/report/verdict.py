@@ -14,7 +14,7 @@ import numpy as np
 from arena.errors import EXIT_INTERRUPTED, EXIT_OK
 from arena.report.happening import Happening, Level
 from arena.report.happenings import KILLED, disarming_of, together
-from arena.report.landings import FELL_M, flown_times, largest_fall, touchdown_row
+from arena.report.landings import FELL_M, air_time_s, flown_times, largest_fall
 from arena.report.link_record import SEVERITIES
 from arena.report.mode_changes import COMMANDED, new_mode
 from arena.report.run_data import EVENTS_FILE, RunData
@@ -120,11 +120,7 @@ def fate_of(name: str, run: RunData, found: Sequence[Happening]) -> Fate:
     how = crash.text.removeprefix("crashed: ") if crash else judged.get("crashed")
     flight = run.flights.get(name)
     spans = flown_times(flight) if flight is not None else []
-    flown = (
-        sum(float(flight.t[touchdown_row(flight, a, b)] - flight.t[a]) for a, b in spans)
-        if flight is not None
-        else 0.0
-    )
+    flown = air_time_s(flight) if flight is not None else 0.0
     if how:
         return Fate(end=f"crashed ({how})", flown_s=flown, level="bad")
     if flight is None:

@@ -111,7 +111,8 @@ class VehicleChanges:
         elif "mode" in changed and after.get("armed"):
             texts.append(f"mode {after['mode']}")
         if "landed" in changed and "landed" in before:
-            texts.append("on the ground" if after["landed"] else "in the air")
+            where = "on the ground" if after["landed"] else "in the air"
+            texts.append(f"{where} (land detector)")
         if "connected" in changed and "connected" in before:
             texts.append("heartbeat received again" if after["connected"] else "no heartbeat for 3 s")
         return texts

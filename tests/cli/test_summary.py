@@ -20,6 +20,7 @@ def vehicle(**changes: Any) -> dict[str, Any]:
         "landing": {"landed": True},
         "tracking": {"rms_m": 0.4518},
         "battery_end": 97.0,
+        "in_air_s": 27.9,
         "verdict": {"airborne_s": 28.15, "max_height_m": 1.676},
     }
     return {**known, **changes}
@@ -97,10 +98,10 @@ def test_verdict_of_a_run_of_an_earlier_version_is_read(tmp_path: Path) -> None:
 
 
 def test_short_table_has_a_row_per_vehicle(tmp_path: Path) -> None:
-    bad = vehicle(crashed="touched a wall", tracking=None, battery_end=None, verdict=None)
+    bad = vehicle(crashed="touched a wall", tracking=None, battery_end=None, in_air_s=None, verdict=None)
     run = make_run(tmp_path, {"uav1": vehicle(), "uav2": bad, "uav3": vehicle(flown=False)})
     rows = [line.split() for line in lines_of(run)[2:]]
-    assert rows[0] == ["uav1", "28.1", "1.68", "0.452", "97", "landed"]
+    assert rows[0] == ["uav1", "27.9", "1.68", "0.452", "97", "landed"]
     assert rows[1] == ["uav2", "-", "-", "-", "-", "crashed", "(touched", "a", "wall)"]
     assert rows[2][-3:] == ["did", "not", "fly"]
 

@@ -9,8 +9,12 @@ from recorded_flights import flight_csv, make_run
 
 from arena.flight_log.csv_file import header
 from arena.flight_log.flight import read_flight
+from arena.report.figures import drawn
+from arena.report.happenings import happenings
+from arena.report.run_data import read_run
 from arena.report.run_report import main, report, summarise
 from arena.report.summary import as_text
+from arena.report.vehicle_rows import vehicle_row
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +45,16 @@ def test_steps_of_the_report_are_shown_while_it_is_made(tmp_path):
     steps = []
     report(make_run(tmp_path / "run", vehicles=2), steps.append)
     assert steps == ["reading the record", "drawing report.html: 2 vehicles"], "the run has no record"
+
+
+def test_take_off_and_time_in_the_air_are_those_of_the_page(whole):
+    run = read_run(whole[0])
+    for one in drawn(run.flights, {name: run.origin_s for name in run.flights}):
+        row, found = vehicle_row(one, run, happenings(run)), whole[2]["vehicles"][one.name]
+        assert found["took_off_s"] == pytest.approx(row["took_off_s"], abs=2e-3) and found["took_off_s"] > 0.0
+        assert found["in_air_s"] == pytest.approx(row["fate"].flown_s, abs=0.01) and found["in_air_s"] > 1.0
+    head = next(line for line in whole[1].splitlines() if line.startswith("vehicle"))
+    assert "took off" in head and "airborne" not in head
 
 
 def test_text_has_the_main_figures(whole):

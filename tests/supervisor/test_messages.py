@@ -37,9 +37,9 @@ def test_armed_mode_and_ground_contact_are_one_line_each() -> None:
         {"uav1.armed": False},
     ) == [
         "uav1: armed, OFFBOARD",
-        "uav1: in the air",
+        "uav1: in the air (land detector)",
         "uav1: mode AUTO.LAND",
-        "uav1: on the ground",
+        "uav1: on the ground (land detector)",
         "uav1: disarmed",
     ]
 
