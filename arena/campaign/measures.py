@@ -55,7 +55,7 @@ MEASURES = (
     Measure(name="estimate_max_m", unit="m", meaning="error of the estimated position in the air, largest"),
     Measure(name="tilt_max_deg", unit="deg", meaning="largest tilt"),
     Measure(name="touchdown_m_s", unit="m/s", meaning="speed of the last touchdown"),
-    Measure(name="airborne_s", unit="s", meaning="simulated time in the air"),
+    Measure(name="airborne_s", unit="s", meaning="simulated time off the floor"),
     Measure(name="crashes", unit="1", meaning="number of vehicles that crashed", of_flight=sum),
 )
 

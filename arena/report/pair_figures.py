@@ -7,7 +7,7 @@ import numpy as np
 from arena.report import errors
 from arena.report.analysis import analyse
 from arena.report.flight_pair import Pair, Side
-from arena.report.landings import flown_times
+from arena.report.landings import air_time_s, flown_times
 
 
 def pair_figures(pair: Pair) -> list[tuple[str, str, int, float | None, float | None]]:
@@ -45,11 +45,8 @@ def _values(side: Side) -> dict[str, float | None]:
     ]
     battery = flight.numbers.get("info.battery", np.zeros(0))
     battery = battery[np.isfinite(battery)]
-    spans = flown_times(flight)
     return {
-        "time in the air": sum(float(flight.t[last] - flight.t[first]) for first, last in spans)
-        if spans
-        else None,
+        "time in the air": air_time_s(flight) if flown_times(flight) else None,
         "largest height above that at time 0": float(up.max()) if up.size else None,
         "tracking error, rms": tracking.rms if tracking else None,
         "tracking error, p95": tracking.p95 if tracking else None,

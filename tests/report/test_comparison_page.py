@@ -15,8 +15,10 @@ import arena.cli as cli
 from arena.errors import InputError
 from arena.flight_log.flight import Flight, read_flight
 from arena.flight_log.open import read_flights
+from arena.report.analysis import analyse
 from arena.report.comparison_page import comparison_page, read_source
 from arena.report.flight_pair import difference, moment_row, pairs
+from arena.report.pair_figures import pair_figures
 
 THESIS = Path(__file__).parents[3] / "shared" / "data" / "thesis"
 
@@ -43,6 +45,15 @@ def test_same_flight_at_another_place_and_time_has_no_difference(flight):
     (pair,) = pairs([flight], [moved(flight, (2.0, -1.0, 0.3), later_s=1000.0)], ("a", "b"))
     found = difference(pair).measures()["distance"]
     assert found is not None and found.max == pytest.approx(0.0, abs=1e-9)
+
+
+def test_time_in_the_air_is_that_of_the_summary(flight):
+    landed = (flight.t > 7.0).astype(float)  # reported 1 s after the touchdown
+    slow = replace(flight, landed=landed == 1.0, numbers={**flight.numbers, "info.is_landed": landed})
+    (pair,) = pairs([slow], [slow], ("a", "b"))
+    (row,) = [row for row in pair_figures(pair) if row[0] == "time in the air"]
+    assert row[3] == pytest.approx(analyse(slow)["in_air_s"], abs=0.01)
+    assert row[3] == pytest.approx(6.0, abs=0.05)
 
 
 def test_difference_is_b_minus_a_with_its_moment(flight):
