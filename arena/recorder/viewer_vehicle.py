@@ -116,7 +116,7 @@ class VehicleChannels:
                 publish(decode(data, frame), time_s)
 
     def _take_references(self, data: bytes, time_s: float) -> None:
-        """Read wanted states and planned paths from a datagram of a user program, to show them in viewers."""
+        """Read the reference state or the planned path in a datagram of a user program, to show it in viewers."""
         if may_contain_path(data):
             self._plan_changed |= self._plan.on_datagram(data)
             return
@@ -150,7 +150,7 @@ class VehicleChannels:
         return self._out[content]
 
     def send_model(self, time_s: float) -> None:
-        """Publish the 3D model of the vehicle, and let the next `send_rates` publish its planned path again.
+        """Publish the 3D model of the vehicle. The next `send_rates` then publishes its planned path again.
 
         Without a known shape, no model is published.
 

@@ -103,7 +103,7 @@ def distance_to_see(
 
 
 def _slopes(size: tuple[int, int], margin: float) -> Array:
-    """Return half the width and height of the view at a distance of 1, without the free border [-] (2,)."""
+    """Return half the width and half the height that a camera sees at a distance of 1 m, without the free border [m] (2,)."""
     slope = np.tan(np.radians(0.5 * FIELD_OF_VIEW_DEG)) * (1.0 - 2.0 * margin)
     return np.array([slope * size[0] / size[1], slope])
 

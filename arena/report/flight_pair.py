@@ -27,7 +27,7 @@ _DEG = 180.0 / np.pi
 
 @dataclass(frozen=True, kw_only=True)
 class Side:
-    """First or second of two compared flights. Its values are relative to a moment of both flights, such as the takeoff.
+    """One of two compared flights. Its times and positions are relative to a common moment of both, such as the takeoff.
 
     label: text for the page, such as `A: uav1 of two_quads`.  flight: its log; positions and yaw are relative to those at the
     common moment.  t: time since the common moment [s] (n,).  zero_s: time of the common moment in the log [s].

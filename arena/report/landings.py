@@ -76,7 +76,7 @@ def _last_reported(flight: Flight, column: str, flags: NDArray[np.bool_]) -> NDA
 
 
 def _long_unknown(up: Array, t: Array) -> NDArray[np.intp]:
-    """Return the rows of a span in which the height is unknown; none if these rows last less than `_UNKNOWN_S`.
+    """Return the log rows in which the height is unknown, or no rows if this lasts less than `_UNKNOWN_S`.
 
     up: height, NaN if unknown [m] (k,).  t: times of the rows [s] (k,).
     """
