@@ -13,7 +13,7 @@ _LARGEST_MS = 300.0  # PX4 accepts no larger value
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """Values that an axes check has measured in addition to its verdict.
+    """Values for the report of an axes check (`arena preflight`), such as the latency of motion capture.
 
     latency_s, latency_error_s: from the exposure of a frame to its arrival at this computer, by the clock of the motion
         capture server [s]; not finite if it is unknown
@@ -30,7 +30,7 @@ class Measured:
 
 
 def proposed_delay_ms(verdict: Verdict, measured: Measured) -> tuple[float, float] | None:
-    """Return the proposed EKF2_EV_DELAY and its error [ms]; None if the delay was not measured.
+    """Return the proposed EKF2_EV_DELAY and its uncertainty [ms]; None if the delay was not measured.
 
     A pose counts when the autopilot receives it: half a round trip after it was sent.
     """
@@ -41,7 +41,7 @@ def proposed_delay_ms(verdict: Verdict, measured: Measured) -> tuple[float, floa
 
 
 def report_lines(vehicle: str, verdict: Verdict, limit_deg: float, measured: Measured) -> list[str]:
-    """Return the lines that `arena preflight` prints after a passed axes check."""
+    """Return the lines that `arena preflight` prints when a vehicle has passed the axes check."""
     assert verdict.own is not None and verdict.axes is not None
     lines = [
         f"identity: body '{verdict.own.body}' moved with the vehicle (correlation {verdict.own.correlation:.3f}{_next_best(verdict)})",

@@ -237,7 +237,7 @@ class FcuLink:
         self._streams.restart()
 
     def _restart_setup(self) -> None:
-        """Require parameters, kill switch test and captured tilt again, because the vehicle may have changed."""
+        """Repeat the checks of parameters, kill switch and captured attitude: the vehicle may have been exchanged."""
         self.params.restart()
         self.radio.reset()
         self.checks.restart_motion()
@@ -303,7 +303,7 @@ class FcuLink:
         return queued.frame
 
     def _pass(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
-        """Queue a frame for the vehicle, or return its refusal for the sender as (link, datagram)."""
+        """Queue an allowed frame for the vehicle. For a frame that is not allowed, return the reply to its sender."""
         if self.identity.source is None:
             self.counts[f"to the vehicle: not connected ({link})"] += 1
             return []
@@ -313,7 +313,9 @@ class FcuLink:
         return []
 
     def _refuse(self, link: str, data: Buffer, frame: Frame, now: float, *, sent: bool) -> Out | None:
-        """Return the reply (link, datagram) if the sender of a frame has no control authority, else None.
+        """Return the reply (link, datagram) to the sender of a frame that is not allowed; None if it is allowed.
+
+        A frame is not allowed if the sender has no control authority. The result is empty if no reply is needed.
 
         sent: False if the caller does not send even an allowed frame, so that it does not count as a command of its sender.
         """

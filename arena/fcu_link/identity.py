@@ -123,7 +123,7 @@ class Identity:
         return any(self._is_active(candidate, now) for candidate in self._candidates.values())
 
     def problem(self, now: float) -> str:
-        """Return why the identity of the sending autopilot forbids arming; "" if it does not."""
+        """Return why the hardware uid of the autopilot forbids arming; "" if it does not."""
         if self.source is not None and now - self._received_at <= SILENT_S:
             return "no hardware uid: needs `uid: none`" if self._needs_uid and self.uid == NO_UID else ""
         active = [c for c in self._candidates.values() if self._is_active(c, now)]
@@ -171,7 +171,7 @@ class Identity:
             candidate.command = _OLD_REQUEST if candidate.command == _REQUEST else _REQUEST
 
     def _accept_candidate(self, source: Source, now: float) -> None:
-        """Accept a candidate with the expected hardware uid, unless the vehicle sends from another source."""
+        """Accept a candidate with the expected hardware uid, unless the source accepted before still sends."""
         candidate = self._candidates.get(source)
         if candidate is None or candidate.uid is None:
             return

@@ -84,7 +84,7 @@ class ParamCheck:
         return {name: p.kind for name, p in self._params.items() if p.kind}
 
     def values(self) -> dict[str, float | None]:
-        """Return name -> value of the parameters that other preflight checks use.
+        """Return {name: value} of the parameters that other preflight checks need, such as the RC check.
 
         None: not read yet. NaN: the vehicle does not have the parameter.
         """
@@ -134,7 +134,7 @@ class ParamCheck:
             p.unknown, p.due, p.value = True, False, None
 
     def reasons(self) -> list[str]:
-        """Return why wrong or unread parameters forbid arming: three reasons, and the number of further reasons."""
+        """Return why wrong or unread parameters forbid arming: at most three reasons, and how many more there are."""
         found = list(self._differences())
         unread = sum(p.value is None and not p.unknown for p in self._params.values())
         if unread:
@@ -170,9 +170,9 @@ class ParamCheck:
                 p.due, p.tries, p.asked = True, 0, -math.inf
 
     def _report(self, now: float) -> None:
-        """Report to the user, once all parameters have been read, whether their values are as required.
+        """Report to the user whether all parameters have their required values.
 
-        Add another event whenever the list of parameters with wrong values changes.
+        Do nothing until all parameters have been read. Add another event whenever the list of parameters with wrong values changes.
         """
         if not self.complete:
             return

@@ -154,7 +154,7 @@ def _verdict(found: Comparison, before: str) -> str:
 
 
 def _span(imu_t: Array) -> float:
-    """Return the time over which angular rates are averaged [s].
+    """Return the time over which angular rates are averaged before they are compared [s].
 
     It is at least four sample intervals of the IMU.
     """

@@ -64,7 +64,7 @@ class PreflightChecks:
         self._consistency.reset()
 
     def restart_motion(self) -> None:
-        """Restart the comparison of captured attitude and IMU: the vehicle may have been exchanged."""
+        """Repeat the comparison of captured attitude and IMU, because the vehicle may have been exchanged."""
         self._consistency.reset()
 
     def on_autopilot(self, m: Any, now: float) -> None:
@@ -135,9 +135,9 @@ class PreflightChecks:
         return found + (self._estimate(now) or self._agreement(p_n, yaw))
 
     def _agreement(self, p_n: Vector, yaw: float) -> list[str]:
-        """Compare position and yaw of the captured pose with the autopilot's estimate.
+        """Return why arming is forbidden: captured position or yaw differs too much from the autopilot's estimate.
 
-        Return a reason for each value that differs too much. Call this method only if `_estimate` has found no error.
+        The result is empty if both agree. Call this method only if `_estimate` has found no error.
         """
         assert self._local is not None and self._yaw is not None
         apart = math.dist(p_n, self._local[1])

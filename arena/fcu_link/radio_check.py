@@ -64,7 +64,10 @@ class RadioCheck:
             self._on_heartbeat(m, now)
 
     def _on_heartbeat(self, m: Any, now: float) -> None:
-        """Record a test of the kill switch: on, then off, while disarmed and with RC."""
+        """Record that the pilot of a disarmed vehicle has switched the kill switch on and off again.
+
+        The switch counts as on only while RC is received.
+        """
         on = m.system_status == mavlink.MAV_STATE_FLIGHT_TERMINATION
         if m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED or mode_words(m.custom_mode) == "TERMINATION":
             self._killed = False

@@ -1,4 +1,4 @@
-"""Motion-capture client of a link process, which receives all captured bodies for the axes check."""
+"""Motion-capture client that receives all captured bodies, for the axes check of `arena preflight`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from arena.mocap.client import CapturedFrame, MocapClient, open_client
 
 
 class RoomCapture:
-    """Motion-capture client of a link process. The client is open only while an axes check runs.
+    """Motion-capture client that is open only while an axes check (`arena preflight`) runs.
 
     settings: settings of the client (key `capture` of the process's JSON configuration); None without motion capture
     error: why the client cannot be opened; "" if it can

@@ -79,7 +79,7 @@ class LinkSigning:
         return found._replace(frames=frames)
 
     def timestamp_heartbeats(self) -> list[tuple[Source, bytes]]:
-        """Return heartbeats that give the signing timestamp to senders whose frames had no valid signature.
+        """Return heartbeats with the current signing timestamp, for autopilots without a valid signature.
 
         Each item is (receiver, heartbeat). A source gets at most one heartbeat a second.
 
@@ -92,9 +92,10 @@ class LinkSigning:
         return [(source, self._codec.onboard_heartbeat()) for source in sources]
 
     def signed(self, frame: bytes) -> bytes | None:
-        """Return the signed frame; None if it must not be sent. Without a key, the frame is unchanged.
+        """Sign a frame for the vehicle. Return None if the frame must not be sent.
 
-        A SETUP_SIGNING must not be sent, and neither must a frame that cannot be signed (such as MAVLink 1). Both are counted.
+        Without a key, the frame is returned unchanged. A SETUP_SIGNING must not be sent, and neither must a frame that cannot be
+        signed (such as MAVLink 1). Both are counted.
         """
         if self._connection is None:
             return frame

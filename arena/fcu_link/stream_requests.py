@@ -104,7 +104,7 @@ class StreamRequests:
             stream.count += 1
 
     def due(self, now: float) -> tuple[int, float] | None:
-        """Return the message id and the interval [us] of the next stream to request; None for none.
+        """Return the message id and the interval [us] of the next stream to request; None if no request is due.
 
         Call it only while the vehicle is connected.
         """

@@ -40,9 +40,9 @@ class Flight:
     landed: NDArray[np.bool_]
 
     def group(self, name: str, parts: Sequence[str] = NED) -> Array:
-        """Return the columns of a quantity, such as `ekf.pos.north`, as one array (n, len(parts)).
+        """Return the columns of a quantity such as `ekf.pos` as one array, with one column per component.
 
-        Columns that the log does not have are NaN. parts: components, such as north, east, down.
+        The array is (n, len(parts)). Columns that the log does not have are NaN. parts: components, such as north, east, down.
         """
         missing = np.full(self.t.size, np.nan)
         return np.stack([self.numbers.get(f"{name}.{part}", missing) for part in parts], axis=1)

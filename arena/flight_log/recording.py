@@ -236,9 +236,9 @@ def later_parts(path: Path) -> tuple[Path, ...]:
 
 
 def _tail_of(part: Path) -> tuple[Path, ...]:
-    """Return the tail file with the last messages of a part; () if there is none, or if it is not needed.
+    """Return the `.tail` file with the last messages of an MCAP file; () if it is missing or not needed.
 
-    It is not needed if the part itself contains these messages.
+    It is not needed if the MCAP file itself contains these messages. part: path of the MCAP file.
     """
     tail = tail_path(part)
     try:

@@ -44,7 +44,9 @@ def sender_times(stamps: Array, received: Array) -> Array:
 
 
 def _smallest_delays(delay: Array, received: Array) -> Array:
-    """Return, for each message, the smallest delay so far, which may grow by the drift of the clocks [s] (m,).
+    """Return the smallest delay so far at each message [s] (m,).
+
+    The smallest delay grows with time by the largest drift of two clocks. After a jump of more than 1 s, it begins again.
 
     delay: time of reception minus time stamp [s] (m,). received: times of reception [s] (m,).
     """

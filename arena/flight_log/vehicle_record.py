@@ -50,7 +50,10 @@ class VehicleRecord:
         self._end = time_s
 
     def add_up(self, time_s: float, data: bytes) -> None:
-        """Add a recorded datagram that was sent to the vehicle, or a wanted state that its program published."""
+        """Add a recorded datagram that was sent to the vehicle, or that its user program published.
+
+        Only the references (wanted states) that the user program has published are kept.
+        """
         self.program.add(time_s, data)
 
     def add_pose(self, time_s: float, exposed_s: float, pose: tuple[float, ...]) -> None:
@@ -70,7 +73,7 @@ class VehicleRecord:
 
     @property
     def end_s(self) -> float:
-        """Time of the last recorded message, pose or true state [s]."""
+        """Time of the last recorded datagram from the vehicle, pose or true state [s]."""
         return self._end
 
     @property

@@ -156,7 +156,7 @@ def _truth(record: VehicleRecord, at: Array) -> dict[str, Array]:
 
 
 def _position_reference(record: VehicleRecord, at: Array) -> dict[str, Array]:
-    """Return the wanted position, velocity and yaw: as published by the program, else the autopilot's setpoints."""
+    """Return the wanted position, velocity and yaw: from the user program, or else the autopilot's setpoints."""
     setpoint = _held_target(record.down.messages(_TARGET), at)
     published = _held_target(record.program.messages(_TARGET), at)
     wanted = np.where(np.isfinite(published), published, setpoint)

@@ -21,7 +21,7 @@ _OFFBOARD = "OFFBOARD"
 
 
 class FollowedClock:
-    """Simulation clock of an interactive session. The simulation continues while the person does nothing.
+    """Clock that returns the simulation time to an interactive session, without ever pausing the simulation.
 
     path: path of the simulation clock without suffix
     """
@@ -86,9 +86,9 @@ class Session:
         return False
 
     def _flown_by_others(self) -> str:
-        """Return a line with the mode of a vehicle that is armed, and who has control of it; "" if it is not armed.
+        """Return a warning that the vehicle is still armed: its mode, and who has control; "" if disarmed.
 
-        If the vehicle's state is not known, the line says why.
+        If the vehicle's state is not known, the warning says why.
         """
         try:
             if not self.uav.info.is_armed:

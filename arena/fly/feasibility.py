@@ -107,7 +107,10 @@ def collisions(times: Array | None, p: Array, limits: FlightLimits) -> Iterator[
 
 
 def _on_the_way(times: Array, p: Array) -> Iterator[tuple[float, Array]]:
-    """Yield (time, position) of points on a path of straight lines, at most 0.05 m apart."""
+    """Yield (time, position) of points on a path of straight lines, at most 0.05 m apart.
+
+    The time of a point is the time at the end of its straight line.
+    """
     if len(p):
         yield float(times[0]), p[0]
     for k in range(1, len(p)):

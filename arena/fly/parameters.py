@@ -1,4 +1,4 @@
-"""Reader of a running vehicle's parameters, over MAVLink at the tools port of the router.
+"""Reads parameters of a running vehicle over MAVLink, through the router's UDP port for tools.
 
 No parameter is written.
 """

@@ -43,9 +43,9 @@ class RunningVehicle:
         return self.settings.kind == "real"
 
     def facts(self) -> Mapping[str, Any]:
-        """Return the supervisor's report on the vehicle: `armed`, `mode`, `control` (who commands it), `blocked`.
+        """Return what the supervisor reports about the vehicle, such as `armed`, `mode` and `control`.
 
-        Each fact may be missing.
+        control: who commands the vehicle. blocked: why user programs may not fly the vehicle. Each fact may be missing.
 
         Raises RunError if the supervisor does not reply.
         """

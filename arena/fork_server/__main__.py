@@ -116,7 +116,7 @@ def serve(channel: socket.socket) -> Callable[[], int] | None:
 
 
 def _fork_twice() -> int:
-    """Fork a process that becomes a child of the client. Return its pid; 0 in the process itself.
+    """Fork a process that becomes a child of the client. Return the pid, or 0 in the new process.
 
     An intermediate process forks it and ends at once.
     """

@@ -104,12 +104,12 @@ def start_work(request: Request, output: int, go: int, channel: int | None = Non
 
 
 def _visible(argv: list[str]) -> list[str]:
-    """Return the command line to show in /proc; [] for a process of arena, which sets a process title instead."""
+    """Return the command line to show in /proc; [] for arena's own processes, which set a process title."""
     return [] if argv[1] == "-m" and "setproctitle" in sys.modules else argv
 
 
 def _set_priority(nice: int) -> None:
-    """Change the CPU priority of this process and of its session: add a number to their nice value.
+    """Add `nice` to the nice value of this process. Its session (autogroup) gets the same nice value.
 
     With autogroups the kernel gives every session an equal share of the CPU: nice values have no effect between sessions.
     """

@@ -19,7 +19,7 @@ _COMMAND_BYTES = 15
 
 
 def show(argv: Sequence[str], env: Mapping[str, str]) -> None:
-    """Make /proc show a command line and an environment as those of this process.
+    """Replace the command line and the environment that /proc shows for this process.
 
     Texts that do not fit are left out, arena's own variables last.
 

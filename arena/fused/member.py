@@ -1,4 +1,4 @@
-"""Context of a member (part, such as the router) of the fused arena: its configuration and reports.
+"""Context of a member of the fused arena (a part such as the router): configuration and reports.
 
 A member is a part of the arena, such as the router or the recorder. Normally, each of these parts is a process of its own. In the
 fused arena (`arena.fused`), all members run in one process.
@@ -27,7 +27,7 @@ class MemberContext(ProcessContext):
 
     @property
     def orphaned(self) -> bool:
-        """Flag that the supervisor has died; always False for a member, because a member need not check this.
+        """Always False: members of the fused arena do not check whether the supervisor has died.
 
         The process that runs the members detects itself that the supervisor has died, and ends them all.
         """

@@ -102,7 +102,7 @@ class Members:
         return all(context.is_ready for context in self._contexts.values())
 
     def drain(self, receive: Receive) -> None:
-        """Read the sockets and links that have data, and pass the datagrams for autopilots to `receive`."""
+        """Read all waiting datagrams, and call `receive` with each datagram for a built-in autopilot."""
         if self._watch.has_data(self._panic.fileno()):
             self._panic.drain(receive)
         if self._watch.has_data(self._router.fileno()):
@@ -225,7 +225,7 @@ class _Forwarder:
                 self._limit_wait()
 
     def close(self) -> None:
-        """Close the link on which the autopilot receives poses."""
+        """Close the pose forwarder's link to the autopilot."""
         self._shell.link.close()
 
     def _limit_wait(self) -> None:

@@ -1,4 +1,4 @@
-"""Links between the parts of a fused arena: they store data in memory instead of sending them by sockets."""
+"""Links in memory between the parts of a fused arena, which run in one process and need no sockets."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class MemoryCapture:
         """Do nothing: the frames contain all bodies."""
 
     def definition(self, body: str) -> str:
-        """Return the body's name as the text that identifies its definition: the emulator never redefines a body.
+        """Return the name of a rigid body in place of its definition, which the emulator never changes.
 
         The interface requires a text that changes when the rigid body is defined again.
         """

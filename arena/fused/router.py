@@ -27,7 +27,7 @@ _MAX_DATAGRAMS = 2000  # read from one socket in one step: a flood must not stop
 
 
 class FusedRouter:
-    """MAVLink router that exchanges datagrams with the built-in autopilots of the same process in memory.
+    """MAVLink router that exchanges datagrams with built-in autopilots in memory, without sockets.
 
     All times are simulation time [s].
 
@@ -123,7 +123,7 @@ class FusedRouter:
             self._tick(now)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request of the supervisor, such as `release`: programs may command a vehicle again."""
+        """Process a request of the supervisor, such as `release`, after which programs may command a vehicle again."""
         self._router.commands.on_request(request, now)
 
     def stats(self) -> dict[str, Any]:

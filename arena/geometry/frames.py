@@ -1,4 +1,4 @@
-"""Conversions of vectors, attitudes and positions between frames: NED and z-up world, FRD and FLU, global.
+"""Conversions between coordinate frames: NED and z-up world, FRD and FLU, local and global positions.
 
 Pure.
 
