@@ -27,7 +27,7 @@ _DEG = 180.0 / np.pi
 
 @dataclass(frozen=True, kw_only=True)
 class Side:
-    """One of two compared flights. Its times and positions are relative to a common moment of both, such as the takeoff.
+    """Flight in a comparison of two flights. Its times and positions are relative to a common moment, such as the takeoff.
 
     label: text for the page, such as `A: uav1 of two_quads`.  flight: its log; positions and yaw are relative to those at the
     common moment.  t: time since the common moment [s] (n,).  zero_s: time of the common moment in the log [s].
