@@ -43,7 +43,7 @@ class SilenceReport:
                 self._foreign = frame.sysid << 8 | frame.compid
 
     def text(self, problem: str, now: float) -> str:
-        """Return the report that no messages of the vehicle arrive; "" if no report is due.
+        """Return a report for the user if no messages of the vehicle arrive; "" if no report is due.
 
         problem: why an autopilot that does send is not accepted as the vehicle; "" if there is none.
         """

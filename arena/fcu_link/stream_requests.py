@@ -119,7 +119,7 @@ class StreamRequests:
         return self._request(now)
 
     def on_ack(self, result: int, now: float) -> None:
-        """Process the vehicle's COMMAND_ACK to a SET_MESSAGE_INTERVAL of this process."""
+        """Process the vehicle's reply (COMMAND_ACK) to the last stream request (SET_MESSAGE_INTERVAL)."""
         if self._pending is None:
             return
         msgid, stream = self._pending[0], self._streams[self._pending[0]]

@@ -166,7 +166,7 @@ def held(times: Array, at: Array, max_age_s: float) -> tuple[Indices, NDArray[np
 
 
 def held_values(times: Array, values: Array, at: Array, max_age_s: float) -> Array:
-    """Return the last received valid value for each row of a log (n, k); NaN without a valid value.
+    """Return the last received value for each row of a log (n, k); NaN if there is none or it is too old.
 
     values: (m, k). The function `held` explains the other arguments.
     """

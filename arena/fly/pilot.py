@@ -71,7 +71,7 @@ class Pilot:
         return (heart.mode, heart.armed) if heart is not None and now - heart.received_at < _STALE_S else None
 
     def source_problem(self) -> str:
-        """Return why the vehicle ignores joysticks (COM_RC_IN_MODE); "" if it obeys them or if unknown."""
+        """Return a text for the user if COM_RC_IN_MODE makes the vehicle ignore joysticks; otherwise ""."""
         if self.source is None or self.source in _JOYSTICK_SOURCES:
             return ""
         who = "only an RC transmitter" if self.source == 0 else "no sticks"

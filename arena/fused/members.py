@@ -102,7 +102,7 @@ class Members:
         return all(context.is_ready for context in self._contexts.values())
 
     def drain(self, receive: Receive) -> None:
-        """Read all waiting datagrams, and call `receive` with each datagram for a built-in autopilot."""
+        """Read the waiting datagrams, and call `receive` with each datagram for an autopilot."""
         if self._watch.has_data(self._panic.fileno()):
             self._panic.drain(receive)
         if self._watch.has_data(self._router.fileno()):
