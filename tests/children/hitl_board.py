@@ -2,7 +2,7 @@
 
 The built-in autopilot behind one serial line that carries HIL and ordinary MAVLink, as PX4 with SYS_HITL 1 does. The sensor
 samples are its only clock; it replies to each with HIL_ACTUATOR_CONTROLS without the lockstep flag, and sends heartbeats
-before the first sample. PARAMS: a .params file; names that the autopilot does not have are stored, too.
+while no samples arrive. PARAMS: a .params file; names that the autopilot does not have are stored, too.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class Board(StandIn):
         own = {k: v for k, v in params.items() if k in SPECS or k.startswith("CA_ROTOR")}
         super().__init__("board", {**_QUAD_X, **own, "MAV_SYS_ID": system})
         self.extra = {"MAV_SYS_ID": system, **{k: v for k, v in params.items() if k not in SPECS}}
-        self._line, self._voice, self._beat = Stream(), Codec(system, 1), 0.0
+        self._line, self._voice = Stream(), Codec(system, 1)
+        self._beat = self._sampled = 0.0
 
     def take(self, data: bytes) -> bytes:
         """Return the reply to received bytes."""
@@ -51,10 +52,11 @@ class Board(StandIn):
         for f in found.frames:
             frame = buffer[f.start : f.end]
             if f.msgid == _HIL:
+                self._sampled = time.monotonic()
                 answers += self.receive_simulator(frame) + b"".join(
                     d for link, d in self.transmit() if link == "router"
                 )
-            elif self.samples <= 1 and self._is_uid_request(frame):
+            elif time.monotonic() - self._sampled >= 0.5 and self._is_uid_request(frame):
                 answers += self._voice.pack(
                     mavlink.MAVLink_autopilot_version_message(
                         0, 0, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1
@@ -67,8 +69,8 @@ class Board(StandIn):
         return answers
 
     def idle(self, now: float) -> bytes:
-        """Send heartbeats before the first sensor sample arrives."""
-        if self.samples > 1 or now - self._beat < 0.5:
+        """Send heartbeats while no sensor samples arrive."""
+        if now - max(self._beat, self._sampled) < 0.5:
             return b""
         self._beat = now
         return self._voice.pack(

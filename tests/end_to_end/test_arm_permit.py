@@ -5,9 +5,15 @@ from __future__ import annotations
 from fake_autopilot import FakeAutopilot
 from served import Connection, Served, UdpPort
 
-from .flight import Hangar, eventually
+from .flight import Flight, Hangar, eventually
 
 TELEMETRY = ("HEARTBEAT", "SYS_STATUS", "ATTITUDE", "LOCAL_POSITION_NED", "EXTENDED_SYS_STATE")
+
+
+def battery(flight: Flight) -> float | None:
+    """Return the charge of uav1's battery that the link has received; None before it has."""
+    found: float | None = flight.status()["processes"]["link.uav1"]["stats"].get("battery")
+    return found
 
 
 def test_a_vehicle_that_connects_late_or_again_needs_its_own_permit(hangar: Hangar) -> None:  # review fault 3
@@ -43,6 +49,7 @@ vehicles:
         uav.mute = False
         eventually(lambda: has_event("connected again"), 60, "the vehicle again", flight.said)
         eventually(lambda: "processes ready" in flight.said(), 60, "the late vehicle", flight.said)
+        eventually(lambda: battery(flight) is not None, 60, "the battery", flight.said)
         given = flight.cli("arm-permit", "uav1")
         assert given.returncode == 0, given.stdout + given.stderr
         assert f"uav1: uid {uav.uid2.hex()}, {hangar.address}:14999, battery 87 %" in given.stdout

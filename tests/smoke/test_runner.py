@@ -165,8 +165,8 @@ def test_exit_code_and_files_show_the_result(
 @pytest.mark.parametrize(
     ("option", "value", "expected_text"),
     [
-        ("--speed", "fast", "sim.speed: got 'fast'"),
-        ("--speed", "0", "sim.speed: got 0"),
+        ("--speed", "fast", "--speed: got fast"),
+        ("--speed", "0", "--speed: got 0"),
         ("--seed", "-4", "seed: got -4"),
         ("--junit", ".", "is a folder, expected a file"),
         ("--results", "s.py", "s.py: cannot be created"),
