@@ -25,6 +25,7 @@ RETRY_S = 0.5
 REQUEST_AFTER_S = 1.0  # time after which missing telemetry is requested
 DISARM_AFTER_S = 3.0  # time on the ground after which an armed vehicle is disarmed
 DISARMED_S = 1.0  # the first and the last of the heartbeats that confirm disarming arrive so far apart
+PAUSE_S = 2.0  # a vehicle that reports to be landed is not commanded for this time, in which telemetry confirms or denies it
 WATCH_S = (
     2.0  # a vehicle that was on the ground from the start is watched this long: its program may arm it now
 )
@@ -193,6 +194,9 @@ class LandingSequence:
 
     def _land(self, now: float) -> list[bytes]:
         reported, frames = self.reported, []
+        # the land mode would keep a vehicle that has really landed from arming again; one that flies denies it within a heartbeat
+        if self._down_since is not None and now - self._down_since < PAUSE_S:
+            return []
         if reported.mode != "AUTO.LAND" or reported.mode_at is None or now - reported.mode_at > MODE_STALE_S:
             main, sub = AUTO_LAND
             frames.append(self._command(mav.DO_SET_MODE, mav.CUSTOM_MODE, main, sub))

@@ -116,14 +116,29 @@ def test_old_messages_of_a_router_that_hung_confirm_nothing(action):
         scene.receive(0.5, heartbeat(armed=False), place(GROUND))
     scene.receive(0.6, heartbeat(armed=False), place(GROUND))
     assert not scene.landing.confirmed
-    commands = scene.commands(0.6)
-    assert commands[0] == (MODE if action == "land" else ARM), "it is commanded further"
-    assert commands[-1] == REQUEST_MESSAGE, "the vehicle itself is asked"
+    assert scene.commands(0.6) == [*([ARM] if action == "kill" else []), REQUEST_MESSAGE]
     scene.receive(1.2, heartbeat(armed=True), place(AIR))
+    assert scene.commands(1.2)[0] == (MODE if action == "land" else ARM), "it is commanded again"
     scene.receive(1.7, heartbeat(armed=False), place(GROUND))
     assert not scene.landing.confirmed, (
         "the old and the new report are 1 s apart, with an armed one between them"
     )
+
+
+def test_vehicle_is_commanded_again_if_nothing_follows_its_old_messages(scene):
+    scene.receive(0.2, heartbeat(armed=False), place(GROUND))
+    assert [scene.commands(at) for at in (0.2, 0.7, 1.2, 1.7)] == [[REQUEST_MESSAGE]] * 4
+    assert scene.commands(2.2) == [MODE, NAV_LAND, REQUEST_MESSAGE]
+
+
+def test_landed_vehicle_is_not_commanded_into_the_land_mode_again(scene):
+    """The built-in autopilot leaves LAND when it disarms. In LAND it could not arm again."""
+    scene.receive(0.2, heartbeat(armed=True, mode=LAND), place(AIR))
+    scene.receive(5.0, heartbeat(armed=False, mode=MODES["AUTO.LOITER"]), place(GROUND))
+    sent = [c for at in (5.0, 5.5, 6.0) for c in scene.commands(at)]
+    assert set(sent) == {REQUEST_MESSAGE}
+    scene.receive(6.1, heartbeat(armed=False, mode=MODES["AUTO.LOITER"]))
+    assert scene.landing.confirmed and scene.commands(6.5) == []
 
 
 def test_confirmation_is_not_delayed_by_more_than_the_time_of_its_heartbeats(scene):
