@@ -83,10 +83,10 @@ def fly_file(vehicle: RunningVehicle, trajectory: Trajectory, say: Say) -> int:
             uav.auto_land()
         except VehicleError as error:
             say(f"TRAJECTORY NOT COMPLETED: {error}")
-            return _land_after_error(uav, say)
+            return land_after_error(uav, vehicle, say)
         except KeyboardInterrupt:
             say("interrupted by Ctrl-C: landing the vehicle")
-            return _land_after_error(uav, say, EXIT_INTERRUPTED)
+            return land_after_error(uav, vehicle, say, EXIT_INTERRUPTED)
         say(f"{vehicle.name}: landed and disarmed")
     return EXIT_OK
 
@@ -140,15 +140,20 @@ def _arrive(uav: UAV, pos: object, yaw: float) -> None:
         uav.set_pos_yaw(wanted, yaw, 0.1)
 
 
-def _land_after_error(uav: UAV, say: Say, code: int = EXIT_FAILED) -> int:
+def land_after_error(uav: UAV, vehicle: RunningVehicle, say: Say, code: int = EXIT_FAILED) -> int:
     """Land the vehicle after an error if this program still flies it. Return the exit code.
 
-    A vehicle that another sender has taken gets no command.
+    A vehicle that another sender has taken gets no command, also if it is a program that flies in OFFBOARD.
     """
     try:
-        if uav.info.is_armed and uav.info.flight_mode == "OFFBOARD":
+        if uav.control.flies(vehicle.settings.offboard_loss_s):
             uav.auto_land()
             say("the vehicle has landed and is disarmed")
+        elif uav.info.is_armed:
+            say(
+                f"NOT LANDED by this command: armed in {uav.info.flight_mode}, and another sender has control"
+            )
+            return EXIT_FAILED
     except VehicleError as error:
         say(f"LANDING NOT CONFIRMED: {error}. Use `arena land-all`")
         return EXIT_FAILED
