@@ -150,10 +150,8 @@ def land_after_error(uav: UAV, vehicle: RunningVehicle, say: Say, code: int = EX
             uav.auto_land()
             say("the vehicle has landed and is disarmed")
         elif uav.info.is_armed:
-            say(
-                f"NOT LANDED by this command: armed in {uav.info.flight_mode}, and another sender has control"
-            )
-            return EXIT_FAILED
+            mode = uav.info.flight_mode
+            say(f"the vehicle is still armed, in {mode}. This command does not control it any more")
     except VehicleError as error:
         say(f"LANDING NOT CONFIRMED: {error}. Use `arena land-all`")
         return EXIT_FAILED
