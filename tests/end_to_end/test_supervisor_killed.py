@@ -48,7 +48,7 @@ def test_next_start_lands_and_cleans_up_an_orphaned_arena(hangar: Hangar) -> Non
     flight.signal(signal.SIGKILL)
     flight.wait()
 
-    again = hangar.fly({"uav1": "lands"}, "--until-done")
+    again = hangar.fly({"uav1": "lands"}, "--until-done", "--speed", "max")
     again.until_said("the supervisor of", 30)
     world.resume()
     assert again.wait(90) == 0, again.said()
