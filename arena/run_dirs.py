@@ -23,16 +23,19 @@ GROUP_VARIABLE = "ARENA_GROUP"
 
 
 def pointers() -> list[Path]:
-    """Return this user's files `run`. Each contains the path of the run folder of a running arena.
+    """Return one file per running arena of this user. The file contains the path of the arena's run folder.
 
-    The files are in runtime folders. Folders that other users own, or that every user may write to, are ignored.
+    The files have the name `run` and are in runtime folders. Folders that other users own, or that every user may write to, are ignored.
     """
     bases = [base for base in runtime_bases() if _is_ours(base)]
     return [pointer for base in bases for pointer in sorted(base.glob("*/run")) if _is_ours(pointer.parent)]
 
 
 def untrusted_folders() -> list[Path]:
-    """Return this user's folders with running arenas that `pointers` ignores, because others may write to them."""
+    """Return this user's runtime folders that are ignored because other users may write to them.
+
+    If others may write to the folder above them, return that folder instead. `pointers` ignores these folders.
+    """
     found = []
     for base in runtime_bases():
         with contextlib.suppress(OSError):
@@ -43,9 +46,9 @@ def untrusted_folders() -> list[Path]:
 
 
 def pointers_of_others() -> list[tuple[Path, int]]:
-    """Return (file `run`, user id) for each running arena of other users that this user may read.
+    """Return (file, user id) for each running arena of another user, if this user may read its runtime folder.
 
-    The file is in the runtime folder of the arena, and contains the path of its run folder.
+    The file has the name `run`, is in the runtime folder of the arena, and contains the path of its run folder.
 
     Root may read all. Other users may read the folders that the owner shares with a group to which they belong (mode
     0750). A folder is ignored if its path names another owner, or if others than its owner may write to it.
@@ -126,7 +129,7 @@ def _only_owner_may_write(found: os.stat_result, owner: int) -> bool:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Return whether a path is a folder that this user owns, and that others may not write, not even a group."""
+    """Return whether a path is a folder of this user to which nobody else, not even a group, may write."""
     try:
         found = folder.lstat()
     except OSError:
@@ -135,8 +138,9 @@ def _is_ours(folder: Path) -> bool:
 
 
 def open_lock_file(name: str) -> IO[bytes]:
-    """Open a file of this user in the folder for temporary files, to lock it. The file stays, because a waiting process may have it open.
+    """Open a lock file of this user in the folder for temporary files. The caller locks it.
 
+    The file is never removed, because a waiting process may have it open.
     name: file name without the user id and the ending.
     Raises OSError, also if another user has put a symbolic link in its place.
     """

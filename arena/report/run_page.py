@@ -228,8 +228,8 @@ def _words(run: RunData, found: Sequence[Happening], steps: Sequence[ScenarioSte
 
 
 def _for_each(text: str) -> str:
-    """Return the text of a group of events for the page, with "each" in place of `*`.
+    """Replace `*` by "each" in the text of an event that several vehicles share.
 
-    It shows which events of several vehicles are equal.
+    `*` stands for a vehicle name: `*: airborne` becomes `each: airborne`.
     """
     return re.sub(r"(\w+)\.\*", r"\1 of each", text).replace("*", "each")

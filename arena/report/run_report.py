@@ -93,7 +93,7 @@ def report(folder: Path, progress: Callable[[str], None] = lambda _: None) -> st
 
 
 def _complete(folder: Path) -> list[str]:
-    """Complete flight.mcap if its recorder was killed or restarted. Return [the error], or [] on success."""
+    """Complete flight.mcap if its recorder was killed or restarted. Return a list with the error, if any."""
     try:
         if has_record(folder):
             complete_record(folder / FILE_NAME)

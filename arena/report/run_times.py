@@ -70,9 +70,9 @@ def world_words(run: RunData) -> str:
 
 
 def slowest_second(run: RunData) -> tuple[float, float] | None:
-    """Return the slowest second of the simulation: its time on the report's axis [s] and its real-time factor [-].
+    """Return when the simulation was slowest [s], and its real-time factor in that second [-].
 
-    None if the record does not contain the time, or if the axis shows the time of the computer.
+    The time is on the report's time axis. None if the time was not recorded, or if the axis shows wall time.
     """
     stats = run.stats("world")
     at_s, factor = stats.get("rtf_min_sim_s"), stats.get("rtf_min")
@@ -101,7 +101,7 @@ def _ready_s(run: RunData) -> float | None:
 
 
 def _speed_in_flight(run: RunData) -> float | None:
-    """Return the simulated seconds per wall second in flight, or None if unknown.
+    """Return the mean simulation speed in flight (simulated seconds per wall second), or None if unknown.
 
     The span goes from the first takeoff to the last event.
     """

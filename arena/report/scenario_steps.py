@@ -73,9 +73,9 @@ def _step_time(step: Mapping[str, Any]) -> float | None:
 
 
 def _begun(steps: Sequence[Mapping[str, Any]]) -> dict[int, Mapping[str, Any]]:
-    """Return expectation -> the earlier entry (`at` or `do`) from which its time (`within`, `for`) counts.
+    """Return for each expectation the step (`at` or `do`) from which its time is counted.
 
-    The keys are the identities (`id`) of the expectations.
+    The time is `within 10 s` or `for 3 s` in the scenario. The keys are the identities (`id`) of the expectations.
     """
     found: dict[int, Mapping[str, Any]] = {}
     origin: Mapping[str, Any] | None = None

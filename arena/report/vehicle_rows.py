@@ -49,7 +49,7 @@ def vehicle_row(one: Drawn, run: RunData, found: Sequence[Happening]) -> dict[st
 
 
 def _worst_setpoint(analysis: Mapping[str, Any], start_s: float) -> Mapping[str, Any] | None:
-    """Return the position setpoint with the largest error after the vehicle had settled there, or None.
+    """Return the constant position setpoint with the largest error, of those at which the vehicle settled.
 
     None means that the vehicle has not settled at any constant position setpoint.
 
@@ -61,9 +61,9 @@ def _worst_setpoint(analysis: Mapping[str, Any], start_s: float) -> Mapping[str,
 
 
 def error_rows(vehicles: Sequence[Drawn], chart: str) -> list[dict[str, Any]]:
-    """Return one table row per vehicle: statistics of the errors that one figure of the report shows.
+    """Return one table row per vehicle with statistics of its tracking errors or estimator errors.
 
-    chart: name of the figure. Vehicles without values get no row.
+    chart: figure that shows these errors, `tracking` or `estimator`. Vehicles without values get no row.
     """
     rows = []
     for one in vehicles:

@@ -108,7 +108,7 @@ def verdict(run: RunData, found: Sequence[Happening]) -> Verdict:
 
 
 def _source(path: str) -> str:
-    """Return the name of the replayed flight: its run folder for a record, or the file name for a log."""
+    """Return a name for the flight that a replay shows: its run folder (flight.mcap) or its log file."""
     source = Path(path)
     return f"the flight {source.parent.name}" if source.name == FILE_NAME else source.name
 
@@ -195,7 +195,7 @@ def _commanded_landings(run: RunData, found: Sequence[Happening]) -> Iterator[st
 
 
 def _charge(group: Sequence[Happening], run: RunData, found: Sequence[Happening]) -> str:
-    """Return a text with the lowest battery charge at which a landing was commanded, after a fault has drained the battery.
+    """Return a text about the battery charge at which a landing was commanded, if a fault drained the battery.
 
     Return "" unless a fault has drained a battery and no failsafe has acted.
     """
@@ -377,7 +377,10 @@ def _run_end(run: RunData) -> Iterator[str]:
 
 
 def _missing_record(run: RunData) -> Iterator[str]:
-    """Yield a clause for each record of the flight that cannot be read: failsafes may be missing in the list of events."""
+    """Yield a clause if flight.mcap or events.jsonl cannot be read.
+
+    Failsafes may then be missing in the list of events.
+    """
     yield from (f"not read: {why}" for why in run.missing if why.startswith(_RECORDS))
 
 

@@ -1,6 +1,6 @@
-"""Process of the ROS 2 bridge: `python -m arena.ros2 slice.json`.
+"""Process of the ROS 2 bridge: `python -m arena.ros2 FILE.json`.
 
-No process of the arena needs it or waits for it.
+The file (slice) is the configuration of the process. No other process of the arena needs the bridge or waits for it.
 """
 
 from __future__ import annotations

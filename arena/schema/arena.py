@@ -249,7 +249,7 @@ class Arena:
 
     @property
     def simulated(self) -> tuple[Vehicle, ...]:
-        """Vehicles with a simulated body. Arrays of the world have one row per vehicle in this order."""
+        """Vehicles with a simulated body. The arrays of the simulation have one row per vehicle, in this order."""
         return tuple(v for v in self.vehicles if v.simulated)
 
     @property

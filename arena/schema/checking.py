@@ -1,4 +1,7 @@
-"""Input of the cross-checks, which compare several YAML keys: the arena, its line numbers, and file access."""
+"""Input of the cross-checks of arena.yaml: the arena, the line numbers of its keys, and file access.
+
+A cross-check compares several YAML keys with each other.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +69,7 @@ class Check:
     files: Files
 
     def where(self, vehicle: str, *key: str) -> YamlPath:
-        """Return the YAML path of a vehicle's key: `defaults.KEY` if it is only there, else `vehicles.NAME.KEY`."""
+        """Return the YAML path that sets a vehicle's key: `vehicles.NAME.KEY`, or `defaults.KEY` if only that is given."""
         return self.source.layer(vehicle, *key)
 
     def place_of(self, vehicle: Vehicle, key: str) -> str:
@@ -79,6 +82,9 @@ class Check:
         return self.source.problem(("vehicles", vehicle, *key), message, at=self.where(vehicle, *words))
 
     def sound(self, vehicle: Vehicle, *keys: str) -> bool:
-        """Return whether a check can use these keys of a vehicle, because no problem has been reported for them."""
+        """Return whether the values of these keys of a vehicle are valid so far.
+
+        Checks skip keys for which a problem has already been reported.
+        """
         roots = [("vehicles", vehicle.name, key) for key in keys] + [("defaults", key) for key in keys]
         return not any(path[: len(root)] == root for path in self.pruned for root in roots)

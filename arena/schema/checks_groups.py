@@ -60,7 +60,7 @@ def _differences(c: Check, group: str, first: Vehicle, other: Vehicle) -> Iterat
 
 
 def _settings(one: Program, two: Program) -> Iterator[tuple[str, str, str]]:
-    """Yield each setting that two programs of a group must share: (key, first value, second value)."""
+    """Yield (key, first value, second value) for each setting that must be equal in two programs of a group."""
     yield "path", one.path, two.path
     yield "restart", one.restart, two.restart
     yield "run", "once" if one.once else "each", "once" if two.once else "each"

@@ -17,7 +17,7 @@ _ROUNDING_M = 1e-6
 
 
 def obstacles(c: Check) -> Iterator[Problem]:
-    """Check the size and place of each obstacle: right number of values, inside the room, away from starts."""
+    """Check the size and place of each obstacle: right number of values, inside the room, away from start positions."""
     if any(path[:2] in (("world", "obstacles"), ("world", "size")) for path in c.pruned):
         return
     for name, given in c.arena.world.obstacles.items():

@@ -23,7 +23,10 @@ def placeholders(c: Check) -> Iterator[Problem]:
 
 
 def _places(c: Check) -> Iterator[tuple[YamlPath, Sequence[str], bool]]:
-    """Yield the texts that can contain placeholders, as (YAML path, texts, whether they are of a vehicle)."""
+    """Yield the arguments of programs and tools, which can contain placeholders, with their YAML path.
+
+    Each item is (YAML path, arguments, True for a vehicle or False for the whole arena).
+    """
     for v in c.arena.vehicles:
         yield ("vehicles", v.name, "args"), v.program.args if v.program is not None else (), True
         for name, tool in v.tools.items():

@@ -28,7 +28,11 @@ def _neighbours(c: Check) -> Iterator[Problem]:
 
 
 def _place(c: Check, v: Vehicle, index: int) -> tuple[str | int, ...]:
-    """Return the YAML path of one name in the key `neighbours`, which is a list or a mapping."""
+    """Return the YAML path of one vehicle name in the key `neighbours`, for messages.
+
+    The key is a list of names, or a mapping with the list `vehicles`.
+    index: place of the name in the list, from 0.
+    """
     mapping = c.source.given((*c.where(v.name, "neighbours"), "vehicles"))
     return ("neighbours", "vehicles", index) if mapping else ("neighbours", index)
 
@@ -62,7 +66,10 @@ def _rates(c: Check) -> Iterator[Problem]:
 
 
 def _sources(c: Check) -> Iterator[Problem]:
-    """Check that all poses that a sensor uses are in the axes of the arena."""
+    """Check that the pose source of each relative sensor provides usable poses of all vehicles involved.
+
+    An estimate without motion capture poses has another origin. The emulator does not measure real vehicles.
+    """
     known = {v.name: v for v in c.arena.vehicles}
     for v in c.arena.vehicles:
         others = [known[name] for name in v.neighbours if name in known]

@@ -1,4 +1,4 @@
-"""Descriptions of YAML keys, read from the source code: the text after each field of a model.
+"""Reads the descriptions of YAML keys from the source code: the docstring below each field of a model.
 
 pydantic can read them (`use_attribute_docstrings`), but would parse the source at every import, which takes longer than all
 checks of an arena. Only the JSON schema and the reference pages need them.

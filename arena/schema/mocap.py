@@ -68,7 +68,7 @@ class Mocap(NatNetKeys):
 
     @property
     def keys(self) -> dict[str, Any]:
-        """Return all keys under `mocap` with their values. They are the input of each vendor's settings."""
+        """Return all keys under `mocap` with their values, for the code of each motion capture vendor."""
         return self.as_dict()
 
 

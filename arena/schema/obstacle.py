@@ -34,7 +34,7 @@ class Obstacle(Strict):
     """Colour in pictures, as `#rrggbb`."""
 
     def body(self, name: str) -> Body | None:
-        """Return the obstacle as a body with its centre, or None if `size` has a wrong number of values.
+        """Return the shape and pose of the obstacle as a `Body`. None if `size` has the wrong number of values.
 
         The cross-checks report wrong sizes.
         """

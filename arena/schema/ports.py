@@ -83,7 +83,7 @@ class Port:
     binders: tuple[Binder, ...] = ()
 
     def binder(self, kind: str) -> Binder | None:
-        """Return this port's `Binder` of a process kind such as `router`, or None if that kind does not open the port."""
+        """Return the `Binder` of one kind of process, such as `router`. None if that process does not open this port."""
         return next((binder for binder in self.binders if binder.kind == kind), None)
 
 

@@ -192,7 +192,7 @@ class Profile(Strict):
 
     @property
     def rotor_radius_m(self) -> float | None:
-        """Propeller radius [m], from the profile's section `downwash` or `ground_effect`, or None without both."""
+        """Propeller radius [m], from the profile's section `downwash` or `ground_effect`. None if neither exists."""
         given = self.downwash or self.ground_effect
         return None if given is None else given.rotor_radius_m
 

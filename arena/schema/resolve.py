@@ -126,9 +126,10 @@ def fence_of(model: ArenaFile) -> Fence | None:
 
 
 def _home(model: ArenaFile, folder: Path) -> str | None:
-    """Return `px4.home` of the YAML. A relative path is joined to the YAML's folder; `stand-in` is kept.
+    """Return the folder of PX4 SITL from the YAML key `px4.home`, or `stand-in`, or None if the key is not set.
 
-    `stand-in` selects the built-in autopilot with PX4's simulator API, for computers without PX4.
+    A relative path starts at the YAML's folder. `stand-in` selects the built-in autopilot with PX4's simulator API, for computers without
+    PX4.
     """
     home = model.px4.home
     return str(folder / Path(home).expanduser()) if home and home != STAND_IN else home
@@ -313,7 +314,7 @@ class _Merge:
         return Start.model_construct(**layers)  # each value is validated already
 
     def _px4_version(self, autopilot: Autopilot) -> str:
-        """Return the PX4 version of a vehicle: that of the SITL binary, for other autopilots `px4_version` of the YAML."""
+        """Return the PX4 version of a vehicle: from the SITL binary for `px4`, else from the YAML key `px4_version`."""
         if autopilot == "px4" and self.px4 is not None:
             return str(self._note("px4_version", self.px4.version, f"rule: {self.px4.words}"))
         return str(self._take("px4_version", ""))

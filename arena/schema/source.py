@@ -30,7 +30,7 @@ class Source:
     ranges: Mapping[str, RangeMember] = field(default_factory=dict)
 
     def range_of(self, vehicle: str) -> RangeMember | None:
-        """Return the range such as `uav1..uav48` that contains this vehicle, or None if the vehicle has a key of its own."""
+        """Return the range, such as `uav1..uav48`, that defines this vehicle. None if the YAML names the vehicle itself."""
         return self.ranges.get(vehicle)
 
     def given(self, path: YamlPath) -> bool:
@@ -52,7 +52,7 @@ class Source:
         return here
 
     def layer(self, vehicle: str, *key: str) -> YamlPath:
-        """Return the YAML path of a vehicle's key: `defaults.KEY` if it is only there, else `vehicles.NAME.KEY`."""
+        """Return the YAML path that sets a vehicle's key: `vehicles.NAME.KEY`, or `defaults.KEY` if only that is given."""
         own: YamlPath = ("vehicles", vehicle, *key)
         common: YamlPath = ("defaults", *key)
         return common if not self.given(own) and self.given(common) else own

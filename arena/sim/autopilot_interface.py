@@ -118,7 +118,10 @@ class CompositeAutopilots:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors sampled only on request, such as GPS, that the next call of `begin` needs."""
+        """Names of the sensors, such as GPS, that must be sampled before the next call of `begin`.
+
+        Sensors that are sampled in every step are not listed.
+        """
         return tuple({name for part in self._external if part is not None for name in part.requested})
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:

@@ -99,7 +99,7 @@ class Bodies:
         self._set_in_pybullet(list(range(fleet.size)))
 
     def begin(self, wind_n: Array) -> None:
-        """Begin a sensor period: select the vehicles near an obstacle, which pybullet moves.
+        """Begin a sensor period: select the vehicles near an obstacle. pybullet moves these vehicles.
 
         The compiled function `free_flight` moves all other vehicles.
 
