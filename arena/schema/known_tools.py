@@ -43,7 +43,7 @@ def _microxrce(keys: Keys) -> Keys:
 
 
 def _mavros(keys: Keys) -> Keys:
-    """Return the tool MAVROS with its command. MAVROS connects to the vehicle's MAVLink port for tools.
+    """Return the tool MAVROS with its command. MAVROS connects to the MAVLink router, at the vehicle's tools port.
 
     Programs and SDKs bind the other ports. MAVROS binds any free port and sends first.
     """

@@ -86,7 +86,7 @@ class Microxrce(Strict):
 
 
 class Mavros(Strict):
-    """MAVROS for one vehicle: `ros2 launch mavros px4.launch` on the vehicle's MAVLink port for tools."""
+    """MAVROS (`ros2 launch mavros px4.launch`) for one vehicle, connected to the MAVLink router at the vehicle's tools port."""
 
     namespace: str = "{ns}/mavros"
     """ROS namespace, so that the state is the topic `/uav1/mavros/state`. It can contain placeholders."""
