@@ -1,4 +1,6 @@
-"""Kernels: compiled formulas that run in every step for every vehicle, as loops over arrays. Pure.
+"""Kernels: compiled modules for the code that must be fast, such as physics and controllers. Pure.
+
+Most kernels run in every step, and loop over the arrays of all vehicles.
 
 A kernel is a plain Python module, and its .pxd file contains the C types for Cython. The compiled and the interpreted
 module give the same results, bit for bit. Import a kernel as usual: it is the compiled module if all kernels are

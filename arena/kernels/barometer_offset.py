@@ -1,4 +1,4 @@
-"""Offsets of the barometers of the built-in autopilots.
+"""Offset between barometric altitude and estimated height, for the built-in autopilots.
 
 `arena.autopilot.estimation.estimator` fuses a barometer while external vision gives no height.
 """
@@ -43,7 +43,7 @@ class BarometerOffset:
         self.updated_at = -1e9
 
     def update(self, now: float) -> bool:
-        """Update the offsets of vehicles with a fresh height of vision. Return whether any other has lost vision.
+        """Update the offset of each vehicle while vision gives its height. Return whether a vehicle must use its barometer.
 
         now: time since boot [s]
         """

@@ -25,7 +25,7 @@ _SPEED_CHANGE = 1.0
 
 
 class Clearance:
-    """Finder of the bodies (of V) that cannot touch anything soon, because the space around them is free.
+    """Finder of the bodies, out of V, that have enough free space to touch nothing within the next period.
 
     The distances are those between spheres around the bodies, boxes and the floor.
 

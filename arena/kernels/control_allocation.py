@@ -66,7 +66,7 @@ class ControlAllocation:
             self.saturated[i, axis] = (1.0 if torque > 0.0 else -1.0) if torque != 0.0 else 0.0
 
     def _add_yaw(self, i: int) -> float:
-        """Add the yaw torque to the motor commands of vehicle i. Return which share of it is added, 0..1."""
+        """Add the yaw torque to the motor commands of vehicle i. Return the share of this torque that fits, 0..1."""
         base, yaw, rotors = self._tilt, self._yaw, len(self._tilt)
         fastest, slowest = 0.0, 1.0
         for k in range(rotors):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class FlightPeriod:
-    """Physics steps of V vehicles that all are in free flight, so that pybullet moves none of them.
+    """Physics steps of V vehicles without pybullet, used while all of them are in free flight.
 
     rotors, bodies: kernels of rotors and bodies
     """

@@ -176,10 +176,7 @@ class FreeFlight:
             self.air_b[i, k] = self._to_body(i, k, north, east, down)
 
     def _to_body(self, i: int, k: int, north: float, east: float, down: float) -> float:
-        """Convert a vector from NED to body axes FRD of body i. Return one element.
-
-        k: index of the element
-        """
+        """Return element k of a NED vector that is rotated to the body axes (FRD) of body i."""
         return self.r_nb[i, 0, k] * north + self.r_nb[i, 1, k] * east + self.r_nb[i, 2, k] * down
 
     def _world_from_body(self, i: int, v: Triple) -> Triple:

@@ -145,7 +145,7 @@ class ClimbRequest:
 
 
 class RampLaw:
-    """Take-off ramp of V vehicles: after arming, the limit of the climb rate rises slowly.
+    """Take-off ramp of V vehicles: from the first climb setpoint on, the limit of the climb rate rises slowly.
 
     armed_since: input: time of arming [s], infinite while disarmed (V,)
     landed, climbing: input: whether on the ground, whether the setpoint is a climb (V,)

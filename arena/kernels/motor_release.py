@@ -1,6 +1,6 @@
-"""Release of the motors of the built-in autopilots: from when they follow the controllers.
+"""Release of the motors of a built-in autopilot: they idle after arming, and follow the controllers from take-off on.
 
-Armed on the ground without a setpoint to climb, the motors idle, whatever the controllers command.
+While an armed vehicle stands on the ground without a climb setpoint, its motors ignore the controllers.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _IDLE = 0.1  # motor command of an armed vehicle on the ground
 
 
 class MotorRelease:
-    """Release of the motors of V vehicles, from arming and take-off ramp.
+    """Motor release of V vehicles: the motors idle until the take-off ramp begins, then follow the controllers.
 
     outputs, ramp: motor commands and take-off ramp
     level: input: controller that receives the setpoint, 0 for none (V,)
@@ -51,7 +51,10 @@ class MotorRelease:
         self.spoolup_s, self.tilt_landed = floats(v), floats(v)
 
     def update(self) -> None:
-        """Release or hold the motors of each vehicle. Before the ramp, clear the integrals of the controllers."""
+        """Decide for each vehicle whether its motors idle or follow the controllers.
+
+        Before the take-off ramp begins, the integrals of the controllers are cleared.
+        """
         outputs, ramp = self.outputs, self.ramp
         cascade = outputs.cascade
         for i in range(len(self.spoolup_s)):

@@ -135,7 +135,7 @@ class OrdinaryDatagrams:
         return bits
 
     def find(self, socket: int, sender: int, data: Buffer, start: int, end: int, now: float) -> int:
-        """Return the number of the set of receivers for a datagram; `NOT_ORDINARY` if Python must route it.
+        """Find the receivers of a datagram. Return their index in `receivers`; `NOT_ORDINARY` if Python must route it.
 
         An ordinary datagram is counted as sent to all its receivers; of others nothing is remembered.
         socket: index of the socket that received it. sender: number of the sender's address
@@ -205,7 +205,7 @@ class OrdinaryDatagrams:
         return False
 
     def _read_frame(self, data: Buffer, at: int, end: int) -> int:
-        """Read the MAVLink frame at an offset. Return the offset of its end; -1 if it is broken or unknown."""
+        """Read the MAVLink frame at an offset. Return the offset after the frame; -1 if the frame is broken or unknown."""
         magic, signature = data[at], 0
         if magic == _V2 and at + _V2_HEAD + _CRC <= end:
             if data[at + 2] > _SIGNED:  # a frame with an unknown flag must not be read

@@ -121,7 +121,7 @@ class PositionLaw:
         self.a_sp_n[i, axis] = accel + (given if math.isfinite(given) else 0.0)
 
     def _set_thrust(self, i: int) -> float:
-        """Compute the thrust vector of vehicle i. Return the vertical thrust before its limit [-] [NED].
+        """Compute the thrust vector of vehicle i. Return the vertical thrust before the limit MPC_THR_MAX [-] [NED].
 
         The tilt is limited first. Vertical thrust has priority over horizontal thrust, except for a margin of
         MPC_THR_XY_MARG for horizontal thrust.

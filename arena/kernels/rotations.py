@@ -150,6 +150,6 @@ def rotation_vector(a: Quaternion, b: Quaternion) -> Vector:
 
 
 def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
-    """Interpolate at constant rate from attitude a (fraction 0) to b (fraction 1), on the shorter way."""
+    """Interpolate at constant rate from attitude a (fraction 0) to b (fraction 1), along the shorter arc."""
     x, y, z = rotation_vector(a, b)
     return product(a, from_rotation_vector(fraction * x, fraction * y, fraction * z))

@@ -51,7 +51,7 @@ class SocketWaits:
         self._now, self._world_now = now, self.world_s[0]
 
     def may_be_old(self, i: int, now: float) -> bool:
-        """Store that the poll found data in socket i. Return whether they may have waited longer than `limit_s`.
+        """Store that the poll found datagrams in socket i. Return whether they may have waited longer than `limit_s`.
 
         Call this once for each socket that the poll has reported. now: monotonic [s].
         """

@@ -82,7 +82,7 @@ class StreamSender:
         return not self.needs_position[column] or bool(self.packing.xy_valid[i])
 
     def _has_rare(self, i: int, now: float) -> bool:
-        """Return whether a message of vehicle i is due that this kernel cannot build; Python code builds such rare messages."""
+        """Return whether a due message of vehicle i must be built by Python code, because this kernel cannot build it."""
         count, schedule = len(self.links), self.schedule
         for row in range(i * count, (i + 1) * count):
             if schedule.is_due(row, now):

@@ -278,7 +278,7 @@ class TelemetryPacking:
         return b"".join(frames)
 
     def _parts(self, i: int, writer: PayloadWriter) -> int:
-        """Return in how many frames vehicle i sends a message: one, or one per four ESCs for ESC messages."""
+        """Return how many frames vehicle i needs for a message: one per four ESCs for ESC messages, else one."""
         return int((self.escs[i] + (_ESCS - 1)) // _ESCS) if writer.by_escs else 1
 
     def _compute(self, i: int) -> None:

@@ -21,7 +21,7 @@ _ATTITUDE = 3
 def sample_before(
     page: Floats, begin: int, width: int, ring: int, oldest: int, newest: int, time_s: float
 ) -> int:
-    """Return the number of the newest sample of true states not after `time_s`; `oldest - 1` if there is none.
+    """Return the index of the newest sample with a time <= `time_s`; `oldest - 1` if all samples are newer.
 
     page: the whole page.  begin: place of its first row.  width: numbers per row, of which the first is the time [s].
     ring: rows in the page. Sample k is in row k modulo `ring`.

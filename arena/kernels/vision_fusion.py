@@ -135,7 +135,7 @@ class VisionFusion:
         self.state.correct(i, self.covariance.error, past_states)
 
     def _ratio(self, i: int, k: int) -> float:
-        """Return one squared innovation of vehicle i divided by its variance [-]; infinite if it is NaN.
+        """Return the square of one innovation divided by its variance [-]; infinity if the innovation is NaN.
 
         k: index of the innovation
 
@@ -146,10 +146,10 @@ class VisionFusion:
         return ratio if math.isfinite(ratio) else _INFINITE
 
     def _move_gate(self, i: int, k: int, passed: bool) -> None:
-        """Update the largest variance that the gate test may use for one innovation of vehicle i.
+        """Limit the variance that the gate test uses for one innovation, so that rejected poses do not widen the gate.
 
         passed: the innovation was accepted
 
-        While poses are rejected, the variance of the innovations grows. The stored variance limits it, so the gate does not widen.
+        While poses are rejected, the variance of the innovations grows. The stored variance is the limit.
         """
         self.gate_var[i, k] = _INFINITE if passed else min(self.innovation_var[i, k], self.gate_var[i, k])

@@ -208,7 +208,10 @@ class FleetTracker:
         return self._reported(row, "landed")
 
     def _reported(self, row: int, name: str) -> bool | None:
-        """Return a state that the supervisor has reported; None if the vehicle is silent, because the state may have changed."""
+        """Return a vehicle state from the supervisor, such as `armed`; None if the vehicle is not connected.
+
+        The state of a vehicle that is not connected may have changed.
+        """
         value: bool | None = self._fact(row, name)
         return None if self._fact(row, "connected") is False else value
 

@@ -91,7 +91,7 @@ class VehicleSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Description of an arena for viewers: the room, the vehicles, and the places where their states are published.
+    """Description of an arena for viewers: the room, the vehicles, and the sources of the vehicle states.
 
     size_m: north, east and height of the room [m].  ceiling: false if the room is open to the sky.
     fence: None without a geofence.  obstacles: fixed bodies in the room.

@@ -52,7 +52,7 @@ class CommandFilter:
         return False
 
     def passes_setpoint(self, vehicle: int, now: float) -> bool:
-        """Return whether a setpoint of a vehicle's program may pass now without further checks.
+        """Return whether a user program may send a setpoint to a vehicle now. If False, `allows` must decide.
 
         vehicle: system id. now: monotonic [s].
         """
@@ -77,7 +77,7 @@ class CommandFilter:
             self._news.add(vehicle)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request that the supervisor has sent to the router, such as `release`.
+        """Process a request from the supervisor, such as `release` (programs may command the vehicle again).
 
         `release`: the operator ends the control that land-all or the copilot has taken, so that programs may
         command the vehicle again. request: see `process_context`. now: monotonic [s].

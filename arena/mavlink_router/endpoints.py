@@ -70,7 +70,7 @@ class AutopilotLink:
 
     @property
     def up(self) -> Destinations:
-        """Return the autopilot as the only receiver of a message: ((socket index, address),)."""
+        """Destination of messages to the autopilot: ((socket index, address),)."""
         return ((self.socket, self.remote),)
 
 

@@ -1,4 +1,7 @@
-"""Reports of the router to the supervisor. Both the router process and the fused arena use this module."""
+"""Reports of the router to the supervisor.
+
+The router process uses this module, and also the process `fused`, which contains all parts of a simulated arena.
+"""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ class Router:
         return self._socket_table.handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
-        """Remove tools that have stopped sending, and mark vehicles without heartbeat as not connected.
+        """Remove tools (such as viewers) that have stopped sending, and mark silent vehicles as not connected.
 
         A tool is any program on this computer that sends to the `tools` address of a vehicle. now: monotonic [s].
         """
@@ -342,7 +342,7 @@ class Router:
     def _receivers_key(
         self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
     ) -> int:
-        """Return the vehicles that receive a client's MAVLink frame, as the key of a set in `VehicleSets`."""
+        """Find the vehicles that must receive a client's frame. Return the key of this set of vehicles in `VehicleSets`."""
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
             self._counts.dropped["a vehicle's message, returned by a client"] += 1
@@ -360,7 +360,7 @@ class Router:
         return self._allowed_key(target, endpoint, data, frame, now) if msgid in MESSAGES else target
 
     def _allowed_key(self, target: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> int:
-        """Return which target vehicles this client may command now, as the key of a set in `VehicleSets`.
+        """Find the target vehicles that a client may command now. Return the key of this set in `VehicleSets`.
 
         target: system id of the command's target, 0 for all vehicles.
         """

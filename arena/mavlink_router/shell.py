@@ -1,4 +1,4 @@
-"""The router process: its sockets, its loop, and the ground station's heartbeat that it sends."""
+"""The router process: its sockets and its loop. The process also sends the heartbeat of a ground station."""
 
 from __future__ import annotations
 
@@ -227,7 +227,7 @@ class RouterShell:
             self._send_heartbeat(self._router.heartbeat(self._station.heartbeat(), operator=operator), now)
 
     def _report_operator(self, operator: bool, now: float) -> None:
-        """Report an event when the operator of the arena disappears or returns.
+        """Report an event when the arena's operator (terminal or ground station) disappears or returns.
 
         Nothing is logged if no vehicle needs an operator (receives heartbeats only while an operator is present).
         """

@@ -81,7 +81,7 @@ class Shortcut:
         return [(data, self.ordinary.receivers[found])] if found >= 0 else None
 
     def set_receivers(self, link: AutopilotLink, receivers: Destinations) -> None:
-        """Set the receivers of broadcast messages from a vehicle's link. receivers: () until they are known."""
+        """Set the receivers of the broadcast messages on a vehicle's link; () if they are not known yet."""
         self.ordinary.set_receivers(link.number, receivers)
 
     def set_senders(self, endpoint: Endpoint) -> None:
@@ -94,7 +94,7 @@ class Shortcut:
             self.ordinary.set_senders(client, endpoint.senders)
 
     def collect(self, counts: Counts) -> None:
-        """Add the frames and bytes that the kernel has counted since the last call to `counts`."""
+        """Add the kernel's counts of frames and bytes to `counts`, then set the kernel's counts to zero."""
         ordinary = self.ordinary
         counts.frames_from_vehicles += ordinary.from_vehicles
         counts.frames_to_clients += ordinary.to_clients
