@@ -48,9 +48,9 @@ class Backlog:
         self.dropped = 0
 
     def tick(self, now: float) -> None:
-        """Measure the offset between the wall clock (of the datagrams' time stamps) and the monotonic clock.
+        """Measure the offset between the wall clock and the monotonic clock.
 
-        The kernel stamps received datagrams by the wall clock, which may jump. Call this method a few times a
+        The operating system stamps received datagrams by the wall clock, which may jump. Call this method a few times a
         second. now: monotonic [s].
         """
         self._ages.update(time.time(), now)

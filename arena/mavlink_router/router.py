@@ -127,7 +127,7 @@ class Router:
         return self.on_other_datagram(socket, sender, data, now)
 
     def on_other_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
-        """Route a datagram without the compiled shortcut. The receivers are the same as with the shortcut."""
+        """Route a datagram in Python. Needed if the compiled shortcut cannot route the datagram, such as a command."""
         self._counts.bytes_in += len(data)
         return self._socket_table.handlers[socket](sender, memoryview(data), now)
 
