@@ -13,7 +13,7 @@ from arena.report.run_data import RunData
 
 
 def scenario_rows(run: RunData) -> dict[str, Any]:
-    """Return name, file, seed and failures of the smoke flight, or {} if the run was not a smoke flight."""
+    """Return name, file, seed, rules and failures of the smoke flight, or {} if the run was not a smoke flight."""
     if not run.scenario:
         return {}
     verdict = run.scenario.get("verdict") or {}

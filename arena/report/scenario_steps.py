@@ -33,7 +33,7 @@ class ScenarioStep:
 
     @property
     def words(self) -> str:
-        """Text of the step. For an expectation, it also names the step from which its time counts."""
+        """Text of the step. The text of an expectation also names the step from which the time is counted."""
         return f"{self.text} (time counts from step {self.since})" if self.since else self.text
 
 

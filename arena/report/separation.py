@@ -16,7 +16,7 @@ _MOST_VALUES = 20_000_000  # rows times pairs of vehicles; more rows are thinned
 
 @dataclass(frozen=True, kw_only=True)
 class Separation:
-    """Smallest distance between two vehicles in a run, at least one of them in the air.
+    """Smallest distance between two vehicles in a run while at least one of the two was in the air.
 
     distance_m: distance between the body origins [m].  at_s: its time on the report's axis [s].  names: the two vehicles.
     """

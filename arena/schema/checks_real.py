@@ -164,7 +164,7 @@ def _speed(c: Check) -> Iterator[Problem]:
 
 
 def _capture(c: Check) -> Iterator[Problem]:
-    """Check `mocap.source`: simulated vehicles need the emulator, real vehicles the system of a vendor."""
+    """Check `mocap.source`: simulated vehicles need the emulator, real vehicles need a vendor's system."""
     mocap, hardware = c.arena.mocap, c.arena.hardware
     if ("mocap", "source") in c.pruned:
         return

@@ -155,7 +155,7 @@ _ROS = f"Install ROS 2 (docs.ros.org), {_SOURCE}"
 
 
 def requirement(tool: Tool) -> Requirement | None:
-    """Return the program or package that a known tool needs on this computer, or None for other tools."""
+    """Return the program or ROS 2 package that a tool needs on this computer, or None if no need is known."""
     if tool.microxrce is not None:
         agent = "Build it from github.com/eProsima/Micro-XRCE-DDS-Agent, or install the snap micro-xrce-dds-agent."
         return Requirement(how=agent)

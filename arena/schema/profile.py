@@ -115,7 +115,7 @@ class GroundEffect(Strict):
 
 
 class Downwash(Strict):
-    """Downwash: wind that this vehicle makes at vehicles below it (turbulent jet model)."""
+    """Downwash: wind that this vehicle causes at vehicles below it (turbulent jet model)."""
 
     rotor_radius_m: Positive
     strength: NotNegative = 1.0

@@ -91,7 +91,7 @@ def _stand_in(source: str) -> Px4:
 
 
 def version_of(binary: Path) -> str:
-    """Return the release in the PX4 binary, such as "1.16.0", or "" if it is not found."""
+    """Return the version of PX4 that its binary contains, such as "1.16.0", or "" if none is found."""
     try:
         found = _TAG.search(binary.read_bytes())
     except OSError:

@@ -68,7 +68,7 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
 
 @contextlib.contextmanager
 def _without_plugins() -> Iterator[None]:
-    """Disable pydantic's plugins, because the search for them reads all installed packages and is slow."""
+    """Disable pydantic's plugins inside a `with` block. The search for plugins reads all packages and is slow."""
     before = os.environ.get(_NO_PLUGINS)
     os.environ[_NO_PLUGINS] = "1"
     try:

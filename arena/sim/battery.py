@@ -110,7 +110,7 @@ class Battery:
 
     @property
     def command_factor(self) -> Array:
-        """Return a factor 0..1 on the motor commands [-] (V, 1), which limits the thrust of a nearly empty battery.
+        """Return a factor (0 to 1) for the motor commands of each vehicle (V, 1). A nearly empty battery gives less thrust.
 
         It falls from 1 at the charge RESERVE to 0 for an empty battery.
         """

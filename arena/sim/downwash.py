@@ -1,4 +1,4 @@
-"""Downwash: wind that the rotors of a vehicle make at the vehicles below it. Pure, batched over vehicles.
+"""Downwash: wind that the rotors of a vehicle cause at the vehicles below it. Pure, batched over vehicles.
 
 Source: Bauersfeld, Koen Muller, Ziegler, Coletti and Scaramuzza, "Robotics meets fluid dynamics: a
 characterization of the induced airflow below a quadrotor as a turbulent jet", IEEE Robotics and Automation
@@ -43,7 +43,7 @@ _TAIL = 1.0 / (1.0 + _SHAPE * _END * _END) ** 2
 
 
 class Downwash:
-    """Model of the wind that V vehicles make at each other by their downwash.
+    """Model of the wind that V vehicles cause at each other by their downwash.
 
     profiles: profiles of the vehicles; one without `downwash` makes no wind
     strength: factor of every air speed [-]
