@@ -25,7 +25,7 @@ GROUP_VARIABLE = "ARENA_GROUP"
 def pointers() -> list[Path]:
     """Return one file per running arena of this user. The file contains the path of the arena's run folder.
 
-    The files have the name `run` and are in runtime folders. Folders that other users own, or that every user may write to, are ignored.
+    The files have the name `run` and are in runtime folders. Folders of other users, and folders to which others may write, are ignored.
     """
     bases = [base for base in runtime_bases() if _is_ours(base)]
     return [pointer for base in bases for pointer in sorted(base.glob("*/run")) if _is_ours(pointer.parent)]
