@@ -1,4 +1,4 @@
-"""Turns a forked copy of the running process into a fork server, so that packages are not imported again.
+"""Starts a fork server as a fork of the running process, so that packages are not imported again.
 
 A process that a fork server has forked can serve as a fork server without a new interpreter: it forks a child, and the child
 serves requests. The child gives up the work of its parent by an exception, `OtherWork`, so that it ends as a process of its own.
@@ -16,7 +16,7 @@ Serve = Callable[[socket.socket], Work | None]
 
 
 class OtherWork(BaseException):
-    """Exception that a forked process raises to leave the code of its parent. It then runs `work` instead.
+    """Exception with which a forked child leaves the code of its parent, to run the function `work` instead.
 
     work: does the other work, and returns an exit code.
     """
@@ -30,7 +30,7 @@ _serve: list[Serve] = []
 
 
 def offer(serve: Serve) -> None:
-    """Store the function that answers requests to fork, for a later call of `fork_server` in this process.
+    """Store the function `serve`, which `fork_server` runs in the new fork server.
 
     The fork server calls this in each process that it forks.
 
@@ -54,7 +54,7 @@ def fork_server(channel: socket.socket, ours: socket.socket) -> int | None:
 
 
 def _other_work(channel: socket.socket, ours: socket.socket) -> Work:
-    """Serve requests to fork processes. Return the function that this or a forked process must run next.
+    """Run the fork server. Return the function to run next, in the server at its end or in a child that it has forked.
 
     In a forked process the function does its work. In the server, at the end of its requests, it does nothing.
 

@@ -128,7 +128,7 @@ class ProcessContext:
             self.send({"confirmed": request["id"]})
 
     def may_end(self, armed: Collection[str]) -> bool:
-        """Return whether the process may end: a stop signal has arrived, and no armed vehicle needs it.
+        """Return whether the process may end: a stop signal has arrived, and no armed vehicle needs this process.
 
         The process reports once which vehicles need it. They would lose their poses or their connection in the air.
         armed: real vehicles that the process serves and that are armed. Vehicles that the operator has given up

@@ -1,4 +1,4 @@
-"""Functions that return the PX4 parameters that each vehicle must have, here called its `firmware`. Pure.
+"""Required PX4 parameters of each vehicle. In this module, `firmware` means these parameters. Pure.
 
 `arena params`, the preflight check of hardware, the start of PX4 SITL and the built-in autopilots all use these functions.
 """
@@ -138,7 +138,7 @@ def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
 
 
 def requirements(arena: Arena, v: Vehicle) -> Requirements:
-    """Return what one vehicle's PX4 must provide by the YAML, such as failsafe actions, with the reasons.
+    """Return what the YAML requires of one vehicle's PX4, such as failsafe actions, with the reasons.
 
     `generate` converts the requirements to parameters of a PX4 version.
     """

@@ -69,7 +69,7 @@ def why_one(arena: Arena) -> str:
 
 
 def could_be_member(process: str) -> bool:
-    """Return whether the process `world` of a fused arena does the work of this process.
+    """Return whether a fused arena runs this process inside the process `world`. Also true for `world` itself.
 
     These processes are `world` itself, motion capture, forwarders, router and recorder.
     """

@@ -107,7 +107,7 @@ def autopilot_ends(arena: Arena, vehicle: Vehicle) -> Json:
 
 
 def partner_end(link: LinkPlan) -> Json:
-    """Return the `local` and `remote` address of a MAVLink link for the autopilot's partner.
+    """Return the `local` and `remote` address of a MAVLink link for the autopilot's partner, such as the router.
 
     This partner is the process at the other end of the link: the router, the pose forwarder or land-all.
     """

@@ -61,7 +61,7 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
 
 
 def without_report(plan: Plan) -> Plan:
-    """Return a copy of the plan whose report task writes only CSV logs, without a summary and plots."""
+    """Return a copy of the plan that writes only CSV logs after the run, without a summary and plots."""
     argv = (sys.executable, "-m", "arena.flight_log", "{run}")
     return dataclasses.replace(
         plan, report=_task("logs", argv, nice=10, cpu_budget=1.0, memory_budget_mb=300.0)

@@ -111,7 +111,7 @@ class ProcessSpec:
 
     @property
     def flies(self) -> tuple[str, ...]:
-        """Return the vehicles that the user programs in this process fly; () if it is not a program."""
+        """Return the vehicles that the user programs in this process fly; () if the process runs no user program."""
         if not self.is_program:
             return ()
         own = (self.vehicle, *(m.vehicle for m in self.members))

@@ -192,7 +192,7 @@ def link(job: Job) -> Json:
 
 
 def capture(arena: Arena, bodies: list[str] | None, *, simulated: bool) -> Json | None:
-    """Return the settings of a motion-capture receiver, or None if no server sees these vehicles.
+    """Return the settings of a motion-capture receiver; None for real vehicles if the only source is the emulator.
 
     bodies: names of the rigid bodies to receive; None for all.
     simulated: true for simulated vehicles (emulator), false for hardware (the vendor's server).

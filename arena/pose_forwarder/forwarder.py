@@ -260,7 +260,7 @@ class Forwarder:
         self._origin_tries = 0
 
     def _waits_for_origin(self, now: float) -> bool:
-        """Return whether no pose may be sent yet, because the autopilot has no origin or global position.
+        """Return whether poses must wait, because the autopilot has no origin or global position yet.
 
         This is only the case while the vehicle is on the ground.
 

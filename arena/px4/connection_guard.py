@@ -152,7 +152,7 @@ class ConnectionGuard:
         self._report(why, f"a connection from {client.peer} was closed: it {why}, so it is not PX4")
 
     def _report(self, kind: str, text: str) -> None:
-        """Report a closed connection as an event, at most once per `kind`.
+        """Report a closed connection as an event, at most once for each reason (`kind`).
 
         So a port scanner that connects often is reported only once.
         """

@@ -229,7 +229,7 @@ class FlightRecorder:
                 self._record_event(line, fields)
 
     def _record_event(self, line: bytes, fields: Mapping[str, Any]) -> None:
-        """Record an event line at its own time, but never earlier than the previous line.
+        """Record an event line at the time of the event, but never earlier than the previous line.
 
         The monotonic times of the lines are not in order, and the order of the lines must be that of their times in the record.
         """
@@ -252,7 +252,7 @@ class FlightRecorder:
                 self._remove(channels, error)
 
     def _remove(self, channels: RecordChannels, error: Exception) -> None:
-        """Remove an output of the recorder that has raised an error. Flight and other outputs continue."""
+        """Remove a failed output from the recorder. The other outputs continue."""
         self._channels = [other for other in self._channels if other is not channels]
         if isinstance(channels, RawChannels):
             self._failure = self._failure or f"error: {error!r}"

@@ -119,7 +119,7 @@ class McapFile:
         return tail
 
     def _stop(self) -> None:
-        """Stop writing `flight.mcap` and `flight.mcap.tail` after a failure, so that no data collect in memory."""
+        """Close both MCAP writers (record and tail file) after a failure, so that no more messages collect in memory."""
         self._stop_tail()
         self._bytes_of(self._record.close)
 

@@ -47,7 +47,7 @@ class CopySenders:
         self._names = {int(v["id"]): str(v["name"]) for v in vehicles}
 
     def owner(self, sender: Address) -> tuple[str, bool] | None:
-        """Return the vehicle and direction of datagrams from a router address; None for an unknown address.
+        """Return the vehicle and direction that belong to an address of the router; None for another address.
 
         Direction: True for datagrams to the vehicle.
         """

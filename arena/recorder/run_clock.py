@@ -20,7 +20,7 @@ class RunClock:
         self._readings = deque([(run_s, monotonic_s)], maxlen=readings)
 
     def update(self, run_s: float, monotonic_s: float) -> None:
-        """Store a pair of readings of both clocks, taken at the same instant.
+        """Store the run's time and the monotonic time of the same instant.
 
         Call it before the data that have arrived are read.
         """

@@ -136,7 +136,7 @@ class _ParamList:
         self.requests, self._new_at = self.requests + 1, now
 
     def add(self, value: Value, now: float) -> bool:
-        """Add a received parameter to the list. Return whether the vehicle's number of parameters has changed.
+        """Add a received parameter. Return whether the vehicle now reports a different number of parameters.
 
         After such a change all earlier indices are invalid, so the parameters received before are discarded.
         """

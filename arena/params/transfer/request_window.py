@@ -146,10 +146,10 @@ class RequestWindow(Generic[Key]):
             self._close(key, request, state)
 
     def _count_answer(self, key: Key) -> _Request | None:
-        """Count the answer to a request for the link quality, and return the request; None if it is closed.
+        """Count an answer, for the link quality. Return the request; None if the request was not sent or is closed.
 
-        The answer is ignored and None is returned if the request has not been sent, or is closed. An answer to the probe is
-        counted, but None is returned.
+        If the request was not sent or is closed, the answer is not counted. An answer to the probe is counted, but None is
+        returned.
         """
         request = self._open.get(key)
         sent = request is not None and request.tries > 0

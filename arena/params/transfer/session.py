@@ -163,7 +163,7 @@ def pull(
 
 
 def reboot(targets: Mapping[str, ParamTarget]) -> dict[str, str]:
-    """Reboot the autopilots of vehicles. Return {vehicle: why it does not reboot}; "" if it reboots."""
+    """Reboot the autopilots of vehicles. Return {vehicle: reason of the failure, or "" after success}."""
 
     def make(name: str, now: float) -> Rebooter:
         uid = UidCheck(targets[name].uid)

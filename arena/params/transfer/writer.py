@@ -223,7 +223,7 @@ class ParamWriter(Transfer):
             self.ending = "done"
 
     def _read_unknown_again(self) -> bool:
-        """Read again the parameters that were missing in the vehicle. Return False if no request is needed.
+        """Read missing parameters again if new values were acknowledged. Return whether reading was started.
 
         In PX4, some parameters exist only after another parameter has a certain value.
         """
