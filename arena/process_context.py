@@ -178,7 +178,7 @@ class ProcessContext:
         self.send({"event": text})
 
     def audit(self, entries: list[dict[str, Any]]) -> None:
-        """Report to the supervisor which requests vehicles have received (`arena audit` shows them).
+        """Report to the supervisor the requests that were sent to vehicles, for `arena audit`.
 
         entries: one entry for each request; nothing is sent if the list is empty
         """

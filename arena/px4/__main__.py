@@ -130,7 +130,7 @@ def _watch(context: ProcessContext, process: subprocess.Popen[bytes], world: Sim
 
 
 def is_stopped(pid: int) -> bool:
-    """Return whether a child process is paused by a signal such as SIGSTOP. A debugger does not count."""
+    """Return whether a child process is paused by a signal such as SIGSTOP, but not by a debugger."""
     with contextlib.suppress(ChildProcessError):  # it has just ended
         return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
     return False
@@ -230,7 +230,7 @@ def check_free(s: dict[str, Any]) -> None:
 
 
 def _is_locked(lock: Path) -> bool:
-    """Return whether a running PX4 holds the lock file. A file of a killed PX4 does not count."""
+    """Return whether a running PX4 holds the lock file. False if the PX4 that created the file was killed."""
     try:
         file = lock.open("rb")
     except OSError:  # no such file; or another user's, which PX4 itself will report

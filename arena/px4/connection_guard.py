@@ -152,9 +152,9 @@ class ConnectionGuard:
         self._report(why, f"a connection from {client.peer} was closed: it {why}, so it is not PX4")
 
     def _report(self, kind: str, text: str) -> None:
-        """Report a closed connection as an event, at most once for each reason (`kind`).
+        """Report a closed connection as an event, unless its reason (`kind`) was already reported.
 
-        So a port scanner that connects often is reported only once.
+        So a port scanner that connects often is reported only once. After PX4 has connected, `refused` can be reported again.
         """
         if kind not in self._reported:
             self._reported.add(kind)

@@ -84,7 +84,7 @@ class PushRecord:
 
     @property
     def unfinished(self) -> bool:
-        """True if the push to at least one vehicle was interrupted after its first value was written."""
+        """True if at least one vehicle has received new values, but its push is not complete."""
         return any(vehicle.written and vehicle.ending != "done" for vehicle in self.vehicles.values())
 
     @property

@@ -152,7 +152,7 @@ class _ParamList:
 
 
 def record_answer(window: RequestWindow[str | int], value: Value, now: float) -> None:
-    """Record a PARAM_VALUE as the answer to the requests for this parameter, both by name and by index."""
+    """Record a PARAM_VALUE as the answer to requests for this parameter by name and by index."""
     window.answer(value.name, now)
     if value.place != NO_INDEX:
         window.answer(value.place, now)
