@@ -19,12 +19,12 @@ _SIDES, _RINGS = 24, 8
 
 
 def unit_mesh(shape: Shape) -> tuple[Array, NDArray[np.int_]]:
-    """Return the surface of a shape from -1 to 1: vertices [-] (V, 3), triangles of vertex indices (F, 3)."""
+    """Return the surface of a unit shape (-1 to 1): vertices [-] (V, 3), triangles of vertex indices (F, 3)."""
     return {"box": _box, "cylinder": _cylinder, "sphere": _sphere}[shape]()
 
 
 def unit_edges(shape: Shape) -> Array:
-    """Return lines that show a shape from -1 to 1: both ends of each line [-] (E, 2, 3)."""
+    """Return lines that show a unit shape (-1 to 1): both ends of each line [-] (E, 2, 3)."""
     return {"box": _box_edges, "cylinder": _cylinder_edges, "sphere": _sphere_edges}[shape]()
 
 

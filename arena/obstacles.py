@@ -183,7 +183,7 @@ def gap_to_vehicle_m(obstacle: Obstacle, start_n: Triple, radius_m: float, heigh
 
 
 def _rotation(rpy_rad: Triple) -> Rows:
-    """Return the rotation matrix (rows) from body axes (FRD) to NED of roll, pitch, yaw [rad].
+    """Return the rotation matrix from body axes (FRD) to NED for roll, pitch, yaw [rad], as a tuple of rows.
 
     The angles are intrinsic z-y'-x''.
     """

@@ -72,13 +72,13 @@ class VendorSettings(Protocol):
         """
 
     def client_settings(self, keys: Settings) -> dict[str, Any]:
-        """Return the settings of a client of the vendor's real server.
+        """Return the settings for a client that connects to the vendor's real server.
 
         The caller adds the list of requested `bodies`.
         """
 
     def emulator_client_settings(self, keys: Settings, address: str) -> dict[str, Any]:
-        """Return the settings of a client of the emulator at `address`.
+        """Return the settings for a client that connects to the emulator at `address`.
 
         The caller adds the list of requested `bodies`.
         """

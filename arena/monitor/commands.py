@@ -37,7 +37,7 @@ class Command:
     exit_code: int | None = None
 
     def result(self, vehicle: str) -> tuple[Verdict, str]:
-        """Return whether a vehicle has confirmed this command, and the last line of output about it."""
+        """Return whether a vehicle has confirmed this command, and the last output line about this vehicle."""
         text = next((line for line in reversed(self.lines) if line.startswith(f"{vehicle}: ")), "")
         text = text.removeprefix(f"{vehicle}: ")
         if "NOT CONFIRMED" in text:

@@ -124,7 +124,9 @@ def euler_degrees(q_nb: Array) -> Array:
 
 
 class History:
-    """Snapshots of all vehicles of the last `seconds`, at most `rate_hz` per second, for the plots.
+    """Recent snapshots of all vehicles, for the plots.
+
+    The history covers the last `seconds`, with at most `rate_hz` snapshots per second.
 
     Times are those of the run [s].
     """

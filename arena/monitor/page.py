@@ -155,7 +155,7 @@ class Page:
             widget.content = html
 
     def _change_arena(self, snapshot: Snapshot | None) -> None:
-        """Draw the room and the vehicles of the arena that has begun. snapshot: None if an arena has ended.
+        """Draw the room and the vehicles of a new arena. Draw nothing if `snapshot` is None (the arena has ended).
 
         After the end of an arena, its last picture stays until the next arena begins.
         """

@@ -1,4 +1,4 @@
-"""Finds the user whose program has opened a TCP connection on this computer, in /proc/net/tcp."""
+"""Search in /proc/net/tcp for the user whose program has opened a TCP connection to the live page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Address = tuple[str, int]
 
 
 def peer_uid(client: Address, server: Address, folder: Path = Path("/proc/net")) -> int | None:
-    """Return the user id of the program at the client's end of a TCP connection.
+    """Return the user id of the program that has opened a TCP connection to a server on this computer.
 
     Returns None if the program is not on this computer, or was not found. client, server: numeric address and
     port of both ends. folder: with the kernel's tables.
@@ -25,7 +25,7 @@ def peer_uid(client: Address, server: Address, folder: Path = Path("/proc/net"))
 
 
 def uid_in(table: str, local: Address, remote: Address) -> int | None:
-    """Return the user id of a TCP connection's owner, or None if the table does not list the connection.
+    """Return the user id that /proc/net/tcp lists for a TCP connection; None if the connection is not listed.
 
     table: text of /proc/net/tcp or /proc/net/tcp6.  local, remote: address and port of the owner's end, and of the other end.
     """

@@ -166,7 +166,7 @@ class Scene:
 
 
 class _Group:
-    """Drawn vehicles that share one mesh, because they have the same profile and the same kind.
+    """Drawn vehicles that share one mesh, because they have the same profile and the same kind, such as real.
 
     rows: their indices.  many: draw them simply, because they are small in a picture of many vehicles.
     """

@@ -92,7 +92,7 @@ def _check_in_front(access: Access, checked: threading.Event) -> Iterator[None]:
 
 
 def _uid_of(connection: Any) -> int | None:
-    """Return the user id of the program at the other end of a connection; None if unknown.
+    """Return the user id of the program that has opened a connection to the page; None if unknown.
 
     connection: of the library websockets.
     """

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class Trails:
-    """Recorder of the vehicles' trails. Add positions a few times a second, and draw `piece` after each call.
+    """Recorder of the vehicles' trails. Call `add` a few times a second, and draw the result of `piece` each time.
 
     vehicles: number of vehicles.  steps: number of positions in a piece.
     number: count of finished pieces.

@@ -136,7 +136,7 @@ def _nose(size: float, height: float) -> Any:
 
 
 def _trimesh() -> Any:
-    """Import and return the module trimesh, without types, because mypy rejects the incomplete ones of trimesh."""
+    """Import and return the module trimesh as `Any`, because mypy rejects its incomplete type hints."""
     return importlib.import_module("trimesh")
 
 

@@ -63,7 +63,7 @@ def match_body(body: str, captured: Rates, gyro: Rates) -> BodyMatch:
 
 
 def similar_bodies(own: BodyMatch, others: Mapping[str, BodyMatch]) -> list[str]:
-    """Return the names of other bodies that move with the vehicle about as well as its own body."""
+    """Return the names of other bodies whose rotation matches the gyroscope about as well as the vehicle's own body."""
     return [
         name
         for name, other in others.items()

@@ -60,7 +60,7 @@ class _Sample:
 
 
 class GuidedMotion:
-    """Guided motion of one vehicle: finds which step the person carries out, and if the motion has failed.
+    """Guided motion of one vehicle by hand: detects when each step is complete, and when the motion has failed.
 
     Pass each sample of the inertial sensors to `on_imu`, each sent pose to `on_pose`, and call `tick` a few
     times a second.
@@ -89,7 +89,7 @@ class GuidedMotion:
 
     @property
     def moving(self) -> bool:
-        """True from the time at which the person lifts the vehicle until it stands again."""
+        """True from the time at which the person must lift the vehicle until the person has put it down again."""
         return self.step not in (Step.REST, Step.DONE)
 
     def on_pose(self, now: float) -> None:
@@ -116,7 +116,7 @@ class GuidedMotion:
             self._advance(math.degrees(math.asin(down[0])), math.degrees(math.asin(down[1])), down[2], now)
 
     def tick(self, now: float) -> None:
-        """Check for missing data, and for a step that takes too long: the motion then fails."""
+        """Mark the motion as failed if data is missing during the motion, or if a step takes too long."""
         self._check_gap("pose of its body", self._pose_at, now)
         self._check_gap("data of its inertial sensors", self._imu_at, now)
         if self.failure or self.step is Step.DONE:
@@ -137,7 +137,7 @@ class GuidedMotion:
         return "No pose of its body is sent to the autopilot" if now - self._pose_at > GAP_S else ""
 
     def _advance(self, nose_deg: float, right_deg: float, down: float, now: float) -> None:
-        """Begin the next step if the attitude of the vehicle completes the present step.
+        """Begin the next step if the present step is complete. Call this for each new attitude of the vehicle.
 
         nose_deg, right_deg: angles of the nose and of the right side below the horizontal [deg]
         down: cosine of the tilt [-]
@@ -153,7 +153,7 @@ class GuidedMotion:
             self._next(now)
 
     def _step_complete(self, level: bool, now: float) -> bool:
-        """Return whether the present step is complete, for all steps except the two tilts.
+        """Return whether the present step is complete. The two tilt steps are checked by `_tilt` instead.
 
         level: the vehicle is level now
         """

@@ -68,13 +68,13 @@ class Recording:
         return np.array(self.imu_at) if offset_s is None else np.array(self.imu_boot) + offset_s
 
     def rise_m(self, begin: float) -> float:
-        """Return how far the captured body was lifted since the time `begin` [m]."""
+        """Return the greatest height of the captured body above its position at the time `begin` [m]."""
         down = [p[2] for at, p in zip(self.pose_at, self.p_n, strict=True) if at >= begin]
         return down[0] - min(down) if down else 0.0
 
 
 def captured_down(times: Array, at: list[float], q_nb: list[Sequence[float]]) -> Array:
-    """Compute the direction of gravity in body axes at given times [-] [FRD] (N, 3).
+    """Compute the direction of gravity in body axes from captured attitudes [-] [FRD] (N, 3).
 
     The captured attitudes are interpolated.
 
@@ -85,7 +85,7 @@ def captured_down(times: Array, at: list[float], q_nb: list[Sequence[float]]) ->
 
 
 def measured_down(accel_b: Sequence[float]) -> tuple[float, float, float] | None:
-    """Return the direction down by the accelerometer [-] [FRD] (3,); None while the vehicle accelerates.
+    """Return the direction of gravity from the accelerometer [-] [FRD] (3,); None while the vehicle accelerates.
 
     An accelerating vehicle measures more than gravity.
 

@@ -54,7 +54,7 @@ class Verdict:
 def judge(
     body: str, motion: GuidedMotion, recorded: Recording, offset_s: float | None, limit_deg: float
 ) -> Verdict:
-    """Return the verdict of the axes check after a complete motion.
+    """Return the verdict about the captured body's identity, axes and delay after a complete motion.
 
     body: name of the vehicle's own rigid body
     offset_s: this computer's clock minus the autopilot's clock [s]; None if it is unknown
@@ -92,7 +92,7 @@ def judge(
 
 
 def _body_problem(own: BodyMatch, others: Mapping[str, BodyMatch]) -> str:
-    """Return why the captured body may not belong to this vehicle; "" if it certainly does."""
+    """Return why the captured body may belong to another vehicle; "" if the body is certainly the right one."""
     similar = similar_bodies(own, others)
     if not own.moves_with_vehicle:
         what = (

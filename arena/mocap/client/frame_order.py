@@ -26,7 +26,7 @@ class FrameOrder:
         self._run = 0
 
     def place(self, number: int) -> Place:
-        """Return whether a frame is "new", "repeated" or the first one after a restart ("restarted").
+        """Return whether a frame number is "new" or "repeated", or shows that the server has "restarted".
 
         - "new": greater than the newest number.
         - "repeated": not greater than the newest number.

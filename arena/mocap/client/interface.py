@@ -31,10 +31,10 @@ class MocapClient(Protocol):
         """
 
     def add_body(self, body: str) -> None:
-        """Request one more rigid body. The frames of the other bodies do not stop."""
+        """Request one more rigid body. Poses of the bodies requested before continue to arrive."""
 
     def definition(self, body: str) -> str:
-        """Return a text that changes when a user redefines a rigid body on the server; "" if unknown.
+        """Return a fingerprint: a text that changes when a user redefines the rigid body on the server; "" if unknown.
 
         The text is, for example, a hash of the markers of the body. For a server that does not describe its
         bodies, return their names.

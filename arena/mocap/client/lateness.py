@@ -116,7 +116,7 @@ class Lateness:
         return 0.5 * (self._low + self._high) if isfinite(self._low) else self._high
 
     def _drift(self, now: float) -> float:
-        """Increase the limits of the clock offset by the drift that is possible since the last call.
+        """Move the limits of the clock offset apart by the drift that is possible since the last call.
 
         Return the time since the last call [s].
         """
@@ -127,7 +127,7 @@ class Lateness:
         return elapsed_s
 
     def _on_late_frame(self, offset: float, late: float, now: float, flying: bool) -> float:
-        """Return how late a late frame is [s], or 0 if later frames are to be compared with this frame.
+        """Return the lateness of a late frame [s], or 0 if this frame becomes the new reference for lateness.
 
         The lateness of a frame is relative to a reference frame. The first frame is the reference, and its time stamp
         may be wrong. The reference is replaced if all frames of the last 3 s were late, no vehicle flies, few frames
@@ -165,9 +165,9 @@ class Lateness:
 
 
 class StreamLateness:
-    """Measurement of how late frames of one server arrive, for receivers that do not check frame numbers.
+    """Measurement of how late frames arrive, which also detects repeated frames and a restart of the server.
 
-    This class also detects repeated frames and a restart of the server.
+    Use this class in receivers that do not check frame numbers.
     """
 
     def __init__(self, stale_s: float) -> None:

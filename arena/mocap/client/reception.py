@@ -50,7 +50,7 @@ class Reception:
         self._foreign_address, self._foreign_at = "", -math.inf
 
     def update(self, event: str, count: int, now: float) -> bool:
-        """Store how often an event has happened, such as a received frame. Return True if the count has changed.
+        """Store the count of an event, such as received frames. Return True if the count has changed.
 
         event: name of the event, such as "frames". count: number of these events since the client was opened.
         """
@@ -95,7 +95,10 @@ class Reception:
         return self._foreign_address if now - self._foreign_at < RECENT_S else ""
 
     def too_early(self, now: float) -> bool:
-        """Return whether the client was opened less than 3 s ago, so that the server may still answer."""
+        """Return whether it is too early for a diagnosis: the client was opened less than 3 s ago.
+
+        The first answer of the server may still arrive.
+        """
         return now - self._started < _GRACE_S
 
     def body_status(

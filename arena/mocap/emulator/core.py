@@ -112,7 +112,7 @@ class EmulatedCameras:
         return MeasuredFrame(number=number, exposed_s=self.exposure(number), bodies=tuple(bodies))
 
     def _next_noise(self) -> int:
-        """Return the row of the noise values for the next frame. Draw new random values if all are used."""
+        """Return the index of the noise values for the next frame. Draw new random values if all are used."""
         if not self._frames_left:
             for i, stream in enumerate(self._streams):
                 self._noise[:, i] = stream.standard_normal((_BLOCK, 6))
@@ -134,7 +134,7 @@ class EmulatedCameras:
         (self._occluded.add if occluded else self._occluded.discard)(body)
 
     def set_frozen(self, body: str, frozen: bool) -> None:
-        """Inject or end the fault that the pose of a tracked body does not change."""
+        """Inject or end the fault that a body stays tracked, but its measured pose no longer changes."""
         (self._frozen.add if frozen else self._frozen.discard)(body)
 
     def set_offset(self, body: str, offset_n: Sequence[float], yaw_rad: float) -> None:

@@ -49,8 +49,6 @@ class MocapServer(Protocol):
         """Send one frame to every client. Return the number of clients to which the frame could not be sent.
 
         sent_s: simulation time of sending [s]. wall: monotonic wall time [s].
-
-        sent_s: simulation time of sending [s]. wall: monotonic wall time [s].
         """
 
     def answer(self, wall: float) -> None:
@@ -66,8 +64,6 @@ class MocapServer(Protocol):
 def open_server(settings: Settings) -> MocapServer:
     """Open the emulated server of the vendor that the settings name.
 
-    settings: configuration of the `mocap` process. Raises RunError if a port is in use.
-
-    settings: the key `kind` names the vendor.
+    settings: configuration of the `mocap` process; the key `kind` names the vendor. Raises RunError if a port is in use.
     """
     return cast(MocapServer, load_vendor(settings["kind"], "server").open_server(settings))

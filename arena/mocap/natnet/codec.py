@@ -159,7 +159,10 @@ def encode_models(
     version: Version,
     markers: Sequence[tuple[float, float, float]] = (),
 ) -> bytes:
-    """Encode a NatNet MODELDEF packet. bodies: (streaming id, name). markers: of each body [m] [body axes]."""
+    """Encode a NatNet MODELDEF packet, which describes the rigid bodies of a server.
+
+    bodies: (streaming id, name) of each body. markers: marker positions, the same for every body [m] [body axes].
+    """
     out = [_COUNT.pack(len(bodies))]
     for streaming_id, name in bodies:
         description = name.encode() + b"\0" + struct.pack("<ii3f", streaming_id, -1, 0.0, 0.0, 0.0)
@@ -246,7 +249,10 @@ def encode_frame(frame: Frame, version: Version) -> bytes:
 
 
 def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = None) -> Frame:
-    """Decode a NatNet FRAME packet. Raises WireError. wanted: streaming ids to decode, None for all."""
+    """Decode a NatNet FRAME packet. Raises WireError for an invalid packet.
+
+    wanted: streaming ids of the bodies to decode; None decodes all bodies.
+    """
     reader = PayloadReader(payload_of(data, FRAME))
     number = reader.i32()
     sized = version >= (4, 1)
@@ -280,7 +286,7 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
 
 
 def payload_of(data: bytes, expected: int) -> bytes:
-    """Return the payload of a NatNet packet. Raises WireError for a different message number than expected."""
+    """Return the payload of a NatNet packet. Raises WireError if its message number is not `expected`."""
     message = message_of(data)
     if message != expected:
         raise WireError(f"got a NatNet message of type {message}, expected type {expected}")

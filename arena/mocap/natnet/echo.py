@@ -30,7 +30,7 @@ def encode_echo_response(stamp: int, received_ticks: int) -> bytes:
 
 
 def decode_echo_response(data: bytes) -> tuple[int, int]:
-    """Return (stamp of the request, arrival of the request in ticks of the server's clock).
+    """Decode an ECHO_RESPONSE packet. Return the stamp of the request, and its arrival in server clock ticks.
 
     Raises WireError for an invalid packet.
     """

@@ -87,7 +87,10 @@ class NatNetReceiver:
         return self._wanted_names or set()
 
     def add_body(self, body: str) -> None:
-        """Request one more body: the handshake asks for the list of bodies again. The poses of the others continue."""
+        """Request one more body. Poses of the bodies requested before continue to arrive.
+
+        The handshake requests the list of bodies again.
+        """
         if self._wanted_names is not None:
             self._wanted_names.add(body)
 
@@ -155,7 +158,7 @@ class NatNetReceiver:
             self._version, self._clock_hz = info.version, info.clock_hz
 
     def definition(self, body: str) -> str:
-        """Return a text that changes when a user redefines a rigid body; "" if the body is unknown.
+        """Return a fingerprint: a text that changes when a user redefines the rigid body; "" for an unknown body.
 
         The text is a hash of the markers. If the server describes no markers, it is the name and the
         streaming id.

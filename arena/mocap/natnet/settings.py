@@ -1,4 +1,4 @@
-"""Converts the YAML's NatNet settings for client and emulated server, and lists the sockets of both.
+"""NatNet settings of the client and of the emulated server, converted from the YAML, and their sockets.
 
 Pure.
 """

@@ -1,4 +1,4 @@
-"""Rules for battery parameters: PX4 measures the battery, and a low battery causes a landing. Pure."""
+"""Rules for battery parameters: PX4 must measure the battery, and must land if the battery is low. Pure."""
 
 from __future__ import annotations
 

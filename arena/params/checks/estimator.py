@@ -187,7 +187,7 @@ def gps_is_required(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def time_without_aid(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if EKF2 keeps its position valid for too long without poses and GPS."""
+    """Yield a finding if EKF2 reports a valid position for too long after poses and GPS are lost."""
     name, value = "EKF2_NOAID_TOUT", ctx.value("EKF2_NOAID_TOUT")
     if value is not None and value * 1e-6 > _MAX_WITHOUT_AID_S:
         yield ctx.finding(

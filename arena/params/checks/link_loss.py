@@ -29,7 +29,7 @@ _STOPS_MOTORS: tuple[Action, ...] = ("disarm", "terminate")
 
 
 def settings_text(ctx: CheckContext, event: Event, action: Action) -> str:
-    """Return the parameters that make PX4 take an action after an event, as text: "NAV_RCL_ACT 4".
+    """Return the parameters that make PX4 take an action after an event, as a text such as "NAV_RCL_ACT 4".
 
     Returns "" if the PX4 version cannot take the action.
     """

@@ -28,7 +28,7 @@ def unknown_names(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def _change_before(name: str, ctx: CheckContext) -> Change | None:
-    """Return the latest change in PX4 after which a parameter has no effect; None if there is no such change.
+    """Return the latest PX4 change that left a parameter without effect; None without such a change.
 
     The change was made in the vehicle's PX4 version or before: PX4 has removed, renamed or redefined the
     parameter.
@@ -174,7 +174,7 @@ def _within(value: float, p: Parameter) -> bool:
 
 
 def _checked_elsewhere(name: str) -> bool:
-    """Return whether `types_and_ranges` must not compare this parameter with PX4's limits.
+    """Return whether `types_and_ranges` skips the comparison of this parameter with PX4's limits.
 
     Circuit breakers have their own rule. Counters of flight time can exceed their limits.
     """

@@ -65,7 +65,10 @@ def _range(least: float, most: float) -> str:
 
 @dataclass(frozen=True, order=True)
 class Version:
-    """A minor version of PX4, such as 1.16. The parameter table has one parameter set per minor version."""
+    """A version of PX4, such as 1.16 or 1.16.2.
+
+    All patch releases of a minor version share one parameter set in the table.
+    """
 
     major: int
     minor: int

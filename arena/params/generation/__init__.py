@@ -1,1 +1,1 @@
-"""Generation of PX4 parameters of one PX4 version from the requirements of an arena."""
+"""Generation of PX4 parameters from the requirements of an arena, for one PX4 version."""
