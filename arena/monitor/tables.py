@@ -32,7 +32,7 @@ _STYLE = "font-size:12px;line-height:1.5;font-variant-numeric:tabular-nums;paddi
 
 
 def label(fleet: FleetSnapshot, row: int) -> str:
-    """Return the text beside a drawn vehicle: name, kind, mode, battery and pose age."""
+    """Return the text beside a drawn vehicle: name, kind (such as real), mode, battery and pose age."""
     first = f"{fleet.names[row]} ({fleet.kinds[row]})"
     mode = fleet.modes[row] or "no heartbeat"
     figures = [mode if fleet.armed[row] is not False else f"{mode}, disarmed"]
