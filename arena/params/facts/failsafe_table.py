@@ -155,7 +155,7 @@ def supported_actions(event: Event, version: Version | str) -> tuple[Action, ...
 
 
 def settings_for(event: Event, action: Action, version: Version | str) -> Mapping[str, int]:
-    """Return {parameter: value} with which PX4 takes `action` after `event`.
+    """Return the parameter values {name: value} that make PX4 take `action` after `event`.
 
     Raises InputError with the reason if the version cannot take the action.
     """
