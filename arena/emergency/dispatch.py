@@ -16,12 +16,14 @@ import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from pathlib import Path
 
 from arena.emergency.direct_link import DirectLink
 from arena.emergency.first_commands import component_for
 from arena.emergency.identity_check import IdentityCheck
 from arena.emergency.landing_sequence import TELEMETRY_STALE_S, Action, LandingSequence
-from arena.emergency.run_record import has_given_up, recorded_down
+from arena.emergency.link_process import has_ended
+from arena.emergency.run_record import has_given_up, recorded_down, recorded_process
 from arena.emergency.targets import Target
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from arena.transport import open_udp, receive_datagrams
@@ -276,11 +278,22 @@ def _read_records(all_connections: list[TargetConnections]) -> None:
     waiting = [c for c in all_connections if not c.landing.confirmed and c.target.run is not None]
     for run in {c.target.run for c in waiting if c.target.run is not None}:
         down = recorded_down(run, [c.target.name for c in waiting if c.target.run == run])
-        world_ended = has_given_up("world", run)
+        world_ended = _has_world_ended(run)
         for connections in waiting:
             if connections.target.run == run:
                 connections.down = down.get(connections.target.name, "")
                 connections.world_ended = connections.target.ends_with_world and world_ended
+
+
+def _has_world_ended(run: Path) -> bool:
+    """Return whether the process `world` of a run has ended and nothing starts it again.
+
+    If the supervisor was killed, no end is recorded. Then neither of the two processes may exist any more.
+    """
+    if has_given_up("world", run):
+        return True
+    members = [recorded_process(name, run) for name in ("supervisor", "world")]
+    return all(member is not None and has_ended(member) for member in members)
 
 
 def _say_changes(landing: LandingSequence, say_once: _OnceEach, say: Say) -> None:

@@ -73,6 +73,12 @@ def is_running(process: ProcessIdentity | None) -> bool:
     return process is not None and _is_same(process, fields) and fields[0] not in b"ZXTt"
 
 
+def has_ended(process: ProcessIdentity) -> bool:
+    """Return whether a recorded process has ended. A process that is paused by a signal has not."""
+    fields = _stat(process.pid)
+    return not _is_same(process, fields) or fields[0] in b"ZX"
+
+
 def _is_same(process: ProcessIdentity, fields: list[bytes] | None = None) -> bool:
     fields = _stat(process.pid) if fields is None else fields
     return len(fields) >= 20 and abs(int(fields[19]) * _TICK_S - process.start_s) < _START_TOLERANCE_S

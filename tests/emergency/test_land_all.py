@@ -23,6 +23,7 @@ from arena.emergency import dispatch, land_all, landing_sequence
 from arena.emergency.dispatch import TargetConnections, bring_down
 from arena.emergency.run_record import recorded_down
 from arena.emergency.targets import Found, Target
+from arena.supervisor import proc_fs
 from arena.wire.mavlink_ids import EMERGENCY
 
 
@@ -168,6 +169,32 @@ def test_a_vehicle_whose_simulation_ends_with_its_landing_does_not_fly(tmp_path,
     with Fleet([flying(1, landed=True, armed=False, period_s=60.0)], "127.74.39.1") as fleet:
         only = dataclasses.replace(fleet.targets[0], run=run, ends_with_world=True)
         assert land([only], timeout_s=60.0) == (0, ["uav1: does not fly: its simulation has ended"])
+
+
+@pytest.mark.parametrize("ended", [("supervisor", "world"), ("supervisor",), ("world",)])
+def test_a_silent_vehicle_whose_supervisor_and_world_were_killed_does_not_fly(tmp_path, monkeypatch, ended):
+    """Without the supervisor, the end of the world is not recorded."""
+    monkeypatch.setattr(dispatch, "_TRY_SILENT_S", 0.1)
+    monkeypatch.setattr(dispatch, "_READ_RECORD_S", 0.05)
+    run = record(tmp_path / "run", WORLD_READY)
+    with subprocess.Popen(["sleep", "60"]) as process:
+        running = {"pid": process.pid, "start_s": proc_fs.start_time(process.pid)}
+        members = {
+            name: {**running, **({"start_s": 1.0} if name in ended else {})}
+            for name in ("supervisor", "world")
+        }
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        state = {"boot": boot, "supervisor": members["supervisor"], "processes": {"world": members["world"]}}
+        (run / "state.json").write_text(json.dumps(state))
+        silent = dataclasses.replace(target(2, "127.74.36.1"), run=run, ends_with_world=True)
+        code, lines = land([silent], timeout_s=0.6)
+        process.kill()
+    expected = (
+        "does not fly: its simulation has ended"
+        if len(ended) == 2
+        else "NOT CONFIRMED: no telemetry received"
+    )
+    assert (code, lines) == (0 if len(ended) == 2 else 1, [f"uav2: {expected}"])
 
 
 @pytest.mark.parametrize(
