@@ -134,12 +134,15 @@ class TargetConnections:
     def gone(self, now: float) -> bool:
         """Return whether the simulation of this vehicle has ended, so that the vehicle does not fly.
 
-        False for a vehicle that still sends telemetry, and for one whose last reports are not those of a landed vehicle.
+        False for a vehicle that still sends telemetry, and for one whose last reports are those of a flying vehicle.
         """
-        reported = self.landing.reported.received_at
+        reported = self.landing.reported
         if not self.world_ended or self.landing.confirmed:
             return False
-        return reported is None or (self.landing.reported_down and now - reported >= TELEMETRY_STALE_S)
+        if reported.received_at is None:
+            return True
+        flew = reported.armed is True or reported.landed is False
+        return now - reported.received_at >= TELEMETRY_STALE_S and (self.landing.reported_down or not flew)
 
     def result_line(self, now: float) -> str:
         if self.gone(now):

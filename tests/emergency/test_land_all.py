@@ -171,6 +171,17 @@ def test_a_vehicle_whose_simulation_ends_with_its_landing_does_not_fly(tmp_path,
         assert land([only], timeout_s=60.0) == (0, ["uav1: does not fly: its simulation has ended"])
 
 
+def test_a_vehicle_whose_simulation_ends_before_its_first_heartbeat_does_not_fly(tmp_path, monkeypatch):
+    monkeypatch.setattr(dispatch, "_TRY_SILENT_S", 0.3)
+    monkeypatch.setattr(dispatch, "_READ_RECORD_S", 0.1)
+    run = record(tmp_path / "run", WORLD_READY, WORLD_ENDED)
+    stands = flying(1, landed=True, armed=False, period_s=60.0)
+    stands.telemetry = ("EXTENDED_SYS_STATE",)
+    with Fleet([stands], "127.74.40.1") as fleet:
+        only = dataclasses.replace(fleet.targets[0], run=run, ends_with_world=True)
+        assert land([only], timeout_s=60.0) == (0, ["uav1: does not fly: its simulation has ended"])
+
+
 @pytest.mark.parametrize("ended", [("supervisor", "world"), ("supervisor",), ("world",)])
 def test_a_silent_vehicle_whose_supervisor_and_world_were_killed_does_not_fly(tmp_path, monkeypatch, ended):
     """Without the supervisor, the end of the world is not recorded."""
