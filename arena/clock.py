@@ -105,7 +105,7 @@ class SimTime:
 
 
 class LockstepClock(ABC):
-    """Base class of clocks that count simulation time, and call a function at regular times during a sleep (chores)."""
+    """Base class of clocks that count simulation time. While a program sleeps, they call its chores (a function) at regular times."""
 
     _chores: Callable[[], None] | None = None
     _chores_every_s, _chores_due = 0.0, 0.0
@@ -243,7 +243,7 @@ class _Client:
         connection.setblocking(True)
 
     def limit_wait(self, timeout_s: float) -> None:
-        """Set the longest time [s] for which `recv` waits for a request of this client (SO_RCVTIMEO).
+        """Limit the time for which the next `recv` waits for a request of this client [s].
 
         A timeout set with `settimeout` would cost one more system call for each wait.
         """
@@ -315,7 +315,7 @@ class ClockServer:
                 self._read(client, socket.MSG_DONTWAIT)
 
     def wait_for_requests(self, timeout_s: float) -> bool:
-        """Wait until each awake client has requested its next wake-up and sleeps. Return False after a timeout.
+        """Wait until every client sleeps, which means that it has requested its next wake-up. Return False after a timeout.
 
         Clients for which the world does not wait are ignored (`_Client.gates`).
 
@@ -331,7 +331,7 @@ class ClockServer:
         return True
 
     def may_advance(self, now: float, wall: float) -> bool:
-        """Return whether simulation time may advance in lockstep: all clients must be waiting for a later time.
+        """Return whether simulation time may advance in lockstep: no client may be awake.
 
         A client that has been awake for more than one second of wall time is added to `dropped` and not waited for any more.
         """

@@ -45,7 +45,7 @@ _SEND_TIMEOUT_S = 1.0
 
 
 class FaultReceiver:
-    """Socket on which a process receives injected faults.
+    """Socket on which a process receives injected faults, for example those of a scenario.
 
     path: path of the socket; None for a process without faults
     Raises RunError if the socket cannot be created.

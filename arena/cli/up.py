@@ -321,7 +321,7 @@ class _Piped(Lines):
         self._pipe = pipe
 
     def report(self, **packet: Any) -> None:
-        """Send one JSON object (start or end of the run) to the parent process, and close the pipe to it.
+        """Send the parent process one JSON object that describes the start or the end of the run. Close the pipe.
 
         Later calls do nothing.
         """

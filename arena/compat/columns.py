@@ -44,7 +44,7 @@ class Columns:
             return None
 
     def _value(self, name: str) -> Any:
-        """Return the last received value of a quantity. If the value is too old, record its name in `reads`.
+        """Return the last received value of a quantity, however old it is. Record in `reads` whether it was too old.
 
         Raises StaleDataError if no value has arrived.
         """

@@ -48,7 +48,7 @@ class Time:
 
     @property
     def nsecs(self) -> int:
-        """Time after the last whole second [ns], as in ROS."""
+        """Part of the time that is less than a second [ns], as in ROS."""
         return round(1e9 * (self._s - int(self._s)))
 
 

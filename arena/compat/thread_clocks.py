@@ -12,7 +12,7 @@ _of_thread = threading.local()
 
 
 def use(clock: Clock) -> Clock:
-    """Set the clock of this thread if the thread has none. Return the clock of this thread.
+    """Make a clock that of this thread, unless the thread already has one. Return the thread's clock.
 
     In lockstep the world waits for every clock that does not sleep, so a thread must not have two.
     """

@@ -72,9 +72,9 @@ def formation_reference(
     acc: ArrayLike,
     yaw: float = 0.0,
 ) -> Reference:
-    """Return the wanted state for `PositionPid.update` that keeps a follower in its place in the formation.
+    """Return the reference for `PositionPid.update` with which a follower keeps its place in the formation.
 
-    The state is relative to the follower: call `PositionPid.update` with zeros as position and velocity.
+    The reference is relative to the follower: call `PositionPid.update` with zeros as position and velocity.
 
     rel_pos, rel_vel: measured position [m] and velocity [m/s] of each neighbour relative to the vehicle [NED] (n, 3).
     wanted_pos, wanted_vel: desired relative position [m] and its rate [m/s] [NED] (n, 3).

@@ -146,7 +146,7 @@ class Copilot:
 
     @property
     def missing(self) -> list[str]:
-        """Names of the simulated vehicles whose heartbeat or first captured pose is missing.
+        """Names of the simulated vehicles of which no heartbeat or no captured pose has arrived yet.
 
         A vehicle without motion capture needs no pose.
         """
@@ -282,7 +282,7 @@ class Copilot:
 
 
 def _lasted(since: dict[int, float], row: int, so: bool, now: float) -> bool:
-    """Return True at the first call after a condition was true for more than `_SILENT_S` [s] without interruption.
+    """Return True once, as soon as a condition has been true for more than `_SILENT_S` [s] without interruption.
 
     Later calls return False until the condition has been false.
     since: row of the vehicle -> start time of the condition [s], updated here. so: whether the condition is true now.

@@ -127,7 +127,7 @@ class RuleChecker:
             yield Violation(row=int(row), rule="program", why=why)
 
     def _lasting(self, m: FleetState, rule: str, now_so: Mask) -> list[int]:
-        """Return the row numbers of the flying vehicles that have violated a rule for its time `for_s` without a break.
+        """Return the rows of the flying vehicles that have violated a rule for the whole of its time `for_s`.
 
         now_so: mask of the vehicles that violate the rule now.
         """

@@ -60,7 +60,7 @@ def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> 
 
 
 def _horizon(m: FleetState, ahead_s: float) -> float:
-    """Return how far ahead to predict paths [s]: `ahead_s`, or longer if a vehicle needs longer to stop."""
+    """Return the time for which the paths of vehicles are predicted [s]: `ahead_s`, or longer if a vehicle needs longer to stop."""
     longest = float((m.stop.react_s + 1.2 * m.stop.took_s.max(1)).max()) if len(m.stop.react_s) else 0.0
     return max(ahead_s, min(longest + _WAIT_S, 10.0))
 

@@ -1,4 +1,4 @@
-"""Search for active runs (with a process that still exists) of this user and of other users.
+"""Search for active runs of this user and of other users. A run is active while one of its processes exists.
 
 The search reads files only, and needs no running process.
 """

@@ -170,7 +170,7 @@ class DirectLink:
             self._kill_link(now)
 
     def _open_beside(self) -> bool:
-        """Open a second UDP socket to the vehicle. Return False if its UDP address is unknown.
+        """Open a UDP socket to the vehicle, besides that of the link process. Return False if the vehicle's address is unknown.
 
         The kernel chooses the port, so that the link process can still bind its own port.
         """

@@ -214,7 +214,7 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
 
 
 class _OnceEach:
-    """Function object that prints each different text for the user only once."""
+    """Callable that prints a text for the user, unless it has printed the same text before."""
 
     def __init__(self, say: Say) -> None:
         self._say, self._printed = say, set[str]()

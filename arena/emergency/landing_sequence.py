@@ -139,7 +139,7 @@ class LandingSequence:
         return self._pilot.may_bypass
 
     def on_refusal(self, data: bytes | memoryview) -> None:
-        """Detect in a datagram that the router or link process refuses commands, because a pilot has control.
+        """Read a datagram of the router or link process, which refuses commands while a pilot has control.
 
         Refusals for another reason than that a pilot has control are ignored.
         """

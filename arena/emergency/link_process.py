@@ -93,7 +93,7 @@ def _belongs_to_owner(process: ProcessIdentity) -> bool:
 
 
 def _stat(pid: int) -> list[bytes]:
-    """Return the fields of /proc/PID/stat from the process state on; empty if the process does not exist."""
+    """Return the fields of /proc/PID/stat that follow the process name; none if the process does not exist."""
     try:
         return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
     except OSError:

@@ -46,7 +46,7 @@ class ProcessIdentity:
 
 @dataclass(frozen=True, kw_only=True)
 class DirectAddress:
-    """Address of a real vehicle, for a connection that bypasses its router and its link process.
+    """Address of a real vehicle, to which land-all can connect without the router and the link process.
 
     connection: URL from the plan or the YAML
     local: UDP address to which the link process was bound; None for any
@@ -67,7 +67,7 @@ class DirectAddress:
 
     @classmethod
     def of(cls, connection: ConnectionUrl) -> DirectAddress:
-        """Return the address of a vehicle from its connection URL only.
+        """Return the address of a vehicle as far as its connection URL contains it.
 
         `with_run_record` adds what the run folder has recorded.
         """

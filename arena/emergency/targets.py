@@ -66,7 +66,7 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """Result of the search: the vehicles to land, and error texts of unreadable runs.
+    """Vehicles that land-all or kill-all has found, and error texts of the runs that could not be read.
 
     source: the run folders or the YAML that contain the addresses
     unread: one message per active run whose plan cannot be read
@@ -87,7 +87,7 @@ def find(
     run: Path | None = None,
     elsewhere: Callable[[], bool] = lambda: False,
 ) -> Found:
-    """Return the vehicles to land: those of `run`, else of the active runs, else of the YAML.
+    """Return the vehicles to land: those of the given run, or without one those of the active runs, or else of the YAML.
 
     Raises InputError if no vehicle is found.
 

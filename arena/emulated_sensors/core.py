@@ -52,7 +52,7 @@ class EmulatedSensors:
         self._states.captured.on_frame(frame, simulated, now)
 
     def on_datagram(self, row: int, data: bytes, now: float) -> None:
-        """Store the estimates of position, velocity and attitude in a datagram of an autopilot.
+        """Store the position, velocity and attitude that an autopilot has estimated, from its datagram.
 
         row: index of the vehicle.  now: time of arrival [s].
         """

@@ -113,7 +113,7 @@ class FcuLinkShell:
         self._report_stats(time.monotonic())
 
     def _armed_real(self) -> list[str]:
-        """Return a list with the vehicle's name if the vehicle is real and armed, else [].
+        """Return the name of the vehicle in a list if it is real and armed, so that this process must not end; else [].
 
         `ProcessContext.may_end` takes this list.
         """

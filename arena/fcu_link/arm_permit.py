@@ -30,7 +30,7 @@ class ArmPermit:
 
     @property
     def reasons(self) -> list[str]:
-        """Reasons why the vehicle must not be armed; empty if it has a permit or does not need a permit."""
+        """The missing arm permit as a reason not to arm the vehicle; empty if it has a permit or needs none."""
         if not self._needed or self.by:
             return []
         return [f"no arm permit: run arena arm-permit {self._vehicle}"]
@@ -57,7 +57,7 @@ class ArmPermit:
         self.events.append(f"arm permit granted by {by}")
 
     def on_heartbeat(self, armed: bool) -> None:
-        """Store the arming state. Withdraw the permit if the vehicle is disarmed after an interruption.
+        """Store the arming state. After an interruption of the connection, withdraw the permit unless the vehicle is armed.
 
         armed: arming state, as reported in a heartbeat of the vehicle
         """

@@ -182,7 +182,7 @@ class AxesCheck:
             self._clock.on_timesync(m, now)
 
     def on_param(self, name: str, value: float) -> None:
-        """Store the value of a parameter that the autopilot has sent."""
+        """Store the value of EKF2_EV_DELAY that the autopilot has sent. Ignore other parameters."""
         if name == DELAY_PARAM:
             self._delay_param = value
 

@@ -98,7 +98,7 @@ class RecordFile:
         return None
 
     def write(self, record: AxesRecord | None) -> None:
-        """Write the record; delete the file if `record` is None.
+        """Write the record of a passed axes check to its file, or delete the file if `record` is None.
 
         Raises OSError if the file cannot be written or deleted.
         """
