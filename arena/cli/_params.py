@@ -39,7 +39,9 @@ _RESUME_OR_DELETE = (
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
-    """Return whether `arena params diff` omits a parameter, because it is normal that one set lacks its value.
+    """Return whether `arena params diff` omits a parameter that only one of the compared sets contains.
+
+    In these cases it is normal that the other set does not contain it:
 
     - The set from the YAML has no value, because the YAML does not require every parameter.
     - Only PX4's defaults have a value, because they contain the parameters of all vehicles.

@@ -75,7 +75,7 @@ def _report(run: Path, output: Path | None) -> Path:
 
 
 def _show(step: str) -> None:
-    """Print the present step of the report on the terminal. stdout contains only the path of the page."""
+    """Print on stderr what `arena report` does now, such as drawing a figure. stdout gets only the path of the page."""
     print(f"{step} ...", file=sys.stderr, flush=True)
 
 

@@ -237,7 +237,7 @@ class RouterShell:
         self._operator = operator
         if operator:
             self._process.event(
-                f"operator present: the router sends the heartbeat of a ground station to {names}"
+                f"an operator is present: the router sends the heartbeat of a ground station to {names}"
             )
         else:
             self._process.event(

@@ -115,7 +115,7 @@ def vehicles_table(status: Mapping[str, Any]) -> Table:
 
 
 def _marked(text: str, silent: bool) -> Text:
-    """Return the table cell of a value. silent: the vehicle sends no telemetry, so the value may have changed since."""
+    """Return the table cell of a value. If the vehicle is silent, the cell says that this value is an old one."""
     return Text(f"was {text}", style="red") if silent and text != "-" else Text(text)
 
 

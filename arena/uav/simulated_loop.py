@@ -87,7 +87,7 @@ class LoopClock(LockstepClock):
         return self._loop.time()
 
     def sleep_only(self, t: float) -> float:
-        """Raise RunError, because an asynchronous program must not block."""
+        """Raise RunError in place of a blocking sleep, because an asynchronous program must not block."""
         raise RunError(
             "a blocking sleep in an asynchronous program: use `await asyncio.sleep(...)` and the methods of AsyncUAV"
         )
