@@ -35,6 +35,10 @@ class ReportedState:
             return False
         return t.heartbeat.armed or (t.status is not None and t.status.prearm)
 
+    def is_disarmed_in_land(self) -> bool:
+        """Return whether the vehicle is disarmed in AUTO.LAND. PX4's pre-arm checks fail in this mode."""
+        return self.has(mode="AUTO.LAND", armed=False)
+
     def why_not_ready(self, waited_s: float, link: str, fault: str) -> str:
         """Return the reason why `is_ready` is False, as text.
 

@@ -164,6 +164,9 @@ class VehicleControl:
     def start_mission(self) -> Steps[None]:
         """Wait until the vehicle is ready, enter OFFBOARD and arm. Wait for the confirmation of each step.
 
+        A vehicle that is disarmed in AUTO.LAND, for example after `arena land-all` on the ground, enters OFFBOARD first, because it
+        cannot become ready in AUTO.LAND.
+
         Setpoints are sent all the time. If arming is temporarily rejected, e.g. because poses were missing for
         a moment, it is requested again until READY_TIMEOUT_S has passed.
         """
@@ -172,13 +175,18 @@ class VehicleControl:
         if (yield from self._wait(lambda: self._source.telemetry.received_at is not None, READY_TIMEOUT_S)):
             # heartbeats come once a second: without this, two programs could take off a second apart
             self._request_heartbeat()
-        if not (yield from self._wait(self._reported.is_ready, READY_TIMEOUT_S)):
+        reported = self._reported
+        yield from self._wait(lambda: reported.is_ready() or reported.is_disarmed_in_land(), READY_TIMEOUT_S)
+        if reported.is_disarmed_in_land():
+            yield from self._enter()
+        if not (yield from self._wait(reported.is_ready, end - self._clock.now())):
             reason = self._reported.why_not_ready(
                 READY_TIMEOUT_S, self._connection.url, self._connection.fault
             )
             raise NotConfirmedError(f"{self._source.ns}: not ready after {READY_TIMEOUT_S:g} s: {reason}")
-        yield from self._enter()
-        if not self._reported.has(armed=True):
+        if not self._offboard:
+            yield from self._enter()
+        if not reported.has(armed=True):
             yield from self.arm(until=end)
 
     def wait_until(self, done: Callable[[], T], timeout_s: float) -> Steps[T | None]:

@@ -248,6 +248,21 @@ def test_vehicle_that_is_not_ready_is_not_armed_and_raises_why(autopilot, uav, m
     assert autopilot.orders == []
 
 
+def test_vehicle_that_is_disarmed_in_land_enters_offboard_before_it_is_ready(address, backend):
+    class InLand(FakeAutopilot):
+        """Its pre-arm checks fail in AUTO.LAND, as those of PX4."""
+
+        def step(self, now):
+            self.prearm = self.mode != "AUTO.LAND"
+            return super().step(now)
+
+    vehicle = InLand(telemetry=tuple(TELEMETRY), mode="AUTO.LAND")
+    with sending_to(address, vehicle), make_uav(address, backend=backend) as uav:
+        until(lambda: uav.ekf.age_s < 0.5 and uav.info.is_connected and uav.info.flight_mode == "AUTO.LAND")
+        uav.start_offboard_mission()
+        assert vehicle.armed and vehicle.mode == "OFFBOARD"
+
+
 def test_vehicle_without_attitude_is_not_armed_and_raises_why(autopilot, uav, monkeypatch):
     monkeypatch.setattr(vehicle_control, "READY_TIMEOUT_S", 0.4)
     autopilot.telemetry = [name for name in autopilot.telemetry if not name.startswith("ATTITUDE")]
