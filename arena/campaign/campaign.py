@@ -91,10 +91,10 @@ def _refuse_other(store: Store, listing: Listing) -> None:
     if (before.name, before.kind) != (listing.name, listing.kind):
         raise InputError(
             f"{store.folder}: already has the results of another campaign: {before.name!r} ({before.kind}), not {listing.name!r} "
-            f"({listing.kind}). Choose another --results"
+            f"({listing.kind}). Choose another folder with --results"
         )
     if changed := changed_inputs(before.inputs, listing.inputs):
         raise InputError(
             f"{store.folder}: {', '.join(changed)} changed since the first flights, so new flights cannot be compared with "
-            "them. Choose another --results, or delete the folder"
+            "them. Choose another folder with --results, or delete this folder"
         )

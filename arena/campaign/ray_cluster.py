@@ -148,7 +148,7 @@ def _connected(address: str) -> Any:
     except (ConnectionError, ValueError, RuntimeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RunError(
-            f"cannot join the Ray cluster {address} ({reason}). This computer must be one of the cluster, with the same "
+            f"cannot join the Ray cluster {address} ({reason}). This computer must belong to the cluster, with the same "
             f"versions of Ray and Python: {_how_to_start(address)}"
         ) from error
     finally:

@@ -97,7 +97,8 @@ class Store:
                 fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 raise RunError(
-                    f"{self.folder}: another `arena campaign` flies in this folder. Wait for its end, or choose another --results"
+                    f"{self.folder}: another `arena campaign` writes to this folder. Wait until that campaign ends, or choose "
+                    "another folder with --results"
                 ) from None
             yield
 

@@ -99,7 +99,9 @@ def show_comparison(pair: Pair) -> None:
             column.justify = "right"
     lasted = found.t[-1] - found.t[0]
     moments = f"{pair.a.zero_s:.2f} s and {pair.b.zero_s:.2f} s of their logs"
-    print(f"{pair.name}: both flights compared for {lasted:.1f} s from their {pair.moment} on ({moments})")
+    print(
+        f"{pair.name}: both flights compared for {lasted:.1f} s after the event `{pair.moment}`, which is at {moments}"
+    )
     show(differences)
     print()
     show(figures)

@@ -87,7 +87,7 @@ def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | Non
 
     if file is not None:
         raise InputError(
-            "--resume continues the interrupted push with its own values, so --file cannot be used. Remove --file"
+            "--resume continues the interrupted push with the values of that push, so --file cannot be used. Remove --file"
         )
     record = PushRecord.read(Path(arena.folder) / RECORD)
     if not any(v.name in record.wanted for v in chosen):
@@ -311,9 +311,9 @@ def _check_run_has(run: RunState, vehicles: Sequence[Vehicle]) -> None:
     for v in vehicles:
         if there.get(v.name) != (v.id, v.simulated):
             raise InputError(
-                f"{v.name}: the arena running on {run.address}, {run.name} ({run.run}), has no "
-                f"{'simulated' if v.simulated else 'real'} {v.name} with id {v.id}. "
-                f"Use the YAML of that arena, or end it with `arena down --run {run.run}`"
+                f"{v.name}: the YAML has a {'simulated' if v.simulated else 'real'} vehicle {v.name} with id {v.id}, "
+                f"but the arena {run.name} that runs on {run.address} ({run.run}) has none. "
+                f"Use the YAML of the running arena, or end it with `arena down --run {run.run}`"
             )
 
 
@@ -364,8 +364,8 @@ class ParamSources:
             return read_values(Path(name))
         if name not in (known := {v.name: v for v in self.arena.vehicles}):
             raise InputError(
-                f"got {name!r}, expected a vehicle ({', '.join(known)}: reads the vehicle), `yaml:VEHICLE` (computes its "
-                "parameters from the YAML), `defaults` or a file"
+                f"got {name!r}, expected a vehicle ({', '.join(known)}), whose parameters are then read, `yaml:VEHICLE` for the "
+                "parameters that the YAML requires, `defaults` or a file"
             )
         vehicle = known[name]
         pulled = pull_now(targets_of(self.arena, [vehicle]))[name]

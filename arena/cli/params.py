@@ -100,7 +100,7 @@ def measured(
     real = [v for v in selected_vehicles(lab, vehicles) if not v.simulated]
     if not real:
         print(
-            "no real vehicle, so no value must be measured: simulated vehicles use the values of their profile"
+            "no real vehicle, so no value needs to be measured: simulated vehicles use the values of their profile"
         )
     for vehicle in real:
         print("\n".join(measured_lines(vehicle, unmeasured(lab, vehicle, px4_version))))

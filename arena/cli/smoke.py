@@ -57,7 +57,7 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--seed",
                 metavar="N",
-                help="seed of the noise of world and motion capture; default: the seeds in the YAML files",
+                help="seed of the noise in the simulated world and in motion capture; default: the seeds in the YAML files",
             ),
         ] = None,
         set_: Annotated[

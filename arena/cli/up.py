@@ -83,7 +83,7 @@ def register(app: typer.Typer) -> None:
                 "--seed",
                 metavar="N",
                 min=0,
-                help="seed of the noise of world and motion capture; the same as --set world.seed=N --set mocap.seed=N",
+                help="seed of the noise in the simulated world and in motion capture; the same as --set world.seed=N --set mocap.seed=N",
             ),
         ] = None,
         processes: Annotated[
@@ -254,8 +254,8 @@ def _refuse_beside_replay(plan: Plan) -> None:
         other = plan_of(state)
         if state.live and other is not None and other.is_replay and other.slices["router.json"]["gcs"]:
             raise RunError(
-                f"a replay is running ({state.run}) and sends the telemetry of recorded vehicles to ground stations, which would mix "
-                f"them up with real vehicles. End it with `arena down --run {state.run}`, or replay with --no-gcs"
+                f"a replay is running ({state.run}) and sends the telemetry of recorded vehicles to ground stations. A ground station "
+                f"would confuse recorded vehicles with real ones. End it with `arena down --run {state.run}`, or replay with --no-gcs"
             )
 
 

@@ -53,7 +53,10 @@ class UAV:
     ) -> None:
         selected = command_line.vehicle_name()
         if selected not in (None, drone_ns):
-            raise InputError(f"UAV({drone_ns!r}, ...): `arena up` has started this program for {selected}")
+            raise InputError(
+                f"UAV({drone_ns!r}, ...): `arena up` has started this program for {selected}, "
+                f"so it cannot fly {drone_ns}. Use UAV({selected!r}, ...)"
+            )
         settings = read_arguments(command_line.uav_options(drone_ns))
         if settings["clock"] is not None:
             settings["clock"] = thread_clocks.use(settings["clock"])

@@ -83,7 +83,7 @@ def _each(
             path = folder / f"{flight.name}{suffix}"
             if path.resolve() == source.resolve():
                 raise InputError(
-                    f"{path}: the export would overwrite the file to export; choose another folder with -o"
+                    f"{path}: the export would overwrite the log that is exported; choose another folder with -o"
                 )
             write(path, flight)
             written.append(path)

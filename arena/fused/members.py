@@ -236,7 +236,7 @@ class _Forwarder:
         if wall_time.monotonic() - self._began > READY_TIMEOUT_S:
             vehicle = self._context.settings["vehicle"]
             self._context.event(
-                f"{vehicle}: PX4 cannot be armed {READY_TIMEOUT_S:g} s after the start; the user program starts now"
+                f"{vehicle}: PX4 was not ready to arm within {READY_TIMEOUT_S:g} s; the user program starts now"
             )
             self._context.ready()
 

@@ -115,7 +115,8 @@ class ReplayLoop:
         for name in self._clock.dropped[self._dropped :]:
             self._dropped += 1
             self._process.event(
-                f"{name} has been busy for 1 s and has not returned to the simulation clock: the replay no longer waits for it"
+                f"{name} has been busy for more than 1 s, without a request to the simulation clock: "
+                f"the replay continues without waiting for {name}"
             )
         if self.playback.finished and not self._at_end:
             self._next_stats = wall

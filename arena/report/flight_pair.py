@@ -113,7 +113,7 @@ def _side(label: str, flight: Flight, moment: Moment) -> Side:
     row = moment_row(flight, moment)
     if row is None:
         others = ", ".join(m for m in MOMENTS if moment_row(flight, m) is not None) or "none"
-        raise InputError(f"{label}: the log has no moment `{moment}`. Choose one of: {others}")
+        raise InputError(f"{label}: the log does not contain the event `{moment}`. Choose one of: {others}")
     known = np.flatnonzero(np.isfinite(flight.pos).all(axis=1))
     if not known.size:
         raise InputError(f"{label}: the log contains no position")
@@ -185,7 +185,8 @@ def difference(pair: Pair) -> Difference:
     t = a.t[rows]
     if t.size < 2 or t[-1] - t[0] < _LEAST_S:
         raise InputError(
-            f"{a.label} and {b.label} cannot be compared: with {pair.moment} at time 0, they have less than {_LEAST_S:g} s in common"
+            f"{a.label} and {b.label} cannot be compared: aligned at the event `{pair.moment}`, the logs overlap by less than "
+            f"{_LEAST_S:g} s"
         )
     at_b = np.stack([_interpolated(t, b.t, column) for column in b.flight.pos.T], axis=1)
     yaw_b = _interpolated(t, b.t, _continuous(b.flight.euler[:, 2]))

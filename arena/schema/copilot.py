@@ -139,7 +139,7 @@ class Copilot(Strict):
             do: str = getattr(self, rule).do
             if _STEPS.index(do) > _STEPS.index(self.at_most):
                 raise ValueError(
-                    f"expected at_most to allow {rule}.do: {do}, but at_most is {self.at_most}. "
+                    f"expected {rule}.do no stronger than at_most, got {rule}.do: {do} and at_most: {self.at_most}. "
                     f"Set at_most: {do}, or choose a weaker {rule}.do"
                 )
         return self

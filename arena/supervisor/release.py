@@ -42,7 +42,7 @@ def check_release(
         if known and not blocked(vehicle, facts) and not _blocked_in_world(plan, stats, vehicle):
             control = facts[f"{vehicle}.control"] or "nobody"
             raise ValueError(
-                f"{vehicle}: no release is needed: programs may already command this vehicle (control: {control})"
+                f"{vehicle}: no release is needed: programs are already allowed to command this vehicle (control: {control})"
             )
 
 

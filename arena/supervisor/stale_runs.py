@@ -58,7 +58,7 @@ def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
         if not _land(state, plan, left, say, now=now) and must_land:
             unread = "" if plan is not None else "its plan cannot be read, so it may serve real vehicles; "
             raise RunError(
-                f"{state.run}: {unread}a real vehicle is not confirmed on the ground, so the processes are not ended. "
+                f"{state.run}: {unread}no confirmation that every real vehicle is on the ground, so the processes are not ended. "
                 f"Land the vehicle by hand or with `arena land-all`, then run `arena down --run {state.run}` again"
             )
     _end_supervisor(state)

@@ -68,7 +68,7 @@ class StartBarrier:
         if not 1 <= count <= len(self._programs):
             programs = ", ".join(self._programs)
             raise InputError(
-                f"wait_for: got n={count}, expected 1 to {len(self._programs)}, because this run has the programs of {programs}"
+                f"wait_for: got n={count}, expected 1 to {len(self._programs)}, the number of programs in this run ({programs})"
             )
         self._uses[name] += 1
         folder = self._folder / f"{name}.{self._uses[name]}"

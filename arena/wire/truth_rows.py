@@ -98,7 +98,9 @@ class TruthRows:
             self._all = page.cast("d")
             vehicles, ring = int(self._all[1]), int(self._all[2])
         except (OSError, ValueError, TypeError, IndexError) as error:
-            raise RunError(f"no truth page at {path}: is the process `world` running?") from error
+            raise RunError(
+                f"{path}: no shared memory with the true states of the vehicles (truth page): is the process `world` running?"
+            ) from error
         self._width = 1 + vehicles * PER_VEHICLE
         self._ring = ring
         if len(self._all) != HEAD + ring * self._width:

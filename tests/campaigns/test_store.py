@@ -59,7 +59,7 @@ def test_second_campaign_in_the_folder_is_refused(tmp_path: Path) -> None:
     try:
         assert other.stdout is not None and other.stdout.readline() == "locked\n"
         with (
-            pytest.raises(RunError, match="another `arena campaign` flies in this folder"),
+            pytest.raises(RunError, match="another `arena campaign` writes to this folder"),
             Store(tmp_path).locked(),
         ):
             pass

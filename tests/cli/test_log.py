@@ -61,6 +61,6 @@ def test_flights_are_compared(tmp_path, capsys):
     files = [str(tmp_path / f"{name}.csv") for name in ("a", "b")]
     assert main(["log", "compare", *files, "--align", "offboard"]) == 0
     out = capsys.readouterr().out
-    assert "from their offboard on" in out and "tracking error, rms" in out
+    assert "after the event `offboard`" in out and "tracking error, rms" in out
     distance = next(line for line in out.splitlines() if line.startswith("distance m"))
     assert distance.split()[2:] == ["0.000"] * 3

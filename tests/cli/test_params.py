@@ -173,7 +173,7 @@ def test_check_takes_the_arena_as_an_argument(folder: Path, capsys: pytest.Captu
         (("pull",), "no arena is running"),
         (
             ("diff", "nowhere", "uav1"),
-            "got 'nowhere', expected a vehicle (uav1, uav2: reads the vehicle), `yaml:VEHICLE`",
+            "got 'nowhere', expected a vehicle (uav1, uav2), whose parameters are then read, `yaml:VEHICLE`",
         ),
         (("diff", "yaml:uav9", "defaults"), "got vehicle uav9"),
         (("check", "torn.params"), "torn.params:2"),

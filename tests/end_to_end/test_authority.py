@@ -29,7 +29,7 @@ def test_restarted_program_flies_again_only_after_release(hangar: Hangar) -> Non
     nothing = flight.cli("release", "uav1")
     assert nothing.returncode == 1
     assert (
-        "uav1: no release is needed: programs may already command this vehicle (control: program)"
+        "uav1: no release is needed: programs are already allowed to command this vehicle (control: program)"
         in nothing.stderr
     )
     assert flight.cli("land-all", limit_s=90.0).returncode == 0

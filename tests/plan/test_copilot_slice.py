@@ -101,8 +101,11 @@ def test_the_resolved_yaml_has_it_too(tmp_path: Path) -> None:
     ("section", "said"),
     [
         ("", "copilot: has nothing below it. Write `copilot: {}`"),
-        ("{tilt: {do: terminate}}", "copilot: expected at_most to allow tilt.do: terminate"),
-        ("{at_most: hold}", "copilot: expected at_most to allow tilt.do: land"),
+        (
+            "{tilt: {do: terminate}}",
+            "copilot: expected tilt.do no stronger than at_most, got tilt.do: terminate",
+        ),
+        ("{at_most: hold}", "copilot: expected tilt.do no stronger than at_most, got tilt.do: land"),
         ("{separation: {at_m: 0}}", "copilot.separation.at_m"),
         ("{geofense: {}}", "geofence"),
         ("{tilt: {do: fall}}", "copilot.tilt.do"),

@@ -91,7 +91,7 @@ def test_moments_of_a_flight(flight):
 
 def test_missing_moment_is_an_input_error_that_names_the_others(flight):
     without = replace(flight, mode=["POSCTL"] * flight.t.size)
-    with pytest.raises(InputError, match=r"has no moment .offboard.*Choose one of: takeoff"):
+    with pytest.raises(InputError, match=r"does not contain the event .offboard.*Choose one of: takeoff"):
         pairs([flight], [without], ("a", "b"), "offboard")
 
 

@@ -48,7 +48,10 @@ def test_blocked_vehicle_may_be_released(facts, stats):
 @pytest.mark.parametrize(
     ("vehicles", "words"),
     [
-        (["uav1"], "uav1: no release is needed: programs may already command this vehicle .control: program"),
+        (
+            ["uav1"],
+            "uav1: no release is needed: programs are already allowed to command this vehicle .control: program",
+        ),
         (["uav9"], "got vehicle 'uav9', expected one of uav1, uav2"),
         ([], "got no vehicle, expected at least one of uav1, uav2"),
     ],

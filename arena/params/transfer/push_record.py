@@ -75,7 +75,7 @@ class PushRecord:
         try:
             raw = json.loads(path.read_text())
             if raw["format"] != _FORMAT:
-                raise ValueError(f"its key `format` is {raw['format']!r}, expected {_FORMAT!r}")
+                raise ValueError(f"the key `format` is {raw['format']!r}, expected {_FORMAT!r}")
             return cls(path, {str(name): _parse(vehicle) for name, vehicle in raw["vehicles"].items()})
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}: there is no push to resume") from error

@@ -118,7 +118,7 @@ class Session:
     def observer(self) -> Observer:
         """The observer of the running arena. Raises RunError if this session has no running arena."""
         if self._observer is None:
-            raise RunError("this session has no running arena. Enter its `with` block first")
+            raise RunError("this session has no running arena. Use the session in a `with` statement")
         return self._observer
 
     def outcome(self) -> dict[str, Any]:
@@ -147,7 +147,7 @@ class Session:
             found = self._until(lambda: set(runs.glob("*/plan.json")) - old, "made no run folder")
             self.run = found.pop().parent
             if self._arena_up is None:
-                raise RunError("this session has no running arena. Enter its `with` block first")
+                raise RunError("this session has no running arena. Use the session in a `with` statement")
             return self._arena_up.wait(limit_s)
         except subprocess.TimeoutExpired:
             raise RunError(
