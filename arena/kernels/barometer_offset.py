@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
 
 _FRESH_S = 0.2
-"""Age limit of a height of vision for the estimate of the offset [s]."""
+"""Age limit of a height measured by vision, for the estimate of the offset [s]."""
 _OFFSET_S = 1.0
 """Time constant of the offset [s]."""
 
@@ -30,7 +30,7 @@ class BarometerOffset:
 
     state, vision: estimated state and its fusion with external vision
     altitude: input: barometric altitude, up [m], NaN for a failed sensor (V,)
-    after_s: time without a height of vision until the barometer is fused [s], infinite for never (V,)
+    after_s: time without a height measured by vision until the barometer is fused [s], infinite for never (V,)
     offset: altitude minus estimated height [m] (V,)
     seen: whether the offset was estimated (V,)
     lost: output: whether the barometer is to be fused now (V,)

@@ -212,7 +212,7 @@ def _start(c: Check) -> Iterator[Problem]:
             yield c.problem(v.name, ("start", "position"), f"starts below the floor: {said}")
         elif -d > height - v.profile.height_m:
             said = f"got D {d:g}, expected {v.profile.height_m - height:.2f} .. 0. Try 0."
-            yield c.problem(v.name, ("start", "position"), f"starts outside the arena: {said}")
+            yield c.problem(v.name, ("start", "position"), f"starts outside the room: {said}")
 
 
 def _beside(c: Check, v: Vehicle, axis: str, value: float, room: float) -> Iterator[Problem]:
@@ -225,7 +225,7 @@ def _beside(c: Check, v: Vehicle, axis: str, value: float, room: float) -> Itera
     if abs(value) > room:
         best = math.copysign(max(math.floor(room * 100) / 100, 0.0), value)
         why = f"(the walls, less the vehicle's radius of {v.profile.radius_m:g} m)"
-        said = f"starts outside the arena: got {axis} {value:g}, expected {-room:.2f} .. {room:.2f} {why}"
+        said = f"starts outside the room: got {axis} {value:g}, expected {-room:.2f} .. {room:.2f} {why}"
         yield c.problem(v.name, ("start", "position"), f"{said}. Try {best:g}.")
 
 
