@@ -161,10 +161,10 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "1: defaults.profile: ",
         "Did you mean intel_aero?",
     ),
-    "start outside the arena": (
+    "start outside the room": (
         "vehicles:\n  uav1: {start: {position: [3.4, 0, 0]}}\n",
         "2: vehicles.uav1.start.position: ",
-        "outside the arena: got N 3.4",
+        "outside the room: got N 3.4",
     ),
     "start through the other wall": (
         "vehicles:\n  uav1: {start: {position: [0, -1.9, 0]}}\n",
@@ -174,7 +174,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "start above the ceiling": (
         "vehicles:\n  uav1: {start: {position: [0, 0, -3]}}\n",
         "2: ",
-        "outside the arena: got D -3",
+        "outside the room: got D -3",
     ),
     "start below the floor": (
         "vehicles:\n  uav1: {start: {position: [0, 0, 1]}}\n",
