@@ -28,7 +28,7 @@ def register(app: typer.Typer) -> None:
         if not yes:
             _confirm(vehicle, facts.get(f"{vehicle}.armed"), facts.get(f"{vehicle}.connected"))
         control.ask(do="forget", vehicle=vehicle, by=user_name())
-        print(f"{vehicle}: declared dead; the run does not wait for this vehicle any more")
+        print(f"{vehicle}: declared dead. The run can end without its landing")
 
 
 def _confirm(vehicle: str, armed: bool | None, connected: bool | None) -> None:

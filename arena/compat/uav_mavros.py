@@ -89,14 +89,14 @@ class UAV:
         )
 
     def arm_drone(self) -> None:
-        """Arm, and wait for the confirmation.
+        """Arm the vehicle, and wait until the vehicle confirms it.
 
         Raises CommandRefusedError.
         """
         self._uav.arm_drone()
 
     def disarm_drone(self) -> None:
-        """Disarm, and wait for the confirmation.
+        """Disarm the vehicle, and wait until the vehicle confirms it.
 
         Raises CommandRefusedError if the autopilot refuses, as it does in the air.
         """

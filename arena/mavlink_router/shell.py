@@ -212,7 +212,7 @@ class RouterShell:
             self._process.stats(self._stats())
 
     def _heartbeat(self, now: float) -> None:
-        """Send the heartbeat of a ground station to all vehicles.
+        """Send the heartbeat of a ground station to the vehicles that may receive it now.
 
         Called once a second of wall time and, in addition, once a second of simulation time, because an autopilot in a world
         that runs faster than real time would miss heartbeats. Real vehicles with a data-link

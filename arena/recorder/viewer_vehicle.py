@@ -161,7 +161,7 @@ class VehicleChannels:
             self._out[Content.MODEL].send(vehicle_model(self._name, self._shape, time_s), time_s)
 
     def send_rates(self, time_s: float, period_s: float) -> None:
-        """Publish the vehicle's traffic, the rate and age of its captured poses, and new pieces of its paths.
+        """Publish to viewers: message rates, rate and age of the captured poses, and new parts of the flown and wanted path.
 
         period_s: time since the last call [s].
         """

@@ -129,7 +129,7 @@ class CrashDetector:
         return new
 
     def report(self) -> dict[str, dict[str, Any]]:
-        """Return vehicle name -> flight record as a JSON-ready object."""
+        """Return the flight record of each vehicle, by vehicle name, as JSON objects."""
         watch = self._watch
         for i, record in enumerate(self.records):
             record.airborne, record.airborne_s = not bool(self._floor[i]), watch.airborne_s[i]

@@ -111,7 +111,10 @@ class ProcessSet:
             forks.watch(selector, partial(setattr, self, "changed", True))
 
     def end_fork_server(self, *, unless_copy: bool = False) -> None:
-        """End the fork server. unless_copy: keep a fork server that is a copy of this process, for the report task."""
+        """End the fork server.
+
+        unless_copy: do not end a fork server that was forked from this process. The report task uses it later.
+        """
         if self.forks is not None and not (unless_copy and self.forks.is_copy):
             self.forks.close()
 

@@ -63,7 +63,7 @@ class PathPublisher:
             self.publish(points, now)
 
     def end_trajectory(self, now: float) -> None:
-        """Remove the path that `publish_trajectory` has published.
+        """Remove the path of a trajectory from the viewers, after the trajectory has ended.
 
         now: [s].
         """

@@ -203,7 +203,7 @@ class TelemetryPacker:
         packing.read_setpoints_from(integers(sp.level), *(view(each) for each in used))
 
     def begin(self, state: TelemetryState) -> None:
-        """Copy time, sensor values and motor commands of this step to the compiled packer (attribute `law`).
+        """Copy time, sensor values and motor commands of this step to the compiled packer of telemetry.
 
         The compiled packer reads the other values from the arrays of the autopilots.
         """
