@@ -259,6 +259,8 @@ class ClockServer:
     lockstep: the world waits for the clients (see `SimTime.lockstep`).
     dropped: names of the clients for which the world no longer waits.
     joined: names of the clients that have requested a wake-up at least once.
+    asleep: names of the clients that wait for their wake-up now.
+    before_wake: called with the name of a client directly before the client is woken.
     """
 
     def __init__(self, path: str | Path, *, lockstep: bool = False) -> None:
@@ -283,6 +285,8 @@ class ClockServer:
         self._clients: dict[int, _Client] = {}
         self.dropped: list[str] = []
         self.joined: set[str] = set()
+        self.asleep: set[str] = set()
+        self.before_wake: Callable[[str], None] = lambda name: None
 
     def tick(self, now: float, *, poll: bool = True) -> None:
         """Publish the simulation time [s], and wake each client whose wake-up time has come.
@@ -383,17 +387,21 @@ class ClockServer:
             if client.wake <= self._page[0]:
                 self._wake(client, self._page[0])
             else:
+                self.asleep.add(client.name)
                 self._next_wake = min(self._next_wake, client.wake)
         return True
 
     def _wake(self, client: _Client, now: float) -> None:
         client.wake, client.awake_since = None, time.monotonic()
+        self.asleep.discard(client.name)
+        self.before_wake(client.name)
         try:
             client.connection.send(_DOUBLE.pack(now), socket.MSG_DONTWAIT)
         except OSError:
             self._drop(client)
 
     def _drop(self, client: _Client) -> None:
+        self.asleep.discard(client.name)
         self._epoll.unregister(client.connection)
         self._clients.pop(client.connection.fileno(), None)
         client.connection.close()

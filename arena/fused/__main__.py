@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from arena.clock import ClockServer
 from arena.fused.members import Members
 from arena.process_context import ProcessContext, read_slice, run_process
 from arena.sim.__main__ import autopilots_by_kind
@@ -26,9 +27,13 @@ def _make(process: ProcessContext, folder: Path) -> Callable[[], None]:
     slices = {name: read_slice(folder / f"{name}.json") for name in process.settings["members"]}
 
     def links(
-        context: ProcessContext, world: Mapping[str, Any], budget_s: float, watch: SocketWatch
+        context: ProcessContext,
+        world: Mapping[str, Any],
+        budget_s: float,
+        watch: SocketWatch,
+        clock: ClockServer,
     ) -> Members:
-        return Members(context, {**slices, "world": world}, budget_s=budget_s, watch=watch)
+        return Members(context, {**slices, "world": world}, budget_s=budget_s, watch=watch, clock=clock)
 
     return lambda: run(process, slices["world"], autopilots_by_kind, links)
 

@@ -9,7 +9,7 @@ import time as wall_time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from arena.clock import Rate
+from arena.clock import ClockServer, Rate
 from arena.emulated_sensors.core import EmulatedSensors
 from arena.emulated_sensors.settings import Settings
 from arena.fused.captured_frames import FrameConverter
@@ -50,6 +50,7 @@ class Members:
     process: context of the process.  slices: name of each member -> its configuration.
     budget_s: longest wall time for reading the panic links in one step [s].
     watch: finds the sockets with data; the world polls it in each step, before `drain`.
+    clock: server of the simulation clock, on which the user programs sleep.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class Members:
         *,
         budget_s: float,
         watch: SocketWatch,
+        clock: ClockServer,
     ) -> None:
         world = slices["world"]
         vehicles = world["vehicles"]
@@ -83,6 +85,8 @@ class Members:
             frozenset(in_memory),
             self._inbox,
         )
+        self._router.hold_for_sleepers(process.settings.get("sleepers", {}), clock.asleep)
+        clock.before_wake = self._router.held.before_wake
         self._recorder = _Recorder(self._contexts["recorder"], self._time, self._router.sockets, truth)
         sensors = self._contexts.get("sensors")
         self._sensors = None if sensors is None else _Sensors(sensors, self._time, self._router)

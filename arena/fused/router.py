@@ -11,7 +11,8 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from arena.fault_injection import FaultReceiver
-from arena.fused.memory_links import Inbox
+from arena.fused.held_telemetry import HeldTelemetry
+from arena.fused.memory_links import Inbox, address
 from arena.mavlink_router.endpoints import Out
 from arena.mavlink_router.ground_station import GroundStation
 from arena.mavlink_router.link_impairment import ImpairedRouter
@@ -36,6 +37,7 @@ class FusedRouter:
     record: function that gives a copy of a datagram to the recorder, with the index of the socket from which it is sent. The owner
         sets it.
     sockets: addresses of the router's sockets, in their order.
+    held: telemetry for programs that sleep. Without `hold_for_sleepers` nothing is held.
     faults: socket of the injected faults.
     """
 
@@ -63,12 +65,12 @@ class FusedRouter:
             if v.ground is not None
         }
         self._sensor_keys, self._sensors = self._router.sensor_sockets, table.sensors
-        in_calls = set(self._sensor_keys.values())
+        self._in_calls = frozenset(self._sensor_keys.values())
         self._link_of = {key: link for link, (key, _) in self._ends.items() if link[0] in in_memory}
         self._sockets = {
-            key: listen_udp(address, "the router")
-            for key, address in enumerate(self._router.sockets)
-            if key not in self._link_of and key not in in_calls
+            key: listen_udp(at, "the router")
+            for key, at in enumerate(self._router.sockets)
+            if key not in self._link_of and key not in self._in_calls
         }
         self._key_of = {s.fileno(): key for key, s in self._sockets.items()}
         self._poll = select.epoll()
@@ -77,6 +79,21 @@ class FusedRouter:
         self._buffer = memoryview(bytearray(MAX_DATAGRAM_BYTES))
         self._next_tick = self._next_second = 0.0
         self._began, self._ready = time.monotonic(), False
+        self.held = HeldTelemetry({}, (), self._send_to_socket)
+
+    def hold_for_sleepers(self, programs: Mapping[str, str], asleep: Collection[str]) -> None:
+        """Join the telemetry for programs while they sleep on the simulation clock.
+
+        Call `held.before_wake` before each wake-up.
+        programs: vehicle name -> name of its program as a client of the clock.  asleep: names of the clients that sleep now
+        """
+        named = {
+            (self.sockets.index(address(v, "serve")), address(client, "address")): programs[v["name"]]
+            for v in self._process.settings["vehicles"]
+            for client in v["clients"]
+            if client["name"] == "program" and v["name"] in programs
+        }
+        self.held = HeldTelemetry(named, asleep, self._send_to_socket)
 
     def from_vehicle(self, vehicle: int, data: bytes, now: float, link: str = "router") -> None:
         """Route a datagram that an autopilot in this process has sent.
@@ -116,7 +133,8 @@ class FusedRouter:
         for text in self.faults.apply(self._impaired.apply) if faults else ():
             self._process.event(text)
         if self._impaired.active:
-            self._send(self._impaired.release(now, now))
+            self._send(self._impaired.release(now, now), now)
+        self.held.step(now)
         report_changes(self._process, self._router)
         if now >= self._next_tick:
             self._next_tick = now + _TICK_S
@@ -130,6 +148,7 @@ class FusedRouter:
         return self._router.stats()
 
     def close(self) -> None:
+        self.held.close()
         self._poll.close()
         self.faults.close()
         for s in self._sockets.values():
@@ -146,11 +165,12 @@ class FusedRouter:
 
     def _route(self, key: int, sender: Address, data: Buffer, now: float) -> None:
         if self._impaired.active:
-            self._send(self._impaired.on_datagram(key, sender, data, now, now))
+            self._send(self._impaired.on_datagram(key, sender, data, now, now), now)
         else:
-            self._send(self._router.on_datagram(key, sender, data, now))
+            # A program reads measurements from datagrams of their own, so they are not joined with telemetry.
+            self._send(self._router.on_datagram(key, sender, data, now), now, join=key not in self._in_calls)
 
-    def _send(self, out: list[Out]) -> None:
+    def _send(self, out: list[Out], now: float, *, join: bool = True) -> None:
         counts = self._router.counts
         for data, destinations in out:
             for key, to in destinations:
@@ -159,7 +179,7 @@ class FusedRouter:
                     self._inbox.append((*link, bytes(data)))
                 elif to == self._recorder:
                     self.record(key, bytes(data))
-                else:
+                elif not self.held.hold((key, to), data, now, join=join):
                     self._send_to_socket(key, data, to)
 
     def _send_to_socket(self, key: int, data: Buffer, to: Address) -> None:
@@ -177,5 +197,5 @@ class FusedRouter:
             self._next_second = now + _SECOND_S
             if self._router.table.heartbeat and not self._impaired.muted:
                 frame = self._station.heartbeat()
-                self._send(self._impaired.outgoing(self._router.heartbeat(frame), now))
+                self._send(self._impaired.outgoing(self._router.heartbeat(frame), now), now)
             self._process.stats(self.stats())

@@ -107,18 +107,19 @@ def fused_slices(
     for it. In real time the world never waits.
     """
     members = ["world", *(p.name for p in processes if p.kind in _MEMBERS)]
-    programs = [
-        f"group.{v.program.group}" if v.program.group else v.name
+    programs = {
+        v.name: f"group.{v.program.group}" if v.program.group else v.name
         for v in arena.vehicles
         if v.program is not None and v.program.is_python
-    ]
+    }
     world = {
         **made["world.json"],
         "expected": []
         if arena.copilot is not None or arena.sim.speed == 1.0 or _program_waits_for_mavros(arena)
-        else list(dict.fromkeys(programs)),
+        else list(dict.fromkeys(programs.values())),
     }
-    return {**made, "world.json": world, SLICE: {"name": "world", "members": members}}
+    sleepers = {} if arena.sim.speed == 1.0 else programs
+    return {**made, "world.json": world, SLICE: {"name": "world", "members": members, "sleepers": sleepers}}
 
 
 def _program_waits_for_mavros(arena: Arena) -> bool:

@@ -47,8 +47,9 @@ _RTF_TOLERANCE = 0.02
 _JOIN_TIMEOUT_S = 30.0
 _AFTER_DONE_S = 2.0
 _LAST_STEPS_S = 3.0
-MakeLinks = Callable[[ProcessContext, Mapping[str, Any], float, SocketWatch], LinkInterface]
-"""Opens the links of all vehicles: (context, settings of the world, wall time for reading in one step [s], watch of their sockets).
+MakeLinks = Callable[[ProcessContext, Mapping[str, Any], float, SocketWatch, ClockServer], LinkInterface]
+"""Opens the links of all vehicles: (context, settings of the world, wall time for reading in one step [s], watch of their sockets,
+server of the simulation clock).
 
 The world polls the watch directly before each call of `LinkInterface.drain`."""
 
@@ -81,7 +82,7 @@ class Loop:
         self._watch = SocketWatch()
         self._watch.add(self._clock.fileno())
         try:
-            self._links = make_links(context, settings, _DRAIN_SHARE * period_s, self._watch)
+            self._links = make_links(context, settings, _DRAIN_SHARE * period_s, self._watch, self._clock)
         except BaseException:
             self._close_pages()
             raise
@@ -395,6 +396,10 @@ def run(
 
 
 def _open_links(
-    context: ProcessContext, settings: Mapping[str, Any], budget_s: float, watch: SocketWatch
+    context: ProcessContext,
+    settings: Mapping[str, Any],
+    budget_s: float,
+    watch: SocketWatch,
+    clock: ClockServer,
 ) -> VehicleLinks:
     return VehicleLinks(settings["vehicles"], budget_s=budget_s)

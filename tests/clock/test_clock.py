@@ -47,6 +47,28 @@ def test_client_is_woken_at_its_time_and_not_before(server, tmp_path):
     assert clock.now() == 1.0
 
 
+def test_server_lists_who_sleeps_and_calls_before_each_wake_up(server, tmp_path):
+    woken = []
+    server.before_wake = lambda name: woken.append((name, name in server.asleep))
+    client = SimClock(tmp_path / "clock", "uav1")
+    server.poll(1.0)
+    client.request_wake(0.5)
+    server.poll(1.0)
+    while "uav1" not in server.asleep:
+        server.poll(1.0)
+    server.tick(0.4)
+    assert woken == []
+    server.tick(0.5)
+    assert woken == [("uav1", False)]
+    assert client.wait_for_wake(10.0) == 0.5
+    client.request_wake(1.0)
+    while "uav1" not in server.asleep:
+        server.poll(1.0)
+    client.close()
+    while server.asleep:
+        server.poll(1.0)
+
+
 def test_past_wake_time_wakes_at_once(server, tmp_path):
     server.tick(7.0)
     clock = SimClock(tmp_path / "clock", "p")

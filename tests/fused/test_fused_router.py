@@ -72,6 +72,23 @@ def test_ground_station_receives_the_streams_of_its_link_only(station, routed):
         station.recv(1000)
 
 
+def test_telemetry_of_a_sleeping_program_arrives_as_one_datagram(routed):
+    router, _ = routed
+    asleep = {"uav1"}
+    router.hold_for_sleepers({"uav1": "uav1"}, asleep)
+    messages = [packed(mavlink.MAVLink_attitude_message(5, k / 10, 0, 0, 0, 0, 0), 1, 1) for k in range(3)]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program:
+        program.bind((HOST, 16001))
+        program.setblocking(False)
+        for data in messages:
+            router.from_vehicle(0, data, 1.0)
+        with pytest.raises(BlockingIOError):
+            program.recv(1000)
+        asleep.clear()
+        router.held.before_wake("uav1")
+        assert program.recv(1000) == b"".join(messages)
+
+
 def test_program_reaches_the_autopilot_on_the_router_link(station, routed):
     router, inbox = routed
     data = packed(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3), 1, 191)

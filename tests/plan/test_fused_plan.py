@@ -70,9 +70,11 @@ def test_fused_plan_keeps_ports_slices_and_needs(tmp_path):
     joined = [p.name for p in many.processes if p.name not in ("world", "program.uav1")]
     assert [m.name for m in world.members] == joined
     assert program.needs == ("world", "forward.uav1", "router", "recorder")
-    assert one.slices["fused.json"] == {"name": "world", "members": ["world", *joined]}
+    assert one.slices["fused.json"] == {"name": "world", "members": ["world", *joined], "sleepers": {}}
     assert one.slices["world.json"]["expected"] == []
-    assert plan_of(tmp_path, TWO, "sim.speed=max").slices["world.json"]["expected"] == ["uav1"]
+    fast = plan_of(tmp_path, TWO, "sim.speed=max").slices
+    assert fast["world.json"]["expected"] == ["uav1"]
+    assert fast["fused.json"]["sleepers"] == {"uav1": "uav1"}
     assert all(one.slices[f"{name}.json"] == many.slices[f"{name}.json"] for name in joined)
     assert Plan.from_json(one.to_json()) == one
 
