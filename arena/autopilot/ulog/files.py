@@ -75,7 +75,9 @@ class _Reading:
 class UlogFiles:
     """Writes the logs of all vehicles, without blocking the caller.
 
-    This also holds for a disk that is full or does not respond.
+    This also holds for a disk that is full or does not respond. The operating system decides when it stores the bytes on the disk:
+    a killed process loses nothing that was written, and a simulated flight need not survive a power failure. Waiting for the disk
+    for each vehicle twice a second would slow down campaigns.
 
     folder: folder of the files; it is created with the first log
     The first log of a vehicle is `<name>.ulg`, the next ones are `<name>_2.ulg`, `<name>_3.ulg`, ...
@@ -181,7 +183,6 @@ class UlogFiles:
             file.size += len(missing)
         write_all(file.fd, data)
         file.size += len(data)
-        os.fdatasync(file.fd)
         file.written_until = until
         if part.last:
             os.close(file.fd)
