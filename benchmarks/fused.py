@@ -60,13 +60,20 @@ with UAV.all_from_args() as fleet:
 
 
 def write_arena(
-    count: int, until_s: float, folder: Path, *, program: bool = True, group: bool = False
+    count: int,
+    until_s: float,
+    folder: Path,
+    *,
+    program: bool = True,
+    group: bool = False,
+    fleet: bool | None = None,
 ) -> Path:
     """Write the YAML and the program of an arena, vehicles 1.4 m apart, and return the path of the YAML.
 
     group: the programs of all vehicles run in one process.
+    fleet: one program flies all vehicles. Default: from `FLEET_FROM` vehicles on
     """
-    fleet = count >= FLEET_FROM
+    fleet = count >= FLEET_FROM if fleet is None else fleet
     (folder / "circle.py").write_text((FLEET if fleet else PROGRAM).format(until=until_s))
     side = max(1, round(count**0.5))
     grouped = f"{{path: circle.py, group: show, run: {'once' if fleet else 'each'}}}"
