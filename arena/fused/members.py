@@ -92,6 +92,7 @@ class Members:
         self._sensors = None if sensors is None else _Sensors(sensors, self._time, self._router)
         self._router.record = self._on_copy
         mocap = self._contexts["mocap"]
+        self._clock, self._joined = clock, 0
         self._frames = FrameConverter(mocap.settings["bodies"])
         self._mocap = EmulatorShell(mocap, self._time.now(), self._on_frame)
         self._watch = watch
@@ -107,6 +108,9 @@ class Members:
 
     def drain(self, receive: Receive) -> None:
         """Read the waiting datagrams, and call `receive` with each datagram for an autopilot."""
+        if self._joined != len(self._clock.joined):  # a new program may listen at a port that was closed
+            self._joined = len(self._clock.joined)
+            self._router.closed.search()
         if self._watch.has_data(self._panic.fileno()):
             self._panic.drain(receive)
         if self._watch.has_data(self._router.fileno()):

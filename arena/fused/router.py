@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from arena.fault_injection import FaultReceiver
+from arena.fused.closed_ports import ClosedPorts
 from arena.fused.held_telemetry import HeldTelemetry
 from arena.fused.memory_links import Inbox, address
 from arena.mavlink_router.endpoints import Out
@@ -37,6 +38,7 @@ class FusedRouter:
     record: function that gives a copy of a datagram to the recorder, with the index of the socket from which it is sent. The owner
         sets it.
     sockets: addresses of the router's sockets, in their order.
+    closed: SDK ports and ground stations at whose ports no program listens; nothing is sent to them.
     held: telemetry for programs that sleep. Without `hold_for_sleepers` nothing is held.
     faults: socket of the injected faults.
     """
@@ -80,6 +82,7 @@ class FusedRouter:
         self._next_tick = self._next_second = 0.0
         self._began, self._ready = time.monotonic(), False
         self.held = HeldTelemetry({}, (), self._send_to_socket)
+        self.closed = ClosedPorts((*table.gcs, *self._clients("sdk").values()))
 
     def hold_for_sleepers(self, programs: Mapping[str, str], asleep: Collection[str]) -> None:
         """Join the telemetry for programs while they sleep on the simulation clock.
@@ -87,13 +90,16 @@ class FusedRouter:
         Call `held.before_wake` before each wake-up.
         programs: vehicle name -> name of its program as a client of the clock.  asleep: names of the clients that sleep now
         """
-        named = {
-            (self.sockets.index(address(v, "serve")), address(client, "address")): programs[v["name"]]
-            for v in self._process.settings["vehicles"]
-            for client in v["clients"]
-            if client["name"] == "program" and v["name"] in programs
-        }
+        serve = {v.name: self.sockets.index(v.serve) for v in self._router.table.vehicles}
+        ports = self._clients("program")
+        named = {(serve[v], ports[v]): client for v, client in programs.items() if v in ports}
         self.held = HeldTelemetry(named, asleep, self._send_to_socket)
+
+    def _clients(self, name: str) -> dict[str, Address]:
+        """Return {vehicle name: address of its client with this name}, such as `program`."""
+        vehicles = self._process.settings["vehicles"]
+        found = ((v["name"], client) for v in vehicles for client in v["clients"])
+        return {vehicle: address(client, "address") for vehicle, client in found if client["name"] == name}
 
     def from_vehicle(self, vehicle: int, data: bytes, now: float, link: str = "router") -> None:
         """Route a datagram that an autopilot in this process has sent.
@@ -161,6 +167,8 @@ class FusedRouter:
                 size, sender = receive(buffer)
             except OSError:  # nothing left
                 return
+            if sender in self.closed.now:  # it has just been opened, and waits for replies
+                self.closed.search()
             self._route(key, sender, buffer[:size], now)
 
     def _route(self, key: int, sender: Address, data: Buffer, now: float) -> None:
@@ -179,7 +187,7 @@ class FusedRouter:
                     self._inbox.append((*link, bytes(data)))
                 elif to == self._recorder:
                     self.record(key, bytes(data))
-                elif not self.held.hold((key, to), data, now, join=join):
+                elif to not in self.closed.now and not self.held.hold((key, to), data, now, join=join):
                     self._send_to_socket(key, data, to)
 
     def _send_to_socket(self, key: int, data: Buffer, to: Address) -> None:
@@ -189,6 +197,7 @@ class FusedRouter:
             self._router.counts.dropped["not sent"] += 1
 
     def _tick(self, now: float) -> None:
+        self.closed.refresh(time.monotonic())
         self._router.tick(now)
         self._process.audit(self._router.commands.take_audit())
         if not self._ready:  # in wall time, so that the other vehicles start even if a PX4 never does

@@ -34,7 +34,7 @@ def routed(station):
         "link": {"local": [HOST, 24011], "remote": [HOST, 24010]},
         "ground": {"local": [HOST, 27003], "remote": [HOST, 27002]},
         "serve": [HOST, 24018],
-        "clients": [{"name": "program", "address": [HOST, 16001]}],
+        "clients": [{"name": "program", "address": [HOST, 16001]}, {"name": "sdk", "address": [HOST, 22001]}],
         "tools": [HOST, 24016],
     }
     settings = {
@@ -87,6 +87,25 @@ def test_telemetry_of_a_sleeping_program_arrives_as_one_datagram(routed):
         asleep.clear()
         router.held.before_wake("uav1")
         assert program.recv(1000) == b"".join(messages)
+
+
+def test_closed_port_receives_nothing_until_its_program_is_found_or_sends(routed):
+    router, _ = routed
+    attitude = packed(mavlink.MAVLink_attitude_message(5, 0.1, 0, 0, 0, 0, 0), 1, 1)
+    router.closed.search()
+    assert router.closed.now == {(HOST, 22001)}  # the ground station of this test listens
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sdk:
+        sdk.bind((HOST, 22001))
+        sdk.settimeout(60.0)
+        router.from_vehicle(0, attitude, 1.0)
+        sdk.sendto(packed(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3), 1, 194), (HOST, 24018))
+        router.drain(1.0)
+        assert not router.closed.now
+        router.from_vehicle(0, attitude, 1.0)
+        assert sdk.recv(1000) == attitude
+        sdk.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            sdk.recv(1000)
 
 
 def test_program_reaches_the_autopilot_on_the_router_link(station, routed):

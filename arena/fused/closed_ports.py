@@ -1,0 +1,57 @@
+"""Search for UDP ports of this computer at which no program listens, so that nothing need be sent to them.
+
+The kernel answers each datagram to a closed port with an ICMP message, which costs more than a datagram that is received.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from arena.mavlink_router.endpoints import is_loopback
+from arena.transport import Address
+
+REFRESH_S = 0.1
+"""Shortest wall time between two searches [s]."""
+
+
+class ClosedPorts:
+    """Set of the receivers at whose ports no program listens.
+
+    Only addresses on the loopback network can be among them, because the ports of other computers are unknown.
+
+    addresses: receivers to search for.  folder: folder of the kernel's tables `udp` and `udp6`
+    now: the receivers at which no program listened at the last search
+    """
+
+    def __init__(self, addresses: Iterable[Address], folder: Path = Path("/proc/net")) -> None:
+        self._addresses = frozenset(filter(is_loopback, addresses))
+        self._folder, self._next = folder, float("-inf")
+        self.now: frozenset[Address] = frozenset()
+
+    def refresh(self, wall: float) -> None:
+        """Search again, if the last search was not just before.
+
+        wall: monotonic [s].
+        """
+        if self._addresses and wall >= self._next:
+            self._next = wall + REFRESH_S
+            self.search()
+
+    def search(self) -> None:
+        """Search now. If the kernel's tables cannot be read, no port counts as closed."""
+        try:
+            opened = self._open_ports()
+        except (OSError, ValueError, IndexError):
+            self.now = frozenset()
+        else:
+            self.now = frozenset(at for at in self._addresses if at[1] not in opened)
+
+    def _open_ports(self) -> set[int]:
+        """Return all UDP ports of this computer that are open, at any address."""
+        lines: list[bytes] = []
+        for name in ("udp", "udp6"):
+            table = self._folder / name
+            if name == "udp" or table.exists():  # a computer can be without IPv6
+                lines += table.read_bytes().splitlines()[1:]
+        return {int(line.split()[1].rpartition(b":")[2], 16) for line in lines}
