@@ -12,12 +12,14 @@ import math
 import socket
 import threading
 import time
+from collections import deque
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import Clock, LockstepClock
+from arena.datagrams import read_datagrams
 from arena.errors import InputError, NotConfirmedError, RunError
-from arena.transport import Address, open_udp, parse_url, receive_datagrams
+from arena.transport import Address, open_udp, parse_url
 from arena.uav.backend import Backend, BackendName, Command, MavlinkBackend, Wire
 from arena.uav.measurements import Measurements
 from arena.uav.poses import Poses
@@ -74,6 +76,7 @@ class Connection:
             else self._receiver.capture.open(capture, poses.body, poses)
         )
         self._receiving, self._sending = threading.Lock(), threading.Lock()
+        self._received: deque[tuple[bytes, Address]] = deque()
         self._polled = self._polled_at = -1.0
         self._heartbeat_due = 0.0
         self._ending = threading.Event()
@@ -167,7 +170,9 @@ class Connection:
                 return
             self._polled = time.monotonic()
             now = self._polled_at = self._clock.now()
-            for datagram, sender in receive_datagrams(self._socket, _MAX_DATAGRAMS):
+            self._received.extend(read_datagrams(self._socket, _MAX_DATAGRAMS))
+            while self._received:  # after an exception the next call processes the datagrams that are left
+                datagram, sender = self._received.popleft()
                 if self.telemetry.on_datagram(datagram, now):
                     self._vehicle = sender
                     self._backend.receive(datagram)

@@ -78,18 +78,25 @@ class NatNetClient:
         wall = time.monotonic()
         if not self._sockets.is_open:
             self._open(wall)
-        received = (self.core.receive(data, now, at) for data, at in self._sockets.read_stamped(wall))
-        frames = [frame for frame in received if frame is not None]
+        frames, receive = [], self.core.receive
+        for data, at in self._sockets.read_stamped(wall):
+            frame = receive(data, now, at)
+            if frame is not None:
+                frames.append(frame)
         self._reception.update("answers", self.core.answers, wall)
-        self._reception.update("malformed", self.counts["malformed"], wall)
-        self._reception.update("duplicate ids", self.counts["duplicate ids"], wall)
-        self._reception.update("early", self.counts["before the handshake"], wall)
+        counted = self.counts.get  # faster than Counter's way to return 0
+        self._reception.update("malformed", counted("malformed", 0), wall)
+        self._reception.update("duplicate ids", counted("duplicate ids", 0), wall)
+        self._reception.update("early", counted("before the handshake", 0), wall)
         if self._reception.update_frames(self.core.readable_frames, frames, wall):
             self._last_frame = wall
         elif wall - self._last_frame > _SILENT_S:
             self._restart(wall)
-        no_frame = self.counts["frames"] == self._frames_at_open
-        if self._unicast and no_frame and wall - self._opened > _NO_UNICAST_S:
+        if (
+            self._unicast
+            and wall - self._opened > _NO_UNICAST_S
+            and self.counts["frames"] == self._frames_at_open
+        ):
             self._opened = math.inf
             # Not from the start: of several clients on one computer only the last to bind the port receives there.
             with contextlib.suppress(OSError):

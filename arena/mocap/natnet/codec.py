@@ -11,11 +11,14 @@ from __future__ import annotations
 import struct
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from math import isfinite
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from arena.errors import WireError
-from arena.kernels.natnet_payload import PayloadReader
+from arena.kernels import natnet_payload
+from arena.kernels.natnet_payload import PayloadReader, payload_of
+
+if TYPE_CHECKING:
+    from arena.kernels.natnet_payload import RawFrame
 
 CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3, 4, 5
 REQUEST_FRAME, FRAME, MESSAGE, DISCONNECT, KEEPALIVE, UNRECOGNIZED = 6, 7, 8, 9, 10, 100
@@ -33,9 +36,6 @@ _STAMPS = struct.Struct(
 )  # time code and its part, time stamp, then ticks at exposure, at reception, at transmission
 _NAME_BYTES = 256
 _NEWEST_KNOWN, _TOO_NEW = (4, 2), (5, 0)
-_SIZED_TAIL_BYTES = (
-    _STAMPS.size + 8 + 2 + 4
-)  # after a sized frame's last section: stamps, precision stamp, parameters, end
 
 
 class Body(NamedTuple):
@@ -99,14 +99,7 @@ def message_of(data: bytes) -> int:
 
     Raises WireError if the packet is shorter than the size in its header.
     """
-    if len(data) < _HEAD.size:
-        raise WireError(f"got a NatNet packet of {len(data)} bytes, expected 4 or more")
-    message, size = _HEAD.unpack_from(data)
-    if len(data) - _HEAD.size < size:
-        raise WireError(
-            f"got {len(data) - _HEAD.size} bytes of NatNet payload, expected {size} as in the header of the packet"
-        )
-    return int(message)
+    return natnet_payload.message_of(data)
 
 
 # -- server information ----------------------------------------------------------------------------------------------------
@@ -253,41 +246,28 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
 
     wanted: streaming ids of the bodies to decode; None decodes all bodies.
     """
-    reader = PayloadReader(payload_of(data, FRAME))
-    number = reader.i32()
-    sized = version >= (4, 1)
-    bodies = tuple(
-        [
-            Body(i, (x, y, z), (qx, qy, qz, qw), error, bool(params & TRACKING_VALID))
-            for i, x, y, z, qx, qy, qz, qw, error, params in reader.bodies(wanted, sized)
-        ]
+    number, timestamp_s, exposure, transmit, params, bodies = read_frame(
+        payload_of(data, FRAME), version, wanted
     )
-    reader.skip_to_stamps(sized)
-    at = reader.at
-    if version > _NEWEST_KNOWN and len(reader.data) - at != _SIZED_TAIL_BYTES:
-        raise WireError(
-            f"NatNet {version[0]}.{version[1]} frame: got {len(reader.data) - at} bytes after the last section, expected "
-            f"{_SIZED_TAIL_BYTES}. The layout of this version is not known"
-        )
-    reader.skip(_STAMPS.size)
-    _, _, timestamp_s, exposure, _, transmit = _STAMPS.unpack_from(reader.data, at)
-    if not isfinite(timestamp_s):
-        raise WireError(f"NatNet frame {number}: got the time stamp {timestamp_s}, expected a finite number")
-    if sized:
-        reader.skip(8)
     return Frame(
         number=number,
         timestamp_s=timestamp_s,
         exposure_ticks=exposure,
         transmit_ticks=transmit,
-        bodies=bodies,
-        models_changed=bool(reader.u16() & MODELS_CHANGED),
+        bodies=tuple(
+            [
+                Body(i, (x, y, z), (qx, qy, qz, qw), error, bool(params & TRACKING_VALID))
+                for i, x, y, z, qx, qy, qz, qw, error, params in bodies
+            ]
+        ),
+        models_changed=bool(params & MODELS_CHANGED),
     )
 
 
-def payload_of(data: bytes, expected: int) -> bytes:
-    """Return the payload of a NatNet packet. Raises WireError if its message number is not `expected`."""
-    message = message_of(data)
-    if message != expected:
-        raise WireError(f"got a NatNet message of type {message}, expected type {expected}")
-    return data[_HEAD.size : _HEAD.size + _HEAD.unpack_from(data)[1]]
+def read_frame(payload: bytes, version: Version, wanted: Container[int] | None = None) -> RawFrame:
+    """Read the payload of a FRAME packet as plain numbers, without `Frame` and `Body`. Raises WireError for an invalid payload.
+
+    Return (frame number, time stamp [s], ticks at exposure, ticks at transmission, parameters, bodies). The bodies are those of
+    `PayloadReader.bodies`. wanted: as in `decode_frame`.
+    """
+    return PayloadReader(payload).frame(wanted, version, version <= _NEWEST_KNOWN)
