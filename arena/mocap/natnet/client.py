@@ -22,6 +22,7 @@ _SILENT_S = 2.0  # without frames for so long: start again, the server or the ne
 _KEEPALIVE_S = 1.0
 _COMPARE_CLOCKS_S = 0.2  # often enough to follow the clock of a simulated server that stutters
 _NO_UNICAST_S = 1.0  # without frames for so long after opening: a unicast server may stream to the data port
+_EVENTS = ("answers", "malformed", "duplicate ids", "early")
 _KEEPALIVE = codec.packet(codec.KEEPALIVE)
 
 
@@ -63,6 +64,7 @@ class NatNetClient:
         self._requested_at = self._kept_alive = self._compared_at = -math.inf
         self._request = b""
         self._answers_at_request = self._frames_at_open = 0
+        self._seen = (0, 0, 0, 0)  # counts of `_EVENTS` that are stored in `_reception`
         self._last_frame = self._opened = now
         self._open(now)
         self._advance_handshake(now)
@@ -83,11 +85,17 @@ class NatNetClient:
             frame = receive(data, now, at)
             if frame is not None:
                 frames.append(frame)
-        self._reception.update("answers", self.core.answers, wall)
         counted = self.counts.get  # faster than Counter's way to return 0
-        self._reception.update("malformed", counted("malformed", 0), wall)
-        self._reception.update("duplicate ids", counted("duplicate ids", 0), wall)
-        self._reception.update("early", counted("before the handshake", 0), wall)
+        seen = (
+            self.core.answers,
+            counted("malformed", 0),
+            counted("duplicate ids", 0),
+            counted("before the handshake", 0),
+        )
+        if seen != self._seen:
+            self._seen = seen
+            for event, count in zip(_EVENTS, seen, strict=True):
+                self._reception.update(event, count, wall)
         if self._reception.update_frames(self.core.readable_frames, frames, wall):
             self._last_frame = wall
         elif wall - self._last_frame > _SILENT_S:

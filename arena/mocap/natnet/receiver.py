@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 _CONNECT = codec.packet(codec.CONNECT, b"Ping\0")
 _MAX_ECHOES, _MAX_ECHO_NUMBER = 8, 1 << 32  # unanswered echo requests that are remembered
 _REQUEST_MODELS = codec.packet(codec.REQUEST_MODELDEF)
+_FRAME = codec.packet(codec.FRAME)[:2]
 _NO_NAMES: dict[str, int] = {}
+_new = tuple.__new__  # a NamedTuple's constructor costs twice as much
 
 
 class NatNetReceiver:
@@ -130,16 +132,15 @@ class NatNetReceiver:
         arrived_s: monotonic time of arrival for the frame [s]; None if unknown
         """
         try:
-            return self._receive(data, message_of(data), now, arrived_s)
+            if data[:2] == _FRAME:
+                return self._frame(payload_of(data, codec.FRAME), arrived_s)
+            self._receive(data, message_of(data), now)
         except WireError:
             self.counts["malformed"] += 1
-            return None
+        return None
 
-    def _receive(
-        self, data: bytes, message: int, now: float, arrived_s: float | None
-    ) -> CapturedFrame | None:
-        if message == codec.FRAME:
-            return self._frame(data, arrived_s)
+    def _receive(self, data: bytes, message: int, now: float) -> None:
+        """Decode one packet that is not a frame."""
         if message == codec.SERVERINFO:
             self._on_server_info(codec.decode_server_info(data))
         elif message == codec.MODELDEF and self._version is not None:
@@ -148,7 +149,6 @@ class NatNetReceiver:
             self._on_echo(*echo.decode_echo_response(data), now)
         else:
             self.counts["other message"] += 1
-        return None
 
     def _on_echo(self, number: int, ticks: int, now: float) -> None:
         sent = self._echoes_sent.pop(number, None)
@@ -188,11 +188,11 @@ class NatNetReceiver:
         self._names = {i: m.name for i, m in own.items()}
         self._models = {m.name: _definition(i, m) for i, m in own.items()}
 
-    def _frame(self, data: bytes, arrived_s: float | None) -> CapturedFrame | None:
+    def _frame(self, payload: bytes, arrived_s: float | None) -> CapturedFrame | None:
         if self._version is None:
             self.counts["before the handshake"] += 1
             return None
-        frame = codec.read_frame(payload_of(data, codec.FRAME), self._version, self._names)
+        frame = codec.read_frame(payload, self._version, self._names)
         self.readable_frames += 1
         if not self._names:
             self.counts["no wanted body" if self._has_models else "before the handshake"] += 1
@@ -224,7 +224,8 @@ class NatNetReceiver:
         if self._clock_hz and exposure_ticks:
             time_s, echo = exposure_ticks / self._clock_hz, self._echo
             sent_s = transmit_ticks / self._clock_hz if transmit_ticks else None
-        return CapturedFrame(number, time_s, tuple(poses), (*untracked, *shared), sent_s, echo, arrived_s)
+        fields = number, time_s, tuple(poses), (*untracked, *shared), sent_s, echo, arrived_s
+        return _new(CapturedFrame, fields)
 
     def _shared_ids(self, bodies: Sequence[RawBody]) -> dict[str, int]:
         """Return {name of requested body: streaming id} for each id that occurs several times in a frame.
