@@ -146,11 +146,12 @@ class ServerSockets:
         The time is None if the option `stamps` is off.
         """
         if not self._stamps:
+            server = self._server[0]
             return [
                 (data, None)
                 for s in self._sockets
                 for data, sender in read_datagrams(s, _MAX_DATAGRAMS)
-                if self._is_of_server(sender[0], wall)
+                if sender[0] == server or self._is_of_server(sender[0], wall)
             ]
         return [received for s in self._sockets for received in self._read(s, wall)]
 

@@ -11,14 +11,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from arena.errors import WireError
 from arena.kernels import natnet_payload
 from arena.kernels.natnet_payload import PayloadReader, payload_of
-
-if TYPE_CHECKING:
-    from arena.kernels.natnet_payload import RawFrame
 
 CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3, 4, 5
 REQUEST_FRAME, FRAME, MESSAGE, DISCONNECT, KEEPALIVE, UNRECOGNIZED = 6, 7, 8, 9, 10, 100
@@ -87,6 +84,11 @@ class ServerInfo:
 def is_supported(version: Version) -> bool:
     """Return whether this module can decode frames of a NatNet version: 3.0, 3.1 or any 4.x."""
     return version in ((3, 0), (3, 1)) or (4, 0) <= version < _TOO_NEW
+
+
+def has_known_layout(version: Version) -> bool:
+    """Return whether the layout of a version's frames is known. For a later version the length of each frame is checked."""
+    return version <= _NEWEST_KNOWN
 
 
 def packet(message: int, payload: bytes = b"") -> bytes:
@@ -246,8 +248,9 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
 
     wanted: streaming ids of the bodies to decode; None decodes all bodies.
     """
-    number, timestamp_s, exposure, transmit, params, bodies = read_frame(
-        payload_of(data, FRAME), version, wanted
+    reader = PayloadReader(payload_of(data, FRAME))
+    number, timestamp_s, exposure, transmit, params, bodies = reader.frame(
+        wanted, version, has_known_layout(version)
     )
     return Frame(
         number=number,
@@ -262,12 +265,3 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
         ),
         models_changed=bool(params & MODELS_CHANGED),
     )
-
-
-def read_frame(payload: bytes, version: Version, wanted: Container[int] | None = None) -> RawFrame:
-    """Read the payload of a FRAME packet as plain numbers, without `Frame` and `Body`. Raises WireError for an invalid payload.
-
-    Return (frame number, time stamp [s], ticks at exposure, ticks at transmission, parameters, bodies). The bodies are those of
-    `PayloadReader.bodies`. wanted: as in `decode_frame`.
-    """
-    return PayloadReader(payload).frame(wanted, version, version <= _NEWEST_KNOWN)

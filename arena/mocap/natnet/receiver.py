@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from arena.errors import WireError
 from arena.kernels.captured_pose import ned_poses
-from arena.kernels.natnet_payload import message_of, payload_of
+from arena.kernels.natnet_payload import PayloadReader, message_of, payload_of
 from arena.mocap.client.frame_order import FrameOrder
 from arena.mocap.client.pose import CapturedFrame, Echo, Pose
 from arena.mocap.natnet import codec, echo
@@ -44,6 +44,7 @@ class NatNetReceiver:
     def __init__(self, bodies: list[str] | None) -> None:
         self._wanted_names = None if bodies is None else set(bodies)
         self._version: codec.Version | None = None
+        self._layout_known = False
         self._clock_hz = 0
         self._names: dict[int, str] = {}
         self._models: dict[str, str] = {}  # requested body -> its definition
@@ -163,6 +164,7 @@ class NatNetReceiver:
             self.counts["version unsupported"] += 1
         else:
             self._version, self._clock_hz = info.version, info.clock_hz
+            self._layout_known = codec.has_known_layout(info.version)
 
     def definition(self, body: str) -> str:
         """Return a fingerprint: a text that changes when a user redefines the rigid body; "" for an unknown body.
@@ -192,7 +194,7 @@ class NatNetReceiver:
         if self._version is None:
             self.counts["before the handshake"] += 1
             return None
-        frame = codec.read_frame(payload, self._version, self._names)
+        frame = PayloadReader(payload).frame(self._names, self._version, self._layout_known)
         self.readable_frames += 1
         if not self._names:
             self.counts["no wanted body" if self._has_models else "before the handshake"] += 1
