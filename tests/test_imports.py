@@ -16,6 +16,7 @@ GROUND = {
     "background_writer",
     "socket_watch",
     "constants",
+    "datagrams",
     "errors",
     "preloaded",
     "fault_injection",
@@ -43,6 +44,7 @@ MAY: dict[str, set[str]] = {
     "builtin_parameters": {"constants"},
     "background_writer": set(),
     "constants": set(),
+    "datagrams": {"kernels", "transport"},
     "preloaded": set(),
     "errors": set(),
     "thrust_curve": {"errors"},
@@ -66,7 +68,7 @@ MAY: dict[str, set[str]] = {
     "transport": {"errors"},
     "wire": {"constants", "errors", "geometry", "kernels"},
     "mocap": {"errors"},  # the table of vendors; their packages are found by name
-    "mocap.client": {"clock_reading", "errors", "geometry", "mocap", "transport"},
+    "mocap.client": {"clock_reading", "datagrams", "errors", "geometry", "kernels", "mocap", "transport"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
     "params": {"constants", "errors", "wire", "clock", "run_dirs", "signing_key", "transport"},
     "mocap.emulator": GROUND | {"mocap"},

@@ -6,8 +6,9 @@ cdef long _V1, _V2, _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE, _SIGNED
 cdef class FrameParser:
     cdef readonly dict seeds, targets
     cdef readonly long tries
-    @cython.locals(frames=list, frame=tuple, size=Py_ssize_t, at=Py_ssize_t, used=Py_ssize_t, bad_crc=long, unknown=long, tries=long, known=bint)
     cpdef object parse(self, bytes data)
+    @cython.locals(frames=list, frame=tuple, size=Py_ssize_t, at=Py_ssize_t, used=Py_ssize_t, bad_crc=long, unknown=long, tries=long, known=bint)
+    cpdef object search(self, bytes data, object wanted, long sysid, long compid)
     @cython.locals(magic=long, length=long, flags=long, payload=Py_ssize_t, end=Py_ssize_t, sysid=long, compid=long, msgid=long, target_sys=long, target_comp=long, place=tuple, system=long, component=long)
     cpdef tuple frame_at(self, bytes data, Py_ssize_t at, Py_ssize_t size)
     @cython.locals(start=Py_ssize_t, at=Py_ssize_t, expected=long)

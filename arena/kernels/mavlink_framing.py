@@ -16,7 +16,7 @@ from fastcrc import crc16
 from arena.kernels.mavlink_frame_types import Frame, ParsedFrames
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Container, Mapping
 
     Fields = tuple[int, int, int, int, int, int, int, int, int]
 
@@ -46,6 +46,14 @@ class FrameParser:
 
     def parse(self, data: bytes) -> ParsedFrames:
         """Return every frame of a datagram, in order. Never raises."""
+        return self.search(data, None, 0, 0)
+
+    def search(self, data: bytes, wanted: Container[int] | None, sysid: int, compid: int) -> ParsedFrames:
+        """Return the frames of one sender in a datagram, in order. All frames are checked and counted. Never raises.
+
+        wanted: message ids of the frames to return; None returns all frames of all senders
+        sysid, compid: system and component of the sender
+        """
         frames: list[Frame] = []
         size, at, used, bad_crc, unknown, tries = len(data), 0, 0, 0, 0, 0
         while at < size:
@@ -53,7 +61,8 @@ class FrameParser:
             if frame is not None:
                 known = frame[6] in self.seeds
                 if self.crc_fits(data, frame) if known else plausible(data, frame, at == used, size):
-                    frames.append(_new(Frame, frame))
+                    if wanted is None or (frame[4] == sysid and frame[5] == compid and frame[6] in wanted):
+                        frames.append(_new(Frame, frame))
                     used += frame[1] - at
                     at = frame[1]
                     unknown += not known

@@ -1,7 +1,12 @@
 # C types of natnet_payload.py: they make the compiled class fast and change no result.
 cimport cython
 
-cdef long _BODY_BYTES, _LABELLED_BYTES
+cdef long _HEAD_BYTES, _BODY_BYTES, _LABELLED_BYTES, _STAMPS_BYTES, _SIZED_TAIL_BYTES
+
+@cython.locals(size=Py_ssize_t)
+cpdef long message_of(bytes data) except -1
+@cython.locals(message=long)
+cpdef bytes payload_of(bytes data, long expected)
 
 cdef class PayloadReader:
     cdef public bytes data
@@ -20,5 +25,7 @@ cdef class PayloadReader:
     cpdef str text(self)
     @cython.locals(begin=Py_ssize_t, end=Py_ssize_t, size=Py_ssize_t, count=long, k=long, found=list)
     cpdef list bodies(self, object wanted, bint sized)
+    @cython.locals(sized=bint, number=long, bodies=list, at=Py_ssize_t, stamps=tuple)
+    cpdef tuple frame(self, object wanted, tuple version, bint known)
     cpdef void skip_to_stamps(self, bint sized) except *
     cpdef void skip_samples(self, str what) except *

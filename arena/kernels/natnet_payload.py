@@ -8,6 +8,7 @@ Every client of a motion-capture server reads 180 frames per second, and needs f
 from __future__ import annotations
 
 import struct
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from arena.errors import WireError
@@ -16,12 +17,45 @@ if TYPE_CHECKING:
     from collections.abc import Container
 
     RawBody = tuple[int, float, float, float, float, float, float, float, float, int]
+    RawFrame = tuple[int, float, int, int, int, list[RawBody]]
 
 MAX_COUNT = 10_000
 """Greatest number of elements of one kind; a greater number is garbage."""
 _BODY = struct.Struct("<i3f4ffh")
-_BODY_BYTES, _LABELLED_BYTES = 38, 26
-_read_body = _BODY.unpack_from
+_STAMPS = struct.Struct(
+    "<IIdQQQ"
+)  # time code and its part, time stamp, then ticks at exposure, at reception, at transmission
+_HEAD_BYTES, _BODY_BYTES, _LABELLED_BYTES, _STAMPS_BYTES = 4, 38, 26, 40
+_SIZED_TAIL_BYTES = (
+    _STAMPS_BYTES + 8 + 2 + 4
+)  # after a sized frame's last section: stamps, precision stamp, parameters, end
+_read_body, _read_stamps = _BODY.unpack_from, _STAMPS.unpack_from
+
+
+def message_of(data: bytes) -> int:
+    """Return the message number of a NatNet packet.
+
+    Raises WireError if the packet is shorter than the size in its header.
+    """
+    if len(data) < _HEAD_BYTES:
+        raise WireError(f"got a NatNet packet of {len(data)} bytes, expected 4 or more")
+    size = data[2] + (data[3] << 8)
+    if len(data) - _HEAD_BYTES < size:
+        raise WireError(
+            f"got {len(data) - _HEAD_BYTES} bytes of NatNet payload, expected {size} as in the header of the packet"
+        )
+    return data[0] + (data[1] << 8)
+
+
+def payload_of(data: bytes, expected: int) -> bytes:
+    """Return the payload of a NatNet packet.
+
+    Raises WireError if its message number is not `expected`.
+    """
+    message = message_of(data)
+    if message != expected:
+        raise WireError(f"got a NatNet message of type {message}, expected type {expected}")
+    return data[_HEAD_BYTES : _HEAD_BYTES + data[2] + (data[3] << 8)]
 
 
 class PayloadReader:
@@ -122,6 +156,33 @@ class PayloadReader:
         found = self.data[self.at : end]
         self.at = end + 1
         return found.decode(errors="replace")
+
+    def frame(self, wanted: Container[int] | None, version: tuple[int, int], known: bool) -> RawFrame:
+        """Read the payload of a FRAME packet.
+
+        Return (frame number, time stamp [s], ticks at exposure, ticks at transmission, parameters, bodies as from `bodies`).
+
+        wanted: streaming ids of the bodies to read, None for all.  version: NatNet version.  known: False if the layout of this version
+        may differ, so that the number of bytes after the last section is checked. Raises WireError.
+        """
+        sized, number = version >= (4, 1), self.i32()
+        bodies = self.bodies(wanted, sized)
+        self.skip_to_stamps(sized)
+        at = self.at
+        if not known and len(self.data) - at != _SIZED_TAIL_BYTES:
+            raise WireError(
+                f"NatNet {version[0]}.{version[1]} frame: got {len(self.data) - at} bytes after the last section, expected "
+                f"{_SIZED_TAIL_BYTES}. The layout of this version is not known"
+            )
+        self.skip(_STAMPS_BYTES)
+        _, _, timestamp_s, exposure, _, transmit = _read_stamps(self.data, at)
+        if not isfinite(timestamp_s):
+            raise WireError(
+                f"NatNet frame {number}: got the time stamp {timestamp_s}, expected a finite number"
+            )
+        if sized:
+            self.skip(8)
+        return number, timestamp_s, exposure, transmit, self.u16(), bodies
 
     def bodies(self, wanted: Container[int] | None, sized: bool) -> list[RawBody]:
         """Read the rigid bodies of a frame, and skip everything before them.

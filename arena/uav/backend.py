@@ -104,12 +104,10 @@ class MavlinkBackend:
 
     def __init__(self, wire: Wire) -> None:
         self._wire = wire
+        self.send_setpoint = wire.send
 
     def receive(self, datagram: bytes) -> None:
         """Do nothing, because the connection has already decoded the datagram."""
-
-    def send_setpoint(self, message: mavlink.MAVLink_message) -> None:
-        self._wire.send(message)
 
     def command(self, number: int) -> Command:
         return MavlinkCommand(self._wire, number)

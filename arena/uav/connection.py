@@ -12,12 +12,14 @@ import math
 import socket
 import threading
 import time
+from collections import deque
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import Clock, LockstepClock
+from arena.datagrams import read_datagrams
 from arena.errors import InputError, NotConfirmedError, RunError
-from arena.transport import Address, open_udp, parse_url, receive_datagrams
+from arena.transport import Address, open_udp, parse_url
 from arena.uav.backend import Backend, BackendName, Command, MavlinkBackend, Wire
 from arena.uav.measurements import Measurements
 from arena.uav.poses import Poses
@@ -74,9 +76,10 @@ class Connection:
             else self._receiver.capture.open(capture, poses.body, poses)
         )
         self._receiving, self._sending = threading.Lock(), threading.Lock()
+        self._received: deque[tuple[bytes, Address]] = deque()
         self._polled = self._polled_at = -1.0
         self._heartbeat_due = 0.0
-        self._ending = threading.Event()
+        self._closed = False
         self._error: Exception | None = None  # of the background thread; the next `refresh` raises it
         self._backend = _open_backend(
             backend,
@@ -150,7 +153,7 @@ class Connection:
 
         A vehicle in the air then enters its offboard loss failsafe.
         """
-        self._ending.set()
+        self._closed = True
         self._receiver.remove(self._chores_in_background)
         with (
             self._receiving
@@ -163,11 +166,13 @@ class Connection:
     def poll(self) -> None:
         """Read all sockets. Store new telemetry in `telemetry` and new poses in `poses`."""
         with self._receiving:
-            if self._ending.is_set():
+            if self._closed:
                 return
             self._polled = time.monotonic()
             now = self._polled_at = self._clock.now()
-            for datagram, sender in receive_datagrams(self._socket, _MAX_DATAGRAMS):
+            self._received.extend(read_datagrams(self._socket, _MAX_DATAGRAMS))
+            while self._received:  # after an exception the next call processes the datagrams that are left
+                datagram, sender = self._received.popleft()
                 if self.telemetry.on_datagram(datagram, now):
                     self._vehicle = sender
                     self._backend.receive(datagram)
@@ -204,7 +209,7 @@ class Connection:
         return not 0.0 <= self._heartbeat_due - at <= _HEARTBEAT_S
 
     def _known_vehicle(self) -> Address:
-        if self._ending.is_set():
+        if self._closed:
             raise NotConfirmedError("the connection to the vehicle is closed")
         if self._vehicle is None:
             raise NotConfirmedError(
@@ -214,7 +219,7 @@ class Connection:
 
     def _send_payload(self, msgid: int, payload: bytes) -> None:
         """Send an encoded MAVLink payload to the vehicle. Threads of backends may call this method, too."""
-        if self._vehicle is not None and not self._ending.is_set():
+        if self._vehicle is not None and not self._closed:
             with self._sending:
                 data = self._codec.frame(msgid, payload)
             self._send_frame(data, self._vehicle)

@@ -7,7 +7,8 @@ with the value that was found.
 from __future__ import annotations
 
 import math
-from typing import Literal
+from collections.abc import Sequence
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +16,11 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import SetpointError
 from arena.geometry import Array, quat_from_euler, quat_normalize
+from arena.wire.mavlink_frame import SEEDS, pack_frame
 
 AttitudeKind = Literal["euler", "quaternion"]
+_PLAIN = frozenset((float, int, np.float64))
+_ZERO = (0.0, 0.0, 0.0)
 
 
 class Ignore:
@@ -51,6 +55,20 @@ def vector(value: ArrayLike, what: str, size: int = 3) -> Array:
     if not all(map(math.isfinite, found.ravel().tolist())):  # faster than numpy for so few numbers
         raise SetpointError(f"{what}: got {found.ravel().tolist()}, expected finite numbers")
     return found.reshape(size).copy()
+
+
+def numbers(value: ArrayLike, what: str, size: int = 3) -> list[float]:
+    """Check a vector as `vector` does, and return its elements.
+
+    Programs send many setpoints, most of them as lists of plain numbers, which need no array.
+    """
+    given: Any = value
+    if isinstance(given, (list, tuple)) and len(given) == size and _PLAIN.issuperset(map(type, given)):
+        plain = [float(x) for x in given]
+        if all(map(math.isfinite, plain)):
+            return plain
+    found: list[float] = vector(value, what, size).tolist()
+    return found
 
 
 def scalar(value: ArrayLike, what: str) -> float:
@@ -105,6 +123,27 @@ def attitude(att: ArrayLike, kind: AttitudeKind) -> Array:
         ) from error
 
 
+class _Setpoint(mavlink.MAVLink_message):  # type: ignore[misc]
+    """Base class of messages that are packed by a kernel, with the same bytes as pymavlink packs.
+
+    pymavlink makes objects for the header and the CRC of each message, and keeps copies of its parts. A setpoint is packed once.
+    """
+
+    def _pack(self, mav: Any, crc_extra: int, payload: bytes, force_mavlink1: bool = False) -> bytes:
+        if force_mavlink1 or mav.signing.sign_outgoing:
+            data: bytes = super()._pack(mav, crc_extra, payload, force_mavlink1)
+            return data
+        return pack_frame(self.id, payload, mav, SEEDS[self.id])
+
+
+class _LocalSetpoint(_Setpoint, mavlink.MAVLink_set_position_target_local_ned_message):  # type: ignore[misc]
+    """SET_POSITION_TARGET_LOCAL_NED."""
+
+
+class _AttitudeSetpoint(_Setpoint, mavlink.MAVLink_set_attitude_target_message):  # type: ignore[misc]
+    """SET_ATTITUDE_TARGET."""
+
+
 class Encoder:
     """Encoder of setpoints and commands as MAVLink messages to one vehicle.
 
@@ -120,7 +159,7 @@ class Encoder:
         pos: [m] [NED] (3,). yaw: [rad], 0 is north, clockwise seen from above.
         """
         mask = Ignore.VELOCITY | Ignore.ACCELERATION | Ignore.YAW_RATE
-        return self._local(now, mask, pos=vector(pos, "pos"), yaw=scalar(yaw, "yaw"))
+        return self._local(now, mask, pos=numbers(pos, "pos"), yaw=scalar(yaw, "yaw"))
 
     def vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, now: float) -> mavlink.MAVLink_message:
         """Return a velocity setpoint.
@@ -129,7 +168,7 @@ class Encoder:
         yaw: [rad].
         """
         mask = Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW_RATE
-        return self._local(now, mask, vel=vector(vel, "vel"), yaw=scalar(yaw, "yaw"))
+        return self._local(now, mask, vel=numbers(vel, "vel"), yaw=scalar(yaw, "yaw"))
 
     def pos_vel_yaw(
         self,
@@ -150,9 +189,9 @@ class Encoder:
         return self._local(
             now,
             mask,
-            pos=vector(pos, "pos"),
-            vel=vector(vel, "vel"),
-            acc=None if acc is None else vector(acc, "acc"),
+            pos=numbers(pos, "pos"),
+            vel=numbers(vel, "vel"),
+            acc=None if acc is None else numbers(acc, "acc"),
             yaw=scalar(yaw, "yaw"),
             yaw_rate=0.0 if yaw_rate is None else scalar(yaw_rate, "yaw_rate"),
         )
@@ -171,14 +210,13 @@ class Encoder:
         mask |= Ignore.POSITION if p is None else 0
         mask |= Ignore.VELOCITY if v is None else 0
         mask |= Ignore.YAW if yaw is None else 0
-        zero = [0.0, 0.0, 0.0]
         return mavlink.MAVLink_position_target_local_ned_message(
             _ms(now),
             mavlink.MAV_FRAME_LOCAL_NED,
             mask,
-            *(zero if p is None else vector(p, "p").tolist()),
-            *(zero if v is None else vector(v, "v").tolist()),
-            *zero,
+            *(_ZERO if p is None else numbers(p, "p")),
+            *(_ZERO if v is None else numbers(v, "v")),
+            *_ZERO,
             0.0 if yaw is None else math.remainder(scalar(yaw, "yaw"), math.tau),
             0.0,
         )
@@ -192,7 +230,7 @@ class Encoder:
         yaw_rate: [rad/s].
         """
         mask = Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW
-        vel, rate = vector(vel_body, "vel_body"), scalar(yaw_rate, "yaw_rate")
+        vel, rate = numbers(vel_body, "vel_body"), scalar(yaw_rate, "yaw_rate")
         return self._local(now, mask, vel=vel, yaw_rate=rate, frame=mavlink.MAV_FRAME_BODY_NED)
 
     def att_thrust(self, q_nb: Array, thrust: float, now: float) -> mavlink.MAVLink_message:
@@ -201,7 +239,7 @@ class Encoder:
         q_nb: [-] wxyz (4,), unit.
         thrust: normalised 0..1 [-].
         """
-        return mavlink.MAVLink_set_attitude_target_message(
+        return _AttitudeSetpoint(
             _ms(now), *self._to, IgnoreAttitude.RATES, q_nb.tolist(), 0.0, 0.0, 0.0, thrust
         )
 
@@ -211,8 +249,8 @@ class Encoder:
         ang_vel: body rates [rad/s] [FRD] (3,).
         thrust: normalised 0..1 [-].
         """
-        rates = vector(ang_vel, "ang_vel").tolist()
-        return mavlink.MAVLink_set_attitude_target_message(
+        rates = numbers(ang_vel, "ang_vel")
+        return _AttitudeSetpoint(
             _ms(now), *self._to, IgnoreAttitude.ATTITUDE, [1.0, 0.0, 0.0, 0.0], *rates, thrust
         )
 
@@ -261,22 +299,21 @@ class Encoder:
         now: float,
         mask: int,
         *,
-        pos: Array | None = None,
-        vel: Array | None = None,
-        acc: Array | None = None,
+        pos: Sequence[float] = _ZERO,
+        vel: Sequence[float] = _ZERO,
+        acc: Sequence[float] | None = None,
         yaw: float = 0.0,
         yaw_rate: float = 0.0,
         frame: int = mavlink.MAV_FRAME_LOCAL_NED,
     ) -> mavlink.MAVLink_message:
-        zero = [0.0, 0.0, 0.0]
-        return mavlink.MAVLink_set_position_target_local_ned_message(
+        return _LocalSetpoint(
             _ms(now),
             *self._to,
             frame,
             mask,
-            *(zero if pos is None else pos.tolist()),
-            *(zero if vel is None else vel.tolist()),
-            *(zero if acc is None else acc.tolist()),
+            *pos,
+            *vel,
+            *(_ZERO if acc is None else acc),
             math.remainder(yaw, math.tau),
             yaw_rate,
         )

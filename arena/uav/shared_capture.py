@@ -16,6 +16,7 @@ from arena.uav.poses import Poses
 
 if TYPE_CHECKING:
     from arena.mocap.client import MocapClient
+    from arena.mocap.client import Pose as CapturedPose
 
 Capture = Mapping[str, Any]
 """Settings for `arena.mocap.client.open_client`. The key `bodies` is not used."""
@@ -72,7 +73,12 @@ class SharedClient:
             except (ArenaError, OSError) as error:
                 self.fault = str(error)
                 return
-            newest = {pose.body: pose for frame in frames for pose in frame.poses}
+            newest: dict[str, CapturedPose] = {}
+            for frame in reversed(frames):
+                for pose in frame.poses:
+                    newest.setdefault(pose.body, pose)
+                if len(newest) == len(self._poses):
+                    break
             for body, pose in newest.items():
                 for poses in self._poses.get(body, ()):
                     poses.receive(body, pose.p_n, pose.q_nb, now)

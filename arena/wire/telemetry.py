@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavlink_frame import AUTOPILOT, Frame, parse_frames, uint_at
+from arena.wire.mavlink_frame import AUTOPILOT, Frame, search_frames, uint_at
 from arena.wire.mavlink_layout import decoder
 from arena.wire.mavlink_pressure import HIGHEST_HPA, HPA_PA, pressure_pa
 from arena.wire.px4_mode import mode_words
@@ -73,12 +73,12 @@ def pressures_pa(abs_pressure: ArrayLike) -> Array:
 
 
 class _Newest(Generic[T]):
-    """Attribute of `Telemetry` with the newest value of one kind of data, such as the attitude.
+    """Attribute of `Telemetry` with the newest value of one kind of data, such as the attitude. It is decoded when it is read.
 
-    slot: key in `Telemetry.waiting` of the frames that are decoded when the value is read; None: frames are decoded on arrival.
+    slot: key in `Telemetry.waiting` of the frames that contain the value.
     """
 
-    def __init__(self, slot: int | None = None) -> None:
+    def __init__(self, slot: int) -> None:
         self._slot = slot
 
     def __set_name__(self, owner: type[Telemetry], name: str) -> None:
@@ -121,11 +121,7 @@ class Telemetry:
     imu = _Newest[Imu](_HIGHRES)
     mag = _Newest[Mag](_HIGHRES)
     baro = _Newest[Baro](_HIGHRES)
-    gps = _Newest[Gps]()
     actuators = _Newest[Actuators](_SERVOS)
-    heartbeat = _Newest[HeartbeatState]()
-    status = _Newest[Status]()
-    ground = _Newest[Ground]()
     reference = _Newest[Reference](mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED)
     attitude_reference = _Newest[AttitudeReference](mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET)
 
@@ -136,6 +132,10 @@ class Telemetry:
         self._handlers = {
             number: handler for number, handler in _HANDLERS.items() if only is None or number in only
         }
+        self.gps: Gps | None = None
+        self.heartbeat: HeartbeatState | None = None
+        self.status: Status | None = None
+        self.ground: Ground | None = None
         self.received_at: float | None = None
         self.outside_offboard_at = -math.inf
         self.waiting: dict[int, dict[int, tuple[bytes, Frame, float]]] = {}
@@ -151,27 +151,27 @@ class Telemetry:
 
         now: time of arrival [s], by any clock.
         """
-        received = False
-        frames, _, bad_crc, _ = parse_frames(datagram)
+        frames, _, bad_crc, _ = search_frames(datagram, self._handlers, self._system, self._component)
         self.refused += bad_crc
-        for frame in frames:
-            msgid = frame.msgid
-            if msgid not in self._handlers or frame.sysid != self._system or frame.compid != self._component:
-                continue
-            received, slot = True, _SLOTS.get(msgid)
-            if slot is None:
-                self._decode(datagram, frame, now)
-                continue
-            key = 0
-            if slot == _HIGHRES:
-                key = uint_at(datagram, frame, _FIELDS_UPDATED, 2) & (HIGHRES_MAG | HIGHRES_BARO)
-            with self._lock:
-                waiting = self.waiting.setdefault(slot, {})
-                waiting.pop(key, None)  # so that the frames stay in the order of arrival
-                waiting[key] = datagram, frame, now
-        if received:
-            self.received_at = now
-        return received
+        if not frames:
+            return False
+        with self._lock:
+            for frame in frames:
+                slot = _SLOTS.get(frame.msgid)
+                if slot is None:
+                    self._decode(datagram, frame, now)
+                    continue
+                key = 0
+                if slot == _HIGHRES:
+                    key = uint_at(datagram, frame, _FIELDS_UPDATED, 2) & (HIGHRES_MAG | HIGHRES_BARO)
+                waiting = self.waiting.get(slot)
+                if waiting is None:
+                    self.waiting[slot] = {key: (datagram, frame, now)}
+                else:
+                    waiting.pop(key, None)  # so that the frames stay in the order of arrival
+                    waiting[key] = datagram, frame, now
+        self.received_at = now
+        return True
 
     def decode_waiting(self, slot: int) -> None:
         """Decode the frames that wait for it, for one kind of data such as the attitude, in the order of arrival."""

@@ -68,15 +68,25 @@ def datagrams(rng: random.Random) -> list[bytes]:
 def test_compiled_and_interpreted_parser_find_the_same_frames() -> None:
     rng = random.Random(1)
     compiled, source = (parser(param.values[0]) for param in reversed(VERSIONS))  # type: ignore[attr-defined]
-    found = 0
+    found = selected = 0
     for _ in range(400):
         for data in datagrams(rng):
             expected = source.parse(data)
             assert tuple(compiled.parse(data)) == tuple(expected), data.hex()
             found += len(expected.frames)
+            wanted, sender = {30, 76, 60_000}, (rng.choice([3, 7]), 1)
+            if expected.frames and rng.random() < 0.5:
+                sender = expected.frames[0].sysid, expected.frames[0].compid
+            searched = source.search(data, wanted, *sender)
+            assert compiled.search(data, wanted, *sender) == searched
+            assert searched[1:] == expected[1:]
+            assert searched.frames == [
+                f for f in expected.frames if (f.sysid, f.compid) == sender and f.msgid in wanted
+            ]
+            selected += len(searched.frames)
             for at in range(0, len(data), 7):
                 assert compiled.frame_at(data, at, len(data)) == source.frame_at(data, at, len(data))
-    assert found > 4000
+    assert found > 4000 and selected > 400
 
 
 @pytest.mark.parametrize("module", VERSIONS)

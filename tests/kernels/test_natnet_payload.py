@@ -42,6 +42,33 @@ def read(module: ModuleType, payload: bytes, sized: bool, wanted: set[int] | Non
     return found
 
 
+def read_packet(module: ModuleType, packet: bytes, version: codec.Version, wanted: set[int] | None) -> str:
+    """Return the whole frame that a reader finds in a packet, or its error, as text."""
+    try:
+        payload = module.payload_of(packet, codec.FRAME)
+        return repr(module.PayloadReader(payload).frame(wanted, version, version <= (4, 2)))
+    except WireError as error:
+        return str(error)
+
+
+@needs_compiled
+def test_compiled_and_interpreted_reader_find_the_same_frames():
+    compiled = compiled_modules("natnet_payload")["natnet_payload"]
+    rng, errors, frames = random.Random(4), 0, 0
+    for _ in range(400):
+        for sent, said in (((3, 1), (3, 1)), ((4, 1), (4, 1)), ((4, 1), (4, 5)), ((3, 1), (4, 5))):
+            wanted = rng.choice([None, {1, 2, 3, -1}])
+            for payload in payloads(rng, sent):
+                message, cut = rng.choice([codec.FRAME] * 9 + [codec.MODELDEF]), rng.choice([0, 0, 0, 1, 3])
+                packet = codec.packet(message, payload)
+                for data in (packet, packet + b"more", packet[: len(packet) - cut], packet[:cut]):
+                    expected = read_packet(INTERPRETED, data, said, wanted)
+                    assert read_packet(compiled, data, said, wanted) == expected
+                    errors += not expected.startswith("(")
+                    frames += expected.startswith("(")
+    assert errors > 1000 and frames > 1000
+
+
 @needs_compiled
 def test_compiled_and_interpreted_reader_find_the_same():
     compiled = compiled_modules("natnet_payload")["natnet_payload"]

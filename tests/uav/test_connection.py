@@ -237,3 +237,38 @@ def test_closed_connection_sends_nothing_and_raises():
         connection.send_setpoint(Encoder(1).pos_yaw([0.0, 0.0, -1.0], 0.0, 0.0))
     with pytest.raises(NotConfirmedError, match="is closed"):
         connection.command(400)
+
+
+def test_datagrams_behind_one_that_fails_are_processed_by_the_next_poll(monkeypatch):
+    backend = FailingBackend()
+    monkeypatch.setattr("arena.uav.connection._open_backend", lambda name, wire: backend)
+    connection = opened(None, None, clock=StoppedClock())
+    codec, vehicle = Codec(1, 1), open_udp(("127.0.0.1", 0))
+    for _ in range(3):
+        heartbeat = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)
+        vehicle.sendto(codec.pack(heartbeat), connection._socket.getsockname())
+    with pytest.raises(ValueError, match="no such field"):
+        connection.poll()
+    assert backend.received == 1
+    connection.poll()
+    assert backend.received == 3
+    connection.close()
+    vehicle.close()
+
+
+class LosingClient(FakeClient):
+    """A client that loses the first body in the second of its frames."""
+
+    def poll(self, now: float) -> list[CapturedFrame]:
+        first, second = super().poll(now)[0], super().poll(now)[0]
+        return [first, CapturedFrame(second.number, now, second.poses[1:], (self.bodies[0],))]
+
+
+def test_newest_pose_of_each_body_is_stored(clients, monkeypatch):
+    monkeypatch.setattr("arena.mocap.client.open_client", LosingClient)
+    receiver, clock = Receiver(), StoppedClock()
+    lost, seen = (opened(body, {"north": 1.0}, receiver, clock) for body in ("b1", "b2"))
+    lost.poll()
+    assert (lost.poses.own.position[2], seen.poses.own.position[2]) == (-1.0, -2.0)
+    for connection in (lost, seen):
+        connection.close()

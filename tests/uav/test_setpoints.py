@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import SetpointError
 from arena.geometry import quat_from_euler
-from arena.uav.setpoints import Encoder, attitude, duration_s, period_s, scalar, vector
+from arena.uav.setpoints import Encoder, attitude, duration_s, numbers, period_s, scalar, vector
 
 BITS = "POSITION_TARGET_TYPEMASK_"
 IGNORE = {name.removeprefix(BITS): getattr(mavlink, name) for name in dir(mavlink) if name.startswith(BITS)}
@@ -26,6 +26,55 @@ def encoded(message):
 
 def mask(*names: str) -> int:
     return sum(IGNORE[f"{name}_IGNORE"] for name in names)
+
+
+def plain_message(message):
+    """Return the same setpoint as a message of pymavlink's class."""
+    return mavlink.mavlink_map[message.id](*(getattr(message, name) for name in message.get_fieldnames()))
+
+
+@given(st.lists(st.floats(-1e3, 1e3) | st.just(0.0), min_size=8, max_size=8), st.integers(0, 255))
+def test_setpoint_is_packed_to_the_bytes_of_pymavlink(values, seq):
+    p, v, (yaw, rate) = values[:3], values[3:6], values[6:]
+    for message in (
+        ENCODER.pos_vel_yaw(p, v, yaw, NOW, acc=v, yaw_rate=rate),
+        ENCODER.pos_yaw(p, 0.0, NOW),
+        ENCODER.vel_body_yaw_rate(v, rate, NOW),
+        ENCODER.att_thrust(quat_from_euler(np.array(p)), 0.5, NOW),
+        ENCODER.ang_vel_thrust(v, 0.0, NOW),
+    ):
+        sender = mavlink.MAVLink(None, srcSystem=7, srcComponent=191)
+        sender.seq = seq
+        assert message.pack(sender) == plain_message(message).pack(sender)
+        sender.signing.secret_key, sender.signing.sign_outgoing = bytes(32), True
+        assert message.pack(sender)[:10] == plain_message(message).pack(sender)[:10], "a signed frame"
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        [1, 2.5, -3],
+        (1.0, np.float64(2.5), np.float32(0.1)),
+        [True, 2.0, 3.0],
+        ["1", "2", "3"],
+        [2**60 + 1, 0, 0],
+        np.array([1, 2, 3]),
+        np.array([[1.0], [2.0], [3.0]]),
+        [[1.0], [2.0], [3.0]],
+    ],
+)
+def test_numbers_are_the_elements_of_the_vector(value):
+    found = numbers(value, "pos")
+    assert found == vector(value, "pos").tolist() and {type(x) for x in found} == {float}
+
+
+@pytest.mark.parametrize("value", [[1, 2], [1.0, 2.0, float("nan")], (1.0, 2.0, 1j), "abc", [None] * 3, 5.0])
+def test_numbers_raise_the_errors_of_the_vector(value):
+    with pytest.raises(SetpointError) as expected:
+        vector(value, "pos")
+    with pytest.raises(SetpointError) as found:
+        numbers(value, "pos")
+    assert str(found.value) == str(expected.value)
 
 
 def test_position_setpoint_ignores_all_but_position_and_yaw():

@@ -1,7 +1,7 @@
 """Code that all motion-capture clients share, and `open_client`, which opens the client of a vendor.
 
-Only this package converts the axes of a capture system (world z-up, bodies FLU) to NED and FRD. It contains
-nothing that is specific to one vendor.
+Only this package and its kernel `captured_pose` convert the axes of a capture system (world z-up, bodies FLU) to NED
+and FRD. The package contains nothing that is specific to one vendor.
 """
 
 from arena.mocap.client.diagnosis import ChangeReport, LateFrames

@@ -1,18 +1,16 @@
 """Conversion of captured poses: from z-up world axes to NED, and from FLU body axes to FRD.
 
-Uses plain floats, not arrays, because many processes run this code 180 times a second.
+The formula is in the kernel `captured_pose`, because many processes run it 180 times a second.
 """
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import NamedTuple
+
+from arena.kernels.captured_pose import ned_pose
 
 Triple = tuple[float, float, float]
 Quad = tuple[float, float, float, float]
-
-_H = sqrt(0.5)
-_MAX_DISTANCE_M = 1e4
 
 
 class Pose(NamedTuple):
@@ -68,15 +66,5 @@ def pose_ned(body: str, position_w: Triple, quat_xyzw_wf: Quad) -> Pose | None:
     q_fb a rotation by 180 deg about the forward axis. The product is written out in the code; a test compares
     it with arena.geometry.
     """
-    x, y, z, w = quat_xyzw_wf
-    east, north, up = position_w
-    norm = sqrt(x * x + y * y + z * z + w * w)
-    if not 0.9 < norm < 1.1:  # NaN compares false
-        return None
-    if not (abs(east) < _MAX_DISTANCE_M and abs(north) < _MAX_DISTANCE_M and abs(up) < _MAX_DISTANCE_M):
-        return None
-    k = _H / norm
-    q = (k * (w + z), k * (x + y), k * (x - y), k * (w - z))
-    if q[0] < 0:
-        q = (-q[0], -q[1], -q[2], -q[3])
-    return Pose(body, (north, east, -up), q)
+    found = ned_pose(*position_w, *quat_xyzw_wf)
+    return None if found is None else Pose(body, *found)

@@ -14,6 +14,7 @@ import time
 from collections import Counter
 
 from arena.clock_reading import read_together
+from arena.datagrams import read_datagrams
 from arena.mocap.client.reception import Reception
 from arena.transport import enable_stamps, receive_stamped
 
@@ -144,6 +145,14 @@ class ServerSockets:
 
         The time is None if the option `stamps` is off.
         """
+        if not self._stamps:
+            server = self._server[0]
+            return [
+                (data, None)
+                for s in self._sockets
+                for data, sender in read_datagrams(s, _MAX_DATAGRAMS)
+                if sender[0] == server or self._is_of_server(sender[0], wall)
+            ]
         return [received for s in self._sockets for received in self._read(s, wall)]
 
     def send(self, data: bytes) -> None:
@@ -173,18 +182,23 @@ class ServerSockets:
         self._epoll.register(s.fileno(), select.EPOLLIN)
 
     def _read(self, s: socket.socket, wall: float) -> list[tuple[bytes, float | None]]:
+        """Return (datagram, monotonic time of arrival [s]) of each datagram of the server in a socket with time stamps."""
         found: list[tuple[bytes, float | None]] = []
-        stamps = self._stamps
-        unix_s, monotonic_s = read_together(time.time) if stamps else (0.0, 0.0)
+        unix_s, monotonic_s = read_together(time.time)
         offset_s = monotonic_s - unix_s
         for _ in range(_MAX_DATAGRAMS):
             try:
-                data, sender, stamp_s = receive_stamped(s) if stamps else (*s.recvfrom(65535), None)
+                data, sender, stamp_s = receive_stamped(s)
             except OSError:
                 break
-            if sender[0] == self._server[0]:
+            if self._is_of_server(sender[0], wall):
                 found.append((data, None if stamp_s is None else stamp_s + offset_s))
-            else:
-                self._counts["foreign"] += 1
-                self._reception.on_foreign(sender[0], wall)
         return found
+
+    def _is_of_server(self, host: str, wall: float) -> bool:
+        """Return whether a datagram was sent by the server. Record a datagram of another sender."""
+        if host == self._server[0]:
+            return True
+        self._counts["foreign"] += 1
+        self._reception.on_foreign(host, wall)
+        return False

@@ -22,6 +22,7 @@ _SILENT_S = 2.0  # without frames for so long: start again, the server or the ne
 _KEEPALIVE_S = 1.0
 _COMPARE_CLOCKS_S = 0.2  # often enough to follow the clock of a simulated server that stutters
 _NO_UNICAST_S = 1.0  # without frames for so long after opening: a unicast server may stream to the data port
+_EVENTS = ("answers", "malformed", "duplicate ids", "early")
 _KEEPALIVE = codec.packet(codec.KEEPALIVE)
 
 
@@ -63,6 +64,7 @@ class NatNetClient:
         self._requested_at = self._kept_alive = self._compared_at = -math.inf
         self._request = b""
         self._answers_at_request = self._frames_at_open = 0
+        self._seen = (0, 0, 0, 0)  # counts of `_EVENTS` that are stored in `_reception`
         self._last_frame = self._opened = now
         self._open(now)
         self._advance_handshake(now)
@@ -78,18 +80,31 @@ class NatNetClient:
         wall = time.monotonic()
         if not self._sockets.is_open:
             self._open(wall)
-        received = (self.core.receive(data, now, at) for data, at in self._sockets.read_stamped(wall))
-        frames = [frame for frame in received if frame is not None]
-        self._reception.update("answers", self.core.answers, wall)
-        self._reception.update("malformed", self.counts["malformed"], wall)
-        self._reception.update("duplicate ids", self.counts["duplicate ids"], wall)
-        self._reception.update("early", self.counts["before the handshake"], wall)
+        frames, receive = [], self.core.receive
+        for data, at in self._sockets.read_stamped(wall):
+            frame = receive(data, now, at)
+            if frame is not None:
+                frames.append(frame)
+        counted = self.counts.get  # faster than Counter's way to return 0
+        seen = (
+            self.core.answers,
+            counted("malformed", 0),
+            counted("duplicate ids", 0),
+            counted("before the handshake", 0),
+        )
+        if seen != self._seen:
+            self._seen = seen
+            for event, count in zip(_EVENTS, seen, strict=True):
+                self._reception.update(event, count, wall)
         if self._reception.update_frames(self.core.readable_frames, frames, wall):
             self._last_frame = wall
         elif wall - self._last_frame > _SILENT_S:
             self._restart(wall)
-        no_frame = self.counts["frames"] == self._frames_at_open
-        if self._unicast and no_frame and wall - self._opened > _NO_UNICAST_S:
+        if (
+            self._unicast
+            and wall - self._opened > _NO_UNICAST_S
+            and self.counts["frames"] == self._frames_at_open
+        ):
             self._opened = math.inf
             # Not from the start: of several clients on one computer only the last to bind the port receives there.
             with contextlib.suppress(OSError):

@@ -11,11 +11,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import NamedTuple
 
 from arena.errors import WireError
-from arena.kernels.natnet_payload import PayloadReader
+from arena.kernels import natnet_payload
+from arena.kernels.natnet_payload import PayloadReader, payload_of
 
 CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3, 4, 5
 REQUEST_FRAME, FRAME, MESSAGE, DISCONNECT, KEEPALIVE, UNRECOGNIZED = 6, 7, 8, 9, 10, 100
@@ -33,9 +33,6 @@ _STAMPS = struct.Struct(
 )  # time code and its part, time stamp, then ticks at exposure, at reception, at transmission
 _NAME_BYTES = 256
 _NEWEST_KNOWN, _TOO_NEW = (4, 2), (5, 0)
-_SIZED_TAIL_BYTES = (
-    _STAMPS.size + 8 + 2 + 4
-)  # after a sized frame's last section: stamps, precision stamp, parameters, end
 
 
 class Body(NamedTuple):
@@ -89,6 +86,11 @@ def is_supported(version: Version) -> bool:
     return version in ((3, 0), (3, 1)) or (4, 0) <= version < _TOO_NEW
 
 
+def has_known_layout(version: Version) -> bool:
+    """Return whether the layout of a version's frames is known. For a later version the length of each frame is checked."""
+    return version <= _NEWEST_KNOWN
+
+
 def packet(message: int, payload: bytes = b"") -> bytes:
     """Return a NatNet packet with this message number and payload."""
     return _HEAD.pack(message, len(payload)) + payload
@@ -99,14 +101,7 @@ def message_of(data: bytes) -> int:
 
     Raises WireError if the packet is shorter than the size in its header.
     """
-    if len(data) < _HEAD.size:
-        raise WireError(f"got a NatNet packet of {len(data)} bytes, expected 4 or more")
-    message, size = _HEAD.unpack_from(data)
-    if len(data) - _HEAD.size < size:
-        raise WireError(
-            f"got {len(data) - _HEAD.size} bytes of NatNet payload, expected {size} as in the header of the packet"
-        )
-    return int(message)
+    return natnet_payload.message_of(data)
 
 
 # -- server information ----------------------------------------------------------------------------------------------------
@@ -254,40 +249,19 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
     wanted: streaming ids of the bodies to decode; None decodes all bodies.
     """
     reader = PayloadReader(payload_of(data, FRAME))
-    number = reader.i32()
-    sized = version >= (4, 1)
-    bodies = tuple(
-        [
-            Body(i, (x, y, z), (qx, qy, qz, qw), error, bool(params & TRACKING_VALID))
-            for i, x, y, z, qx, qy, qz, qw, error, params in reader.bodies(wanted, sized)
-        ]
+    number, timestamp_s, exposure, transmit, params, bodies = reader.frame(
+        wanted, version, has_known_layout(version)
     )
-    reader.skip_to_stamps(sized)
-    at = reader.at
-    if version > _NEWEST_KNOWN and len(reader.data) - at != _SIZED_TAIL_BYTES:
-        raise WireError(
-            f"NatNet {version[0]}.{version[1]} frame: got {len(reader.data) - at} bytes after the last section, expected "
-            f"{_SIZED_TAIL_BYTES}. The layout of this version is not known"
-        )
-    reader.skip(_STAMPS.size)
-    _, _, timestamp_s, exposure, _, transmit = _STAMPS.unpack_from(reader.data, at)
-    if not isfinite(timestamp_s):
-        raise WireError(f"NatNet frame {number}: got the time stamp {timestamp_s}, expected a finite number")
-    if sized:
-        reader.skip(8)
     return Frame(
         number=number,
         timestamp_s=timestamp_s,
         exposure_ticks=exposure,
         transmit_ticks=transmit,
-        bodies=bodies,
-        models_changed=bool(reader.u16() & MODELS_CHANGED),
+        bodies=tuple(
+            [
+                Body(i, (x, y, z), (qx, qy, qz, qw), error, bool(params & TRACKING_VALID))
+                for i, x, y, z, qx, qy, qz, qw, error, params in bodies
+            ]
+        ),
+        models_changed=bool(params & MODELS_CHANGED),
     )
-
-
-def payload_of(data: bytes, expected: int) -> bytes:
-    """Return the payload of a NatNet packet. Raises WireError if its message number is not `expected`."""
-    message = message_of(data)
-    if message != expected:
-        raise WireError(f"got a NatNet message of type {message}, expected type {expected}")
-    return data[_HEAD.size : _HEAD.size + _HEAD.unpack_from(data)[1]]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 
 from arena.errors import WireError
+from arena.kernels.natnet_payload import payload_of
 from arena.mocap.natnet import codec
 
 _ECHO, _ECHOED = struct.Struct("<Q"), struct.Struct("<QQ")
@@ -39,7 +40,7 @@ def decode_echo_response(data: bytes) -> tuple[int, int]:
 
 
 def _echo_numbers(data: bytes, message: int, layout: struct.Struct) -> tuple[int, ...]:
-    payload = codec.payload_of(data, message)
+    payload = payload_of(data, message)
     if len(payload) < layout.size:
         raise WireError(f"got a NatNet echo message of {len(payload)} bytes, expected {layout.size}")
     return layout.unpack_from(payload)

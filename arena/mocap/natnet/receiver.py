@@ -9,15 +9,24 @@ import hashlib
 from collections import Counter
 from collections.abc import Sequence
 from math import isfinite, nan
+from typing import TYPE_CHECKING
 
 from arena.errors import WireError
+from arena.kernels.captured_pose import ned_poses
+from arena.kernels.natnet_payload import PayloadReader, message_of, payload_of
 from arena.mocap.client.frame_order import FrameOrder
-from arena.mocap.client.pose import CapturedFrame, Echo, pose_ned
+from arena.mocap.client.pose import CapturedFrame, Echo, Pose
 from arena.mocap.natnet import codec, echo
+
+if TYPE_CHECKING:
+    from arena.kernels.natnet_payload import RawBody, RawFrame
 
 _CONNECT = codec.packet(codec.CONNECT, b"Ping\0")
 _MAX_ECHOES, _MAX_ECHO_NUMBER = 8, 1 << 32  # unanswered echo requests that are remembered
 _REQUEST_MODELS = codec.packet(codec.REQUEST_MODELDEF)
+_FRAME = codec.packet(codec.FRAME)[:2]
+_NO_NAMES: dict[str, int] = {}
+_new = tuple.__new__  # a NamedTuple's constructor costs twice as much
 
 
 class NatNetReceiver:
@@ -35,6 +44,7 @@ class NatNetReceiver:
     def __init__(self, bodies: list[str] | None) -> None:
         self._wanted_names = None if bodies is None else set(bodies)
         self._version: codec.Version | None = None
+        self._layout_known = False
         self._clock_hz = 0
         self._names: dict[int, str] = {}
         self._models: dict[str, str] = {}  # requested body -> its definition
@@ -123,16 +133,15 @@ class NatNetReceiver:
         arrived_s: monotonic time of arrival for the frame [s]; None if unknown
         """
         try:
-            return self._receive(data, codec.message_of(data), now, arrived_s)
+            if data[:2] == _FRAME:
+                return self._frame(payload_of(data, codec.FRAME), arrived_s)
+            self._receive(data, message_of(data), now)
         except WireError:
             self.counts["malformed"] += 1
-            return None
+        return None
 
-    def _receive(
-        self, data: bytes, message: int, now: float, arrived_s: float | None
-    ) -> CapturedFrame | None:
-        if message == codec.FRAME:
-            return self._frame(data, arrived_s)
+    def _receive(self, data: bytes, message: int, now: float) -> None:
+        """Decode one packet that is not a frame."""
         if message == codec.SERVERINFO:
             self._on_server_info(codec.decode_server_info(data))
         elif message == codec.MODELDEF and self._version is not None:
@@ -141,7 +150,6 @@ class NatNetReceiver:
             self._on_echo(*echo.decode_echo_response(data), now)
         else:
             self.counts["other message"] += 1
-        return None
 
     def _on_echo(self, number: int, ticks: int, now: float) -> None:
         sent = self._echoes_sent.pop(number, None)
@@ -156,6 +164,7 @@ class NatNetReceiver:
             self.counts["version unsupported"] += 1
         else:
             self._version, self._clock_hz = info.version, info.clock_hz
+            self._layout_known = codec.has_known_layout(info.version)
 
     def definition(self, body: str) -> str:
         """Return a fingerprint: a text that changes when a user redefines the rigid body; "" for an unknown body.
@@ -181,16 +190,16 @@ class NatNetReceiver:
         self._names = {i: m.name for i, m in own.items()}
         self._models = {m.name: _definition(i, m) for i, m in own.items()}
 
-    def _frame(self, data: bytes, arrived_s: float | None) -> CapturedFrame | None:
+    def _frame(self, payload: bytes, arrived_s: float | None) -> CapturedFrame | None:
         if self._version is None:
             self.counts["before the handshake"] += 1
             return None
-        frame = codec.decode_frame(data, self._version, self._names)
+        frame = PayloadReader(payload).frame(self._names, self._version, self._layout_known)
         self.readable_frames += 1
         if not self._names:
             self.counts["no wanted body" if self._has_models else "before the handshake"] += 1
             return None
-        place = self._order.place(frame.number)
+        place = self._order.place(frame[0])
         if place != "new":
             self.counts[place] += 1
         if place == "repeated":
@@ -198,8 +207,8 @@ class NatNetReceiver:
         if place == "restarted":
             self.reset()
             return None
-        changed, self._changed = frame.models_changed and not self._changed, frame.models_changed
-        if changed:
+        was_changed, self._changed = self._changed, bool(frame[4] & codec.MODELS_CHANGED)
+        if self._changed and not was_changed:
             # Streaming ids must be requested again; until then no id has a name.
             self._names, self._models = {}, {}
             self.counts["models changed"] += 1
@@ -207,39 +216,27 @@ class NatNetReceiver:
         self.counts["frames"] += 1
         return self._captured_frame(frame, arrived_s)
 
-    def _captured_frame(self, frame: codec.Frame, arrived_s: float | None) -> CapturedFrame:
-        poses, untracked = [], []
-        shared = self._shared_ids(frame.bodies)
-        for body in frame.bodies:
-            name = self._names[body.streaming_id]
-            if name in shared:
-                continue
-            pose = pose_ned(name, body.position, body.quat_xyzw) if body.tracked else None
-            if pose is None:
-                untracked.append(name)
-                if body.tracked:
-                    self.counts["no pose"] += 1
-            else:
-                poses.append(pose)
-        untracked += shared
-        if not (self._clock_hz and frame.exposure_ticks):
-            return CapturedFrame(
-                frame.number, frame.timestamp_s, tuple(poses), tuple(untracked), arrived_s=arrived_s
-            )
-        exposed = frame.exposure_ticks / self._clock_hz
-        sent = frame.transmit_ticks / self._clock_hz if frame.transmit_ticks else None
-        return CapturedFrame(
-            frame.number, exposed, tuple(poses), tuple(untracked), sent, self._echo, arrived_s
-        )
+    def _captured_frame(self, frame: RawFrame, arrived_s: float | None) -> CapturedFrame:
+        number, time_s, exposure_ticks, transmit_ticks, _, bodies = frame
+        shared = self._shared_ids(bodies) if len(bodies) > 1 else _NO_NAMES
+        poses, untracked, invalid = ned_poses(bodies, self._names, shared, Pose)
+        if invalid:
+            self.counts["no pose"] += invalid
+        sent_s = echo = None
+        if self._clock_hz and exposure_ticks:
+            time_s, echo = exposure_ticks / self._clock_hz, self._echo
+            sent_s = transmit_ticks / self._clock_hz if transmit_ticks else None
+        fields = number, time_s, tuple(poses), (*untracked, *shared), sent_s, echo, arrived_s
+        return _new(CapturedFrame, fields)
 
-    def _shared_ids(self, bodies: Sequence[codec.Body]) -> dict[str, int]:
+    def _shared_ids(self, bodies: Sequence[RawBody]) -> dict[str, int]:
         """Return {name of requested body: streaming id} for each id that occurs several times in a frame.
 
         It is not known which of the bodies with this id is the requested one.
         """
-        if len(bodies) < 2 or len({body.streaming_id for body in bodies}) == len(bodies):
-            return {}
-        ids = Counter(body.streaming_id for body in bodies)
+        if len({body[0] for body in bodies}) == len(bodies):
+            return _NO_NAMES
+        ids = Counter(body[0] for body in bodies)
         self.shared_ids_in_frame = {self._names[i]: i for i, n in ids.items() if n > 1}
         self.counts["duplicate ids"] += 1
         return self.shared_ids_in_frame
