@@ -66,7 +66,7 @@ MAY: dict[str, set[str]] = {
     "transport": {"errors"},
     "wire": {"constants", "errors", "geometry", "kernels"},
     "mocap": {"errors"},  # the table of vendors; their packages are found by name
-    "mocap.client": {"clock_reading", "errors", "geometry", "mocap", "transport"},
+    "mocap.client": {"clock_reading", "errors", "geometry", "kernels", "mocap", "transport"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
     "params": {"constants", "errors", "wire", "clock", "run_dirs", "signing_key", "transport"},
     "mocap.emulator": GROUND | {"mocap"},
