@@ -55,7 +55,7 @@ class Lateness:
         self._low, self._high = -_INF, _INF  # limits of the offset [s]
         self._now = -_INF
         self._early = self._contradictions = 0
-        self._late_since = _INF  # time of the first of the late frames; infinite: the last frame was not late [s]
+        self._late_since = _INF  # time of the first late frame [s]; infinite: the last was not late
         self._prompt_s = 0.0  # time for which frames have agreed with the reference [s]
         self._processing_s = _INF  # shortest time between exposure and sending [s]
         self._echo: Echo | None = None
@@ -165,4 +165,3 @@ class Lateness:
         self._contradictions = 0
         self._low = max(self._low, low)
         self._high = max(min(self._high, high), self._low)
-

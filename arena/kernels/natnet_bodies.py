@@ -25,7 +25,8 @@ class BodyEncoder:
 
     def __init__(self, tracking_valid: int) -> None:
         self._tracking_valid = tracking_valid
-        body = memoryview(bytearray(_BODY_BYTES + 2))  # a multiple of four bytes, for views of four-byte numbers
+        # a multiple of four bytes, for views of four-byte numbers
+        body = memoryview(bytearray(_BODY_BYTES + 2))
         self._bytes, self._i32, self._f32, self._i16 = body, body.cast("i"), body.cast("f"), body.cast("h")
 
     def encode(self, bodies: Sequence[BodyFields]) -> bytes:

@@ -69,7 +69,9 @@ class PoseMeasurement:
             east = states[at + 1] + sigma * noise[frame, i, 1] + offset[i, 1]
             down = states[at + 2] + sigma * noise[frame, i, 2] + offset[i, 2]
             q = at + _ATTITUDE
-            x, y, z, w = self._quat_xyzw_wf(i, (states[q], states[q + 1], states[q + 2], states[q + 3]), frame)
+            x, y, z, w = self._quat_xyzw_wf(
+                i, (states[q], states[q + 1], states[q + 2], states[q + 3]), frame
+            )
             found.append(
                 _new(MeasuredBody, (self.numbers[i], (east, north, -down), (x, y, z, w), sigma, True))
             )

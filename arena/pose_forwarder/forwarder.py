@@ -23,7 +23,9 @@ from arena.geometry import globe_from_local
 from arena.kernels.pose_selection import PoseSelection
 from arena.mocap.client import CapturedFrame, Pose
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import AUTOPILOT
 from arena.wire.mavlink_ids import FORWARDER_COMPONENT
+from arena.wire.mavlink_layout import decoder
 from arena.wire.mavlink_records import ODOMETRY, OdometryPacker
 from arena.wire.px4_mode import mode_words
 
@@ -34,6 +36,18 @@ _ORIGIN_TRIES = 5
 _ORIGIN_WAIT_S, _ORIGIN_WAIT_UNKNOWN_S = 3.0, 0.3
 _POSITION_ESTIMATE = 43003  # MAV_CMD_EXTERNAL_POSITION_ESTIMATE, not in every version's dialect
 _DIAGONAL = (0, 6, 11, 15, 18, 20)
+_READ = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+        mavlink.MAVLINK_MSG_ID_SYS_STATUS,
+        mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
+        mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+        mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
+        mavlink.MAVLINK_MSG_ID_HOME_POSITION,
+        mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
+    }
+)
+"""Messages of the autopilot whose content the forwarder uses."""
 _MODES_WITHOUT_ARMING = frozenset({"AUTO.LAND", "AUTO.RTL", "TERMINATION"})
 
 
@@ -149,36 +163,42 @@ class Forwarder:
 
     def on_mavlink(self, data: bytes, now: float) -> None:
         """Update the state of the autopilot from a received MAVLink datagram."""
-        for m in self._codec.parse(data):
-            if m.get_srcSystem() == self.system and m.get_srcComponent() == 1:
-                self._on_message(m, now)
+        for at in self._codec.frames(data):
+            if at.msgid in _READ and at.sysid == self.system and at.compid == AUTOPILOT:
+                self._on_message(at.msgid, decoder(at.msgid)(data, at), now)
+                continue
+            m = self._codec.decode(data, at)  # counts the messages that it cannot decode
+            if m is None:
+                continue
+            if m.get_srcSystem() == self.system and m.get_srcComponent() == AUTOPILOT:
+                self.autopilot.since = min(self.autopilot.since, now)
             else:
                 self.counts["foreign message"] += 1
 
-    def _on_message(self, m: Any, now: float) -> None:
-        a, kind = self.autopilot, m.get_type()
-        if kind == "HEARTBEAT" and now - a.last_heartbeat > _SILENT_S:
+    def _on_message(self, msgid: int, m: Any, now: float) -> None:
+        a = self.autopilot
+        if msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT and now - a.last_heartbeat > _SILENT_S:
             self._on_autopilot_restart()
         a.since = min(a.since, now)
-        if kind == "HEARTBEAT":
+        if msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             a.last_heartbeat, a.armed = now, bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
             a.mode = mode_words(m.custom_mode)
-        elif kind == "SYS_STATUS":
+        elif msgid == mavlink.MAVLINK_MSG_ID_SYS_STATUS:
             bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
             a.may_arm = bool(
                 m.onboard_control_sensors_health & bit
             )  # PX4 sets this bit in the health field only
-        elif kind == "SYSTEM_TIME":
+        elif msgid == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
             if m.time_boot_ms < a.boot_ms - REORDERED_MS:
                 self._on_autopilot_restart()
             a.boot_ms = m.time_boot_ms
-        elif kind == "EXTENDED_SYS_STATE":
+        elif msgid == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
             a.on_ground = m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
-        elif kind == "COMMAND_ACK":
+        elif msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
             a.has_position = a.has_position or (
                 m.command == _POSITION_ESTIMATE and m.target_component in (0, FORWARDER_COMPONENT)
             )
-        elif kind == "HOME_POSITION" or (kind == "GPS_GLOBAL_ORIGIN" and self._is_own_origin(m)):
+        elif msgid == mavlink.MAVLINK_MSG_ID_HOME_POSITION or self._is_own_origin(m):
             a.has_origin = self._origin_tries > 0  # an origin reported before the request may be another one
 
     def _is_own_origin(self, m: Any) -> bool:

@@ -17,6 +17,7 @@ from arena.mocap.natnet.receiver import NatNetReceiver
 from arena.mocap.natnet.server import NatNetServer
 from arena.pose_forwarder.forwarder import Forwarder
 from arena.wire.truth_page import Truth
+from tests.mocap.rig import row
 
 SETTINGS = {
     "name": "forward.uav1",
@@ -311,7 +312,7 @@ def test_truth_passes_unchanged_through_emulator_client_and_forwarder(version):
     receiver = NatNetReceiver(["aero2"])
     for _ in range(2):
         receiver.receive(server.reply(receiver.next_request(), ("127.0.0.1", 5), 0.0))
-    packet = server.encode(cameras.measure(180, truth), 1.01)
+    packet = server.encode(cameras.measure(180, row(truth)), 1.01)
     m = decode(Forwarder(SETTINGS).on_frame(receiver.receive(packet), 1.01))
     assert np.allclose((m.x, m.y, m.z), truth.p_n[1], atol=1e-6)
     assert np.allclose(m.q, truth.q_nb[1], atol=1e-6)

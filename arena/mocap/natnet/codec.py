@@ -257,9 +257,7 @@ class FrameEncoder:
         head = _SIZED.pack(len(bodies), len(encoded)) if self._sized else _COUNT.pack(len(bodies))
         flags = MODELS_CHANGED if models_changed else 0
         tail = self._tail.pack(0, 0, timestamp_s, exposure_ticks, transmit_ticks, transmit_ticks, flags, 0)
-        return packet(
-            FRAME, _COUNT.pack(number) + self._before + head + encoded + self._after + tail
-        )
+        return packet(FRAME, _COUNT.pack(number) + self._before + head + encoded + self._after + tail)
 
 
 def encode_frame(frame: Frame, version: Version) -> bytes:
