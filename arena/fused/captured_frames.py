@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from math import inf
 from typing import Any
 
-from arena.mocap.client.pose import CapturedFrame, Echo, pose_ned
+from arena.kernels.captured_poses import measured_poses
+from arena.mocap.client import CapturedFrame, Echo
 from arena.mocap.emulator.interface import MeasuredFrame
 
 _COMPARE_CLOCKS_S = 0.2  # as a client does
@@ -32,19 +33,5 @@ class FrameConverter:
         """
         if not 0.0 <= now - self._echo.sent < _COMPARE_CLOCKS_S:  # negative after a jump of a replay
             self._echo = Echo(sent=now, received=now, answered_s=now)
-        poses, untracked = [], []
-        for body in frame.bodies:
-            name = self._names[body.number]
-            pose = pose_ned(name, body.position_w, body.quat_xyzw_wf) if body.tracked else None
-            if pose is None:
-                untracked.append(name)
-            else:
-                poses.append(pose)
-        return CapturedFrame(
-            number=frame.number,
-            time_s=frame.exposed_s,
-            poses=tuple(poses),
-            untracked=tuple(untracked),
-            sent_s=now,
-            echo=self._echo,
-        )
+        poses, untracked = measured_poses(frame.bodies, self._names)
+        return CapturedFrame(frame.number, frame.exposed_s, poses, untracked, now, self._echo)

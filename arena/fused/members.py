@@ -74,8 +74,11 @@ class Members:
             name: MemberContext(process, dict(s)) for name, s in slices.items() if name != "world"
         }
         truth = TruthReader(world["truth"])
+        self._capture = MemoryCapture()
         self._forwarders = {
-            i: _Forwarder(self._contexts[name], self._time, i, self._inbox if i in in_memory else None)
+            i: _Forwarder(
+                self._contexts[name], self._time, self._capture, i, self._inbox if i in in_memory else None
+            )
             for i, v in enumerate(vehicles)
             if (name := f"forward.{v['name']}") in self._contexts
         }
@@ -151,8 +154,9 @@ class Members:
             self._mocap.apply_faults()
         while self._mocap.due <= now + _EARLY_S:
             self._mocap.advance(now, requests=self._watch.has_data(self._mocap.fileno()))
+        frames = self._capture.poll(now)
         for forwarder in self._forwarders.values():
-            forwarder.step(now)
+            forwarder.step(frames, now)
         if self._sensors is not None:
             self._sensors.step(now)
         self._router.step(now, faults=self._watch.has_data(self._router.faults.fileno()))
@@ -190,8 +194,7 @@ class Members:
 
     def _on_frame(self, frame: MeasuredFrame, now: float) -> None:
         captured = self._frames.convert(frame, now)
-        for forwarder in self._forwarders.values():
-            forwarder.capture.waiting.append(captured)
+        self._capture.waiting.append(captured)
         if self._sensors is not None:
             self._sensors.on_frame(captured, now)
         self._recorder.on_frame(captured, now)
@@ -200,17 +203,22 @@ class Members:
 class _Forwarder:
     """Pose forwarder of one vehicle, as a part of the fused arena instead of a process of its own.
 
+    capture: motion-capture client of all forwarders, whose frames the caller passes to `step`.
     vehicle: index in the world.  inbox: list that receives the datagrams for its autopilot; None: PX4, whose link is a socket.
     """
 
-    def __init__(self, context: MemberContext, time: StepTime, vehicle: int, inbox: Inbox | None) -> None:
-        self.capture = MemoryCapture()
+    def __init__(
+        self,
+        context: MemberContext,
+        time: StepTime,
+        capture: MemoryCapture,
+        vehicle: int,
+        inbox: Inbox | None,
+    ) -> None:
         remote = address(context.settings["link"], "remote")
         self._link = None if inbox is None else VisionLink(vehicle, inbox, remote)
-        self._context, self._shell = (
-            context,
-            ForwarderShell(context, time, self.capture, self._link, wall=time.now()),
-        )
+        self._context = context
+        self._shell = ForwarderShell(context, time, capture, self._link, wall=time.now())
         self._next_tick, self._began = 0.0, wall_time.monotonic()
 
     def receive(self, data: bytes) -> None:
@@ -218,14 +226,16 @@ class _Forwarder:
         if self._link is not None:
             self._link.waiting.append(data)
 
-    def step(self, now: float) -> None:
+    def step(self, frames: Sequence[CapturedFrame], now: float) -> None:
         """Run the pose forwarder for one simulation step: send new poses, and read the autopilot's messages.
 
-        now: simulation time [s].
+        frames: motion-capture frames of this step, oldest first.  now: simulation time [s].
         """
         due = now >= self._next_tick
-        if self.capture.waiting or (due if self._link is None else self._link.waiting):
-            self._shell.turn(now)
+        if frames:
+            self._shell.forward(frames, now)
+        if (frames or due) if self._link is None else self._link.waiting:
+            self._shell.read_link(now)
         if due:
             self._next_tick = now + TICK_S
             self._shell.tick(now, now)

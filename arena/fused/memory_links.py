@@ -92,7 +92,10 @@ class RecorderLink:
 
 
 class MemoryCapture:
-    """Motion-capture client without a network: the emulator in the same process stores its frames here."""
+    """Motion-capture client without a network: the emulator in the same process stores its frames here.
+
+    One object serves all pose forwarders of the process.
+    """
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()

@@ -5,13 +5,16 @@ from libc cimport math
 from arena.kernels cimport rotations
 
 cdef double _H
+cdef Py_ssize_t _ATTITUDE
 
 cdef class PoseMeasurement:
+    cdef readonly list numbers
     cdef readonly long[::1] rows
     cdef readonly double[:, :, ::1] noise
     cdef readonly double sigma_m, sigma_rad
-    cdef readonly double[:, ::1] offset_n, rotation, position_w, quat_xyzw_wf
-    @cython.locals(row=Py_ssize_t, north=double, east=double, down=double, i=Py_ssize_t)
-    cpdef void measure(self, double[:, :] p_n, double[:, :] q_nb, Py_ssize_t frame) except *
+    cdef readonly Py_ssize_t per_vehicle
+    cdef readonly double[:, ::1] offset_n, rotation
+    @cython.locals(found=list, sigma=double, at=Py_ssize_t, q=Py_ssize_t, north=double, east=double, down=double, i=Py_ssize_t, x=double, y=double, z=double, w=double)
+    cpdef list measure(self, double[::1] states, Py_ssize_t frame)
     @cython.locals(sigma=double, a=double, b=double, c=double, d=double)
-    cdef void _turn(self, Py_ssize_t i, (double, double, double, double) q_nb, Py_ssize_t frame) except *
+    cdef (double, double, double, double) _quat_xyzw_wf(self, Py_ssize_t i, (double, double, double, double) q_nb, Py_ssize_t frame)

@@ -10,50 +10,75 @@ from typing import TYPE_CHECKING
 
 from arena.kernels import rotations
 from arena.kernels.arrays import floats, integers
+from arena.kernels.capture_types import MeasuredBody
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
     from numpy.typing import NDArray
 
     from arena.kernels.arrays import Floats
 
 _H = math.sqrt(0.5)
+_ATTITUDE = 3  # column of the attitude in the numbers of one vehicle, after the position
+_new = tuple.__new__  # a NamedTuple's constructor costs twice as much
 
 
 class PoseMeasurement:
     """Emulated measurement of the poses of B rigid bodies.
 
-    rows: row of each body in the true poses (B,)
+    numbers: number of each body in the stream (B,)
+    rows: row of each body in the true states (B,)
     noise: standard normal numbers of the next frames: position, rotation (N, B, 6)
     sigma_m, sigma_rad: standard deviation of position [m] and rotation [rad]
     offset_n, rotation: injected offset [m] [NED] (B, 3) and rotation [-] wxyz (B, 4)
-    position_w: output: position [m] [z-up capture axes] (B, 3)
-    quat_xyzw_wf: output: rotation from the body's FLU axes to the capture axes [-] (B, 4)
     """
 
-    def __init__(self, rows: NDArray[np.int64], frames: int, sigma_m: float, sigma_rad: float) -> None:
+    def __init__(
+        self,
+        numbers: Sequence[int],
+        rows: NDArray[np.int64],
+        frames: int,
+        sigma_m: float,
+        sigma_rad: float,
+        per_vehicle: int,
+    ) -> None:
+        """Create the measurement, without offsets.
+
+        frames: N.  per_vehicle: numbers of one vehicle in a row of the truth page
+        """
         b = len(rows)
-        self.rows, self.noise = integers(rows), floats(frames, b, 6)
-        self.sigma_m, self.sigma_rad = sigma_m, sigma_rad
+        self.numbers, self.rows, self.noise = list(numbers), integers(rows), floats(frames, b, 6)
+        self.sigma_m, self.sigma_rad, self.per_vehicle = sigma_m, sigma_rad, per_vehicle
         self.offset_n, self.rotation = floats(b, 3), floats(b, 4)
-        self.position_w, self.quat_xyzw_wf = floats(b, 3), floats(b, 4)
+        for i in range(b):
+            self.rotation[i, 0] = 1.0
 
-    def measure(self, p_n: Floats, q_nb: Floats, frame: int) -> None:
-        """Compute the measured poses of all bodies.
+    def measure(self, states: Floats, frame: int) -> list[MeasuredBody]:
+        """Return the measured poses of all bodies.
 
-        p_n, q_nb: true positions [m] [NED] (V, 3) and attitudes [-] wxyz (V, 4)
+        states: true states: row of the truth page (1 + V * per_vehicle,)
         frame: row of `noise`
         """
+        found: list[MeasuredBody] = []
+        sigma, noise, offset = self.sigma_m, self.noise, self.offset_n
         for i in range(len(self.rows)):
-            row, noise, offset = self.rows[i], self.noise, self.offset_n
-            north = p_n[row, 0] + self.sigma_m * noise[frame, i, 0] + offset[i, 0]
-            east = p_n[row, 1] + self.sigma_m * noise[frame, i, 1] + offset[i, 1]
-            down = p_n[row, 2] + self.sigma_m * noise[frame, i, 2] + offset[i, 2]
-            self.position_w[i, 0], self.position_w[i, 1], self.position_w[i, 2] = east, north, -down
-            self._turn(i, (q_nb[row, 0], q_nb[row, 1], q_nb[row, 2], q_nb[row, 3]), frame)
+            at = 1 + self.rows[i] * self.per_vehicle
+            north = states[at] + sigma * noise[frame, i, 0] + offset[i, 0]
+            east = states[at + 1] + sigma * noise[frame, i, 1] + offset[i, 1]
+            down = states[at + 2] + sigma * noise[frame, i, 2] + offset[i, 2]
+            q = at + _ATTITUDE
+            x, y, z, w = self._quat_xyzw_wf(
+                i, (states[q], states[q + 1], states[q + 2], states[q + 3]), frame
+            )
+            found.append(
+                _new(MeasuredBody, (self.numbers[i], (east, north, -down), (x, y, z, w), sigma, True))
+            )
+        return found
 
-    def _turn(self, i: int, q_nb: rotations.Quaternion, frame: int) -> None:
-        """Compute the measured attitude of body i.
+    def _quat_xyzw_wf(self, i: int, q_nb: rotations.Quaternion, frame: int) -> rotations.Quaternion:
+        """Return the measured rotation of body i from its FLU axes to the capture axes, xyzw.
 
         This is `arena.geometry.q_wf_from_q_nb`, written out. q_nb: its true attitude wxyz.
         """
@@ -64,5 +89,4 @@ class PoseMeasurement:
         a, b, c, d = rotations.product(
             (turn[i, 0], turn[i, 1], turn[i, 2], turn[i, 3]), rotations.product(q_nb, error)
         )
-        self.quat_xyzw_wf[i, 0], self.quat_xyzw_wf[i, 1] = _H * (b + c), _H * (b - c)
-        self.quat_xyzw_wf[i, 2], self.quat_xyzw_wf[i, 3] = _H * (a - d), _H * (a + d)
+        return _H * (b + c), _H * (b - c), _H * (a - d), _H * (a + d)

@@ -1,6 +1,6 @@
 """Interpolation of the true vehicle states that the world publishes in shared memory (the truth page).
 
-`arena.wire.truth_page` describes the page.
+`arena.wire.truth_rows` describes the page.
 """
 
 from __future__ import annotations
@@ -16,6 +16,62 @@ _NEARLY_ONE = 0.9999
 """Least product of two attitudes between which the elements are interpolated: 1.6 degrees, where the error is below 1e-7 rad."""
 _ATTITUDE = 3
 """Column of the attitude in the numbers of one vehicle."""
+_DOUBLE_BYTES = 8
+
+
+def new_row(width: int) -> Floats:
+    """Return a new row of the truth page, filled with zeros.
+
+    This module needs no numpy, so that its readers start fast.
+    """
+    return memoryview(bytearray(width * _DOUBLE_BYTES)).cast("d")
+
+
+class TruthRing:
+    """Ring of samples in the truth page, with a copy of the two samples around a time.
+
+    page: the whole page.  begin: place of its first row.  width: numbers per row, of which the first is the time [s].
+    ring: rows in the page. Sample k is in row k modulo `ring`.
+    per_vehicle: numbers of one vehicle in a row
+    """
+
+    def __init__(self, page: Floats, begin: int, width: int, ring: int, per_vehicle: int) -> None:
+        self._page, self._begin, self._width, self._ring = page, begin, width, ring
+        self._per_vehicle = per_vehicle
+        self._before, self._after = new_row(width), new_row(width)
+
+    def find(self, time_s: float, count: int) -> bool:
+        """Copy the samples before and after a time. Return False if one of them is not in the page.
+
+        The world may overwrite a row while it is copied. The caller must then not use the samples.
+
+        count: number of samples written so far
+        """
+        held = min(count, self._ring - 1)
+        if held < 2 or time_s > self._page[self._row(count - 1)] + 1e-9:
+            return False
+        # The samples from `count - held` to `count - 2` can be the one before.
+        oldest = count - held
+        i = sample_before(self._page, self._begin, self._width, self._ring, oldest, count - 2, time_s)
+        if i < oldest:
+            return False
+        before, after = self._row(i), self._row(i + 1)
+        self._before[:] = self._page[before : before + self._width]
+        self._after[:] = self._page[after : after + self._width]
+        return True
+
+    def interpolated(self, time_s: float) -> Floats:
+        """Return a new row with the states at a time between the two samples that `find` has copied [s]."""
+        out = new_row(self._width)
+        interpolate(self._before, self._after, time_s, self._per_vehicle, out)
+        return out
+
+    def _row(self, number: int) -> int:
+        """Return the place of a sample in the page.
+
+        number: its place among all samples that were written
+        """
+        return self._begin + number % self._ring * self._width
 
 
 def sample_before(

@@ -20,21 +20,34 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.constants import REORDERED_MS
 from arena.geometry import globe_from_local
-from arena.mocap.client import CapturedFrame, Lateness, Pose
-from arena.mocap.client.frame_order import FrameOrder
+from arena.kernels.pose_selection import PoseSelection
+from arena.mocap.client import CapturedFrame, Pose
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import AUTOPILOT
 from arena.wire.mavlink_ids import FORWARDER_COMPONENT
+from arena.wire.mavlink_layout import decoder
 from arena.wire.mavlink_records import ODOMETRY, OdometryPacker
 from arena.wire.px4_mode import mode_words
 
 _NAN = math.nan
-_MAX_DISTANCE_M = 1e4
 _SAME_ORIGIN_E7 = 10
 _SILENT_S = 3.0
 _ORIGIN_TRIES = 5
 _ORIGIN_WAIT_S, _ORIGIN_WAIT_UNKNOWN_S = 3.0, 0.3
 _POSITION_ESTIMATE = 43003  # MAV_CMD_EXTERNAL_POSITION_ESTIMATE, not in every version's dialect
 _DIAGONAL = (0, 6, 11, 15, 18, 20)
+_READ = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+        mavlink.MAVLINK_MSG_ID_SYS_STATUS,
+        mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
+        mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+        mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
+        mavlink.MAVLINK_MSG_ID_HOME_POSITION,
+        mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
+    }
+)
+"""Messages of the autopilot whose content the forwarder uses."""
 _MODES_WITHOUT_ARMING = frozenset({"AUTO.LAND", "AUTO.RTL", "TERMINATION"})
 
 
@@ -70,14 +83,10 @@ class Forwarder:
     def __init__(self, settings: Mapping[str, Any], wait_s: float = 0.0) -> None:
         self._wait_s, self._waiting_since = wait_s, math.inf
         self.system = int(settings["id"])
-        self._body, self._origin = settings["body"], settings["origin"]
+        self._origin = settings["origin"]
         self._origin_alt_m = float(settings.get("origin_alt_m", 0.0))
-        self._every = round(float(settings["frame_rate_hz"]) / float(settings["rate_hz"]))
-        self._stale_s = float(settings["stale_s"])
         noise = settings["noise"]
         var_p, var_a = float(noise["position_m"]) ** 2, math.radians(float(noise["rotation_deg"])) ** 2
-        # Without noise a body at rest repeats its pose exactly, so a repeated pose is then not frozen.
-        self._noisy = var_p > 0.0 or var_a > 0.0
         self._covariance = [0.0] * 21
         for place, variance in zip(_DIAGONAL, (var_p,) * 3 + (var_a,) * 3, strict=True):
             self._covariance[place] = variance
@@ -88,17 +97,24 @@ class Forwarder:
         self.garbled = self._codec.counts
         self.poses = 0
         self.last_pose = -math.inf
-        self.late_s = 0.0  # delay of the last frame compared with the fastest frames [s]
-        self._order, self.lateness = FrameOrder(), Lateness(self._stale_s)
-        self._slot: int | None = None
-        self._place = 0  # of the vehicle's pose in the last frame
-        self._last: Pose | None = None
+        self._selection = PoseSelection(
+            str(settings["body"]),
+            round(float(settings["frame_rate_hz"]) / float(settings["rate_hz"])),
+            float(settings["stale_s"]),
+            var_p > 0.0 or var_a > 0.0,
+            self.counts,
+        )
+        self.lateness = self._selection.lateness
         self._newest: Pose | None = None
-        self._resets = 0
         self._beat = self._heartbeat_requested = -math.inf
         self._origin_sent, self._origin_tries = -math.inf, 0
 
     # -- capture -------------------------------------------------------------------------------------------------------
+
+    @property
+    def late_s(self) -> float:
+        """Delay of the last frame compared with the fastest frames [s]."""
+        return self._selection.late_s
 
     def on_frame(self, frame: CapturedFrame, now: float) -> bytes | None:
         """Return the ODOMETRY message for a new motion-capture frame, or None if no pose is forwarded.
@@ -115,7 +131,7 @@ class Forwarder:
         """
         best: Pose | None = None
         for frame in frames:
-            pose = self._take(frame, now)
+            pose = self._selection.take(frame, now, self.autopilot.armed)
             if pose is not None:
                 if best is not None:
                     self.counts["superseded"] += 1
@@ -129,70 +145,8 @@ class Forwarder:
         self.poses, self.last_pose = self.poses + 1, now
         return self._odometry(best, now)
 
-    def _take(self, frame: CapturedFrame, now: float) -> Pose | None:
-        """Return the vehicle's pose in a frame, or None if the pose must be dropped.
-
-        Dropped poses are counted by reason.
-        """
-        place = self._order.place(frame.number)
-        if place == "repeated":
-            self.counts["repeated frame"] += 1
-            return None
-        if place == "restarted":
-            self._capture_restarted()
-        late = self.late_s = self.lateness.measure_frame(frame, now, self.autopilot.armed)
-        pose = self._own_pose(frame.poses)
-        reason = self._drop_reason(frame, pose, late)
-        if reason:
-            self.counts[reason] += 1
-            return None
-        # Each group of `_every` frame numbers sends one pose. If its first frame is lost, its second frame is used.
-        slot = frame.number // self._every
-        if slot == self._slot:
-            return None
-        self._slot = slot
-        return pose
-
-    def _own_pose(self, poses: Sequence[Pose]) -> Pose | None:
-        """Return the vehicle's pose in a frame; None if the frame contains no pose of the vehicle.
-
-        The index of the last frame is tried first, because in almost all frames the pose has the same index.
-        """
-        if self._place < len(poses) and poses[self._place].body == self._body:
-            return poses[self._place]
-        for place, pose in enumerate(poses):
-            if pose.body == self._body:
-                self._place = place
-                return pose
-        return None
-
-    def _drop_reason(self, frame: CapturedFrame, pose: Pose | None, late: float) -> str:
-        """Return why the pose in a frame must be dropped; "" if the pose may be forwarded.
-
-        late: delay of the frame compared with the fastest frames [s].
-        """
-        if pose is None:
-            return "untracked" if self._body in frame.untracked else "body not in frame"
-        last, self._last = self._last, pose
-        if not _is_pose(pose):
-            return "no pose"
-        if self._noisy and last is not None and (pose.p_n, pose.q_nb) == (last.p_n, last.q_nb):
-            return "frozen"
-        return "stale" if late > self._stale_s else ""
-
-    def _capture_restarted(self) -> None:
-        """Reset the stored pose and clock offset of the motion capture, after a restart of its server.
-
-        The last pose and the measured offset of the clocks are discarded. The next ODOMETRY messages report
-        the restart to the autopilot by a new reset counter.
-        """
-        self.counts["capture restarts"] += 1
-        self.lateness.reset()
-        self._slot = self._last = None
-        self._resets = (self._resets + 1) % 256
-
     def _odometry(self, pose: Pose, now: float) -> bytes:
-        payload = self._odometry_packer.payload(int(now * 1e6), pose.p_n, pose.q_nb, self._resets)
+        payload = self._odometry_packer.payload(int(now * 1e6), pose.p_n, pose.q_nb, self._selection.resets)
         return self._codec.frame(ODOMETRY, payload)
 
     # -- the autopilot -------------------------------------------------------------------------------------------------
@@ -209,36 +163,42 @@ class Forwarder:
 
     def on_mavlink(self, data: bytes, now: float) -> None:
         """Update the state of the autopilot from a received MAVLink datagram."""
-        for m in self._codec.parse(data):
-            if m.get_srcSystem() == self.system and m.get_srcComponent() == 1:
-                self._on_message(m, now)
+        for at in self._codec.frames(data):
+            if at.msgid in _READ and at.sysid == self.system and at.compid == AUTOPILOT:
+                self._on_message(at.msgid, decoder(at.msgid)(data, at), now)
+                continue
+            m = self._codec.decode(data, at)  # counts the messages that it cannot decode
+            if m is None:
+                continue
+            if m.get_srcSystem() == self.system and m.get_srcComponent() == AUTOPILOT:
+                self.autopilot.since = min(self.autopilot.since, now)
             else:
                 self.counts["foreign message"] += 1
 
-    def _on_message(self, m: Any, now: float) -> None:
-        a, kind = self.autopilot, m.get_type()
-        if kind == "HEARTBEAT" and now - a.last_heartbeat > _SILENT_S:
+    def _on_message(self, msgid: int, m: Any, now: float) -> None:
+        a = self.autopilot
+        if msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT and now - a.last_heartbeat > _SILENT_S:
             self._on_autopilot_restart()
         a.since = min(a.since, now)
-        if kind == "HEARTBEAT":
+        if msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             a.last_heartbeat, a.armed = now, bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
             a.mode = mode_words(m.custom_mode)
-        elif kind == "SYS_STATUS":
+        elif msgid == mavlink.MAVLINK_MSG_ID_SYS_STATUS:
             bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
             a.may_arm = bool(
                 m.onboard_control_sensors_health & bit
             )  # PX4 sets this bit in the health field only
-        elif kind == "SYSTEM_TIME":
+        elif msgid == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
             if m.time_boot_ms < a.boot_ms - REORDERED_MS:
                 self._on_autopilot_restart()
             a.boot_ms = m.time_boot_ms
-        elif kind == "EXTENDED_SYS_STATE":
+        elif msgid == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
             a.on_ground = m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
-        elif kind == "COMMAND_ACK":
+        elif msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
             a.has_position = a.has_position or (
                 m.command == _POSITION_ESTIMATE and m.target_component in (0, FORWARDER_COMPONENT)
             )
-        elif kind == "HOME_POSITION" or (kind == "GPS_GLOBAL_ORIGIN" and self._is_own_origin(m)):
+        elif msgid == mavlink.MAVLINK_MSG_ID_HOME_POSITION or self._is_own_origin(m):
             a.has_origin = self._origin_tries > 0  # an origin reported before the request may be another one
 
     def _is_own_origin(self, m: Any) -> bool:
@@ -355,13 +315,3 @@ class Forwarder:
             _NAN,
         )
         return [self._codec.pack(origin), self._codec.pack(place)]
-
-
-def _is_pose(pose: Pose) -> bool:
-    (x, y, z), (a, b, c, d) = pose.p_n, pose.q_nb
-    return (
-        0.9 < math.sqrt(a * a + b * b + c * c + d * d) < 1.1  # NaN compares false
-        and abs(x) < _MAX_DISTANCE_M
-        and abs(y) < _MAX_DISTANCE_M
-        and abs(z) < _MAX_DISTANCE_M
-    )

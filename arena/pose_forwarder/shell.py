@@ -9,10 +9,18 @@ import contextlib
 import math
 import sys
 import time
+from collections.abc import Sequence
 from typing import Protocol
 
 from arena.clock import Clock, SimClock, WallClock
-from arena.mocap.client import ChangeReport, LateFrames, Lateness, MocapClient, open_client
+from arena.mocap.client import (
+    CapturedFrame,
+    ChangeReport,
+    LateFrames,
+    Lateness,
+    MocapClient,
+    open_client,
+)
 from arena.pose_forwarder.forwarder import Forwarder
 from arena.process_context import ProcessContext, ShutdownPolicy
 from arena.transport import Address, listen_udp
@@ -71,10 +79,35 @@ class ForwarderShell:
 
         now: time of `clock` [s].
         """
-        pose = self.core.on_frames(self.capture.poll(now), now)
+        sent = self.forward(self.capture.poll(now), now)
+        self.read_link(now)
+        return sent
+
+    def forward(self, frames: Sequence[CapturedFrame], now: float) -> bool:
+        """Send the newest pose in the received frames if one is due. Return True if a pose was sent.
+
+        frames: oldest first.  now: time of `clock` [s].
+        """
+        pose = self.core.on_frames(frames, now)
+        if pose is None:
+            return False
         self._send(pose)
-        self._read_link(now)
-        return pose is not None
+        return True
+
+    def read_link(self, now: float) -> None:
+        """Read the MAVLink messages that have arrived from the autopilot.
+
+        now: time of `clock` [s].
+        """
+        for _ in range(64):
+            try:
+                data, sender = self.link.recvfrom(65535)
+            except OSError:
+                return
+            if sender == self.remote:
+                self.core.on_mavlink(data, now)
+            else:
+                self.core.counts["foreign datagram"] += 1
 
     def tick(self, now: float, wall: float) -> bool:
         """Send the MAVLink messages that are due, such as the heartbeat, and report to the supervisor.
@@ -128,21 +161,9 @@ class ForwarderShell:
             self.process.event(change)
             print(f"forward: {change}", file=sys.stderr, flush=True)
 
-    def _read_link(self, now: float) -> None:
-        for _ in range(64):
-            try:
-                data, sender = self.link.recvfrom(65535)
-            except OSError:
-                return
-            if sender == self.remote:
-                self.core.on_mavlink(data, now)
-            else:
-                self.core.counts["foreign datagram"] += 1
-
-    def _send(self, data: bytes | None) -> None:
-        if data is not None:
-            with contextlib.suppress(OSError):
-                self.link.sendto(data, self.remote)
+    def _send(self, data: bytes) -> None:
+        with contextlib.suppress(OSError):
+            self.link.sendto(data, self.remote)
 
 
 def _clock(process: ProcessContext) -> Clock:

@@ -58,6 +58,14 @@ class Truth(NamedTuple):
             motors=b[:, 16:],
         )
 
+    def store(self, row: Array) -> None:
+        """Write the state into a row of the truth page (1 + V * PER_VEHICLE,)."""
+        row[0] = self.time_s
+        body = row[1:].reshape(-1, PER_VEHICLE)
+        body[:, 0:3], body[:, 3:7], body[:, 7:10] = self.p_n, self.q_nb, self.v_n
+        body[:, 10:13], body[:, 13:16] = self.omega_b, self.accel_b
+        body[:, 16 : 16 + self.motors.shape[1]] = self.motors
+
 
 class TruthWriter:
     """Writer of the truth page, with which the world publishes the true states of the vehicles.
@@ -80,12 +88,7 @@ class TruthWriter:
 
     def write(self, truth: Truth) -> None:
         """Append the true state of one instant. The oldest state in the page is overwritten."""
-        row = self._rows[self._count % self._ring]
-        row[0] = truth.time_s
-        body = row[1:].reshape(-1, PER_VEHICLE)
-        body[:, 0:3], body[:, 3:7], body[:, 7:10] = truth.p_n, truth.q_nb, truth.v_n
-        body[:, 10:13], body[:, 13:16] = truth.omega_b, truth.accel_b
-        body[:, 16 : 16 + truth.motors.shape[1]] = truth.motors
+        truth.store(self._rows[self._count % self._ring])
         self._count += 1
         self._all[0] = self._count
 

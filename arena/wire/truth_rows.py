@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from arena.constants import MAX_ROTORS
 from arena.errors import RunError, WireError
-from arena.kernels.truth_interpolation import interpolate, sample_before
+from arena.kernels.truth_interpolation import TruthRing
 
 if TYPE_CHECKING:
     from arena.kernels.arrays import Floats
@@ -34,7 +34,6 @@ HEAD = 4
 """Numbers before the first row."""
 PER_VEHICLE = 16 + MAX_ROTORS
 """Numbers of a vehicle in a row."""
-_DOUBLE_BYTES = 8
 
 
 class Numbers(Protocol):
@@ -108,6 +107,7 @@ class TruthRows:
                 f"{path} is not a truth page of this version: the file contains {len(self._all)} numbers, but {vehicles} vehicles and "
                 f"{ring} samples, as in its header, need {HEAD + ring * self._width}"
             )
+        self._samples = TruthRing(self._all, HEAD, self._width, ring, PER_VEHICLE)
 
     def newest(self) -> Floats | None:
         """Return a copy of the newest row of the truth page, or None if the world has not written a row yet."""
@@ -120,34 +120,12 @@ class TruthRows:
     def at(self, time_s: float) -> Floats | None:
         """Return the row of the truth page at `time_s` [s], interpolated, or None if the time is not in the page."""
         count = int(self._all[0])
-        held = min(count, self._ring - 1)
-        found = self._around(time_s, count, held)
+        found = self._samples.find(time_s, count)
         # Rows that were overwritten during the search are wrong: search again.
+        held = min(count, self._ring - 1)
         if int(self._all[0]) - count >= 1 + self._ring - held:
             return self.at(time_s) if held >= 2 else None
-        if found is None:
-            return None
-        out = memoryview(bytearray(self._width * _DOUBLE_BYTES)).cast("d")
-        interpolate(*found, time_s, PER_VEHICLE, out)
-        return out
-
-    def _around(self, time_s: float, count: int, held: int) -> tuple[Floats, Floats] | None:
-        """Return the rows before and after `time_s`, or None if one of them is not in the page."""
-        if held < 2 or time_s > self._time(count - 1) + 1e-9:
-            return None
-        # The samples from `count - held` to `count - 2` can be the one before.
-        first = count - held
-        i = sample_before(self._all, HEAD, self._width, self._ring, first, count - 2, time_s)
-        if i < first:
-            return None
-        return self._copy(i), self._copy(i + 1)
-
-    def _time(self, number: int) -> float:
-        """Return the simulation time of a sample in the truth page [s].
-
-        number: its place among all samples that were written.
-        """
-        return self._all[HEAD + number % self._ring * self._width]
+        return self._samples.interpolated(time_s) if found else None
 
     def _copy(self, number: int) -> Floats:
         begin = HEAD + number % self._ring * self._width

@@ -327,7 +327,7 @@ def command_motors(modules: dict[str, ModuleType]) -> list[np.ndarray]:
 def capture_poses(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     """Interpolate between random true states, slow and fast turns, and measure the poses. Return all results."""
     rng, width = np.random.default_rng(11), 24
-    law = modules["pose_measurement"].PoseMeasurement(np.array([4, 0, 2]), 30, 0.001, 0.01)
+    law = modules["pose_measurement"].PoseMeasurement((7, 3, 5), np.array([4, 0, 2]), 30, 0.001, 0.01, width)
     fill(law, rng, noise=1.0, offset_n=0.5)
     arrays_of(law)["rotation"][:] = random_attitudes(rng)[:3]
     seen = []
@@ -342,8 +342,9 @@ def capture_poses(modules: dict[str, ModuleType]) -> list[np.ndarray]:
             near / np.linalg.norm(near, axis=1, keepdims=True) if frame % 2 else random_attitudes(rng)
         )
         modules["truth_interpolation"].interpolate(before, after, 0.004 * (frame + 0.3), width, found)
-        law.measure(places[2][:, 0:3], places[2][:, 3:7], frame)
-        seen += [found, arrays_of(law)["position_w"].copy(), arrays_of(law)["quat_xyzw_wf"].copy()]
+        measured = law.measure(found, frame)
+        assert [(body.number, body.tracked) for body in measured] == [(7, True), (3, True), (5, True)]
+        seen += [found, np.array([body.position_w + body.quat_xyzw_wf for body in measured])]
     return seen
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from arena.kernels.arrays import view
 from arena.mocap.emulator.core import EmulatedCameras
 from arena.mocap.natnet.server import NatNetServer
 from arena.wire.truth_page import Truth
+from arena.wire.truth_rows import PER_VEHICLE
 
 ADDRESS = ("127.0.0.1", 4000)
 
@@ -26,6 +30,13 @@ def settings(**changes):
     }
 
 
+def row(truth: Truth) -> memoryview[float]:
+    """Return true states as a row of the truth page."""
+    values = np.zeros(1 + len(truth.p_n) * PER_VEHICLE)
+    truth.store(values)
+    return view(values)
+
+
 class NatNetRig:
     """The cameras and the NatNet server of one slice."""
 
@@ -34,7 +45,7 @@ class NatNetRig:
 
     def packet(self, number: int, truth: Truth, sent_s: float | None = None) -> bytes:
         """Return the packet of one frame, sent when it is due unless `sent_s` says otherwise."""
-        frame = self.cameras.measure(number, truth)
+        frame = self.cameras.measure(number, row(truth))
         return self.server.encode(frame, self.cameras.leaves_at(frame) if sent_s is None else sent_s)
 
     def reply(self, request: bytes) -> bytes:

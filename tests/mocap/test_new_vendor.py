@@ -23,6 +23,7 @@ from arena.schema.base import Strict
 from arena.schema.mocap import VENDOR_KEYS, Mocap, keys_of_other_vendors
 from arena.uav.arguments import read_arguments
 from arena.wire.truth_page import Truth
+from tests.mocap.rig import row
 
 ADDRESS = "127.51.7.1"
 P_N, RPY = np.array([1.25, -0.5, -1.75]), np.radians([10.0, -20.0, 35.0])
@@ -84,7 +85,7 @@ def test_toy_vendor_flies_from_the_emulator_to_the_forwarder():
     assert client.diagnosis() == f"motion capture: no frame from {ADDRESS}: is the toy switched on?"
     sent = []
     for number in range(1, 181):
-        cameras.enqueue(number, truth_at(cameras.exposure(number)))
+        cameras.enqueue(number, row(truth_at(cameras.exposure(number))))
         now = cameras.due(number)
         for frame in cameras.leaving(now):
             assert server.send(frame, now, wall=now) == 0
@@ -103,7 +104,7 @@ def test_toy_vendor_flies_from_the_emulator_to_the_forwarder():
 def test_toy_vendor_reports_a_missing_body():
     server_slice, client_slice = planned(free_port())
     client, server = open_client({**client_slice, "bodies": ["UAV1"]}), open_server(server_slice)
-    server.send(EmulatedCameras(server_slice).measure(1, truth_at(0.0)), 0.0, wall=0.0)
+    server.send(EmulatedCameras(server_slice).measure(1, row(truth_at(0.0))), 0.0, wall=0.0)
     assert select.select([client], [], [], 5.0)[0]
     client.poll(0.0)
     assert "has no body 'UAV1'; its bodies: 'uav1'. Did you mean 'uav1'?" in client.diagnosis()

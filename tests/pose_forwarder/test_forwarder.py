@@ -17,6 +17,7 @@ from arena.mocap.natnet.receiver import NatNetReceiver
 from arena.mocap.natnet.server import NatNetServer
 from arena.pose_forwarder.forwarder import Forwarder
 from arena.wire.truth_page import Truth
+from tests.mocap.rig import row
 
 SETTINGS = {
     "name": "forward.uav1",
@@ -271,6 +272,23 @@ def test_messages_of_other_vehicles_are_ignored():
     assert forwarder.counts["foreign message"] == 1
 
 
+def test_messages_that_the_forwarder_does_not_read_are_no_foreign_messages():
+    forwarder = Forwarder(SETTINGS)
+    forwarder.on_mavlink(from_autopilot(mavlink.MAVLink_estimator_status_message(0, *(0,) * 9)), 0.5)
+    assert forwarder.autopilot.since == 0.5, "the autopilot sends"
+    forwarder.on_mavlink(from_autopilot(mavlink.MAVLink_estimator_status_message(0, *(0,) * 9), 4), 0.6)
+    assert forwarder.counts["foreign message"] == 1
+    assert not forwarder.garbled
+
+
+def test_heartbeat_of_mavlink_1_is_read():
+    forwarder, sender = Forwarder(SETTINGS), mavlink.MAVLink(None, srcSystem=3, srcComponent=1)
+    message = mavlink.MAVLink_heartbeat_message(2, 12, 128, 6 << 16, 4, 3)
+    forwarder.on_mavlink(message.pack(sender, force_mavlink1=True), 0.5)
+    autopilot = forwarder.autopilot
+    assert (autopilot.armed, autopilot.mode, autopilot.last_heartbeat) == (True, "OFFBOARD", 0.5)
+
+
 @given(st.lists(st.binary(max_size=300), max_size=10))
 def test_any_bytes_on_the_link_are_accepted(chunks):
     forwarder = Forwarder(SETTINGS)
@@ -311,7 +329,7 @@ def test_truth_passes_unchanged_through_emulator_client_and_forwarder(version):
     receiver = NatNetReceiver(["aero2"])
     for _ in range(2):
         receiver.receive(server.reply(receiver.next_request(), ("127.0.0.1", 5), 0.0))
-    packet = server.encode(cameras.measure(180, truth), 1.01)
+    packet = server.encode(cameras.measure(180, row(truth)), 1.01)
     m = decode(Forwarder(SETTINGS).on_frame(receiver.receive(packet), 1.01))
     assert np.allclose((m.x, m.y, m.z), truth.p_n[1], atol=1e-6)
     assert np.allclose(m.q, truth.q_nb[1], atol=1e-6)

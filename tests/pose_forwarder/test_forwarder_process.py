@@ -24,6 +24,7 @@ from arena.mocap.natnet.server import NatNetServer
 from arena.pose_forwarder import __main__ as shell
 from arena.process_context import SOCKET_VARIABLE, ProcessContext, ShutdownPolicy
 from arena.wire.truth_page import Truth
+from tests.mocap.rig import row
 
 _hosts = itertools.count(1)
 DEADLINE_S = 40.0
@@ -175,7 +176,7 @@ class Arena:
             reply = self.natnet.reply(packet[0], packet[1], now)
             if reply:
                 self.server.sendto(reply, packet[1])
-        frame = self.cameras.measure(self.number, truth_at(self.number / 180))
+        frame = self.cameras.measure(self.number, row(truth_at(self.number / 180)))
         data = self.natnet.encode(frame, frame.exposed_s)
         for address in self.natnet.destinations(now):
             self.server.sendto(data, address)

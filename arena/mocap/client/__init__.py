@@ -1,6 +1,6 @@
 """Code that all motion-capture clients share, and `open_client`, which opens the client of a vendor.
 
-Only this package and its kernel `captured_pose` convert the axes of a capture system (world z-up, bodies FLU) to NED
+Only this package and its kernel `captured_poses` convert the axes of a capture system (world z-up, bodies FLU) to NED
 and FRD. The package contains nothing that is specific to one vendor.
 """
 

@@ -11,15 +11,18 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from arena.geometry import quat_from_euler
-from arena.kernels.arrays import array, view
+from arena.kernels.arrays import array
 from arena.kernels.pose_measurement import PoseMeasurement
 from arena.mocap.emulator.interface import MeasuredBody, MeasuredFrame
-from arena.wire.truth_page import Truth
+from arena.wire.truth_rows import PER_VEHICLE
+
+if TYPE_CHECKING:
+    from arena.kernels.arrays import Floats
 
 _STREAM = 180  # distinguishes these random streams from others with the same seed
 _BLOCK = 64  # frames drawn at once
@@ -38,17 +41,15 @@ class EmulatedCameras:
         self.delay_s = 0.0
         self._bodies = settings["bodies"]
         self._index = {str(b["name"]): i for i, b in enumerate(self._bodies)}
-        self._numbers = [int(b["number"]) for b in self._bodies]
         self._rows = np.array([b["index"] for b in self._bodies], int)
         self._swapped: list[frozenset[str]] = []
         self._waiting: deque[MeasuredFrame] = deque()
-        self._sigma_m = float(settings["noise"]["position_m"])
-        sigma_rad = math.radians(float(settings["noise"]["rotation_deg"]))
+        noise = settings["noise"]
+        sigma_m, sigma_rad = float(noise["position_m"]), math.radians(float(noise["rotation_deg"]))
         self._shown_rows = self._rows.copy()  # rows of the truth after swapped bodies
-        self._law = law = PoseMeasurement(self._shown_rows, _BLOCK, self._sigma_m, sigma_rad)
+        numbers = [int(b["number"]) for b in self._bodies]
+        self._law = law = PoseMeasurement(numbers, self._shown_rows, _BLOCK, sigma_m, sigma_rad, PER_VEHICLE)
         self._offset_n, self._rotation, self._noise = map(array, (law.offset_n, law.rotation, law.noise))
-        self._rotation[:, 0] = 1.0
-        self._position_w, self._quat_xyzw_wf = array(law.position_w), array(law.quat_xyzw_wf)
         seed = int(settings["seed"])
         self._streams = [np.random.default_rng([seed, _STREAM, int(b["number"])]) for b in self._bodies]
         self._frames_left = 0
@@ -79,14 +80,14 @@ class EmulatedCameras:
         """Return the simulation time at which a frame is sent: exposure + latency + injected delay [s]."""
         return frame.exposed_s + self.latency_s + self.delay_s
 
-    def enqueue(self, number: int, truth: Truth) -> None:
+    def enqueue(self, number: int, states: Floats) -> None:
         """Measure frame `number` and add it to the queue of frames to send.
 
-        truth: true poses at the exposure.
+        states: true states at the exposure, as a row of the truth page.
 
         Call it one latency after the exposure.
         """
-        self._waiting.append(self.measure(number, truth))
+        self._waiting.append(self.measure(number, states))
 
     def leaving(self, now: float) -> list[MeasuredFrame]:
         """Return the frames to send at time `now` [s], oldest first, and remove them from the queue."""
@@ -95,21 +96,16 @@ class EmulatedCameras:
             frames.append(self._waiting.popleft())
         return frames
 
-    def measure(self, number: int, truth: Truth) -> MeasuredFrame:
+    def measure(self, number: int, states: Floats) -> MeasuredFrame:
         """Return frame `number` as the cameras measure it, with noise and injected faults.
 
-        truth: true poses at the exposure.
+        states: true states at the exposure, as a row of the truth page.
         """
-        self._law.measure(view(truth.p_n), view(truth.q_nb), self._next_noise())
-        places, quats = self._position_w.tolist(), self._quat_xyzw_wf.tolist()
-        bodies = [
-            MeasuredBody(k, (x, y, z), (qx, qy, qz, qw), self._sigma_m, True)
-            for k, (x, y, z), (qx, qy, qz, qw) in zip(self._numbers, places, quats, strict=True)
-        ]
+        bodies = self._law.measure(states, self._next_noise())
         if self._occluded or self._frozen:
             bodies = [self._with_faults(name, body) for name, body in zip(self._index, bodies, strict=True)]
         self._last = bodies
-        return MeasuredFrame(number=number, exposed_s=self.exposure(number), bodies=tuple(bodies))
+        return MeasuredFrame(number, self.exposure(number), tuple(bodies))
 
     def _next_noise(self) -> int:
         """Return the index of the noise values for the next frame. Draw new random values if all are used."""

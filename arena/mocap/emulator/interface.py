@@ -5,22 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from typing import NamedTuple, Protocol, cast
 
+from arena.kernels.capture_types import MeasuredBody
 from arena.mocap.vendors import Settings, load_vendor
 
-
-class MeasuredBody(NamedTuple):
-    """Pose of a rigid body as the cameras measure it.
-
-    number: the body's number in the stream. position_w: [m] [z-up capture axes].
-    quat_xyzw_wf: rotation from the body's FLU axes to the capture axes [-].
-    mean_error_m: mean error of the markers [m]. tracked: False while the cameras do not see the body.
-    """
-
-    number: int
-    position_w: tuple[float, float, float]
-    quat_xyzw_wf: tuple[float, float, float, float]
-    mean_error_m: float
-    tracked: bool
+__all__ = ["MeasuredBody", "MeasuredFrame", "MocapServer", "open_server"]
 
 
 class MeasuredFrame(NamedTuple):

@@ -11,7 +11,7 @@ from arena.mocap.emulator.core import EmulatedCameras
 from arena.mocap.emulator.fault_injection import apply_fault
 from arena.mocap.emulator.interface import MeasuredFrame, open_server
 from arena.process_context import ProcessContext
-from arena.wire.truth_page import TruthReader
+from arena.wire.truth_rows import TruthRows
 
 _LATE_S = 0.008  # two steps of the world, whose clock advances in steps
 FrameListener = Callable[[MeasuredFrame, float], None]
@@ -28,7 +28,7 @@ class EmulatorShell:
     def __init__(self, process: ProcessContext, now: float, on_frame: FrameListener | None = None) -> None:
         s = process.settings
         self._process, self._cameras = process, EmulatedCameras(s)
-        self._truth, self._server = TruthReader(s["truth"]), open_server(s)
+        self._truth, self._server = TruthRows(s["truth"]), open_server(s)
         self.faults = FaultReceiver(s.get("faults"))
         self._on_frame = on_frame
         self._number = math.ceil((now + self._cameras.latency_s) * self._cameras.rate_hz)
@@ -83,11 +83,11 @@ class EmulatorShell:
         now: simulation time [s].
         """
         cameras, number = self._cameras, self._number
-        sample = self._truth.at(cameras.exposure(number))
-        if sample is None:
+        states = self._truth.at(cameras.exposure(number))
+        if states is None:
             self._skipped += 1
         else:
-            cameras.enqueue(number, sample)
+            cameras.enqueue(number, states)
         # One or two late frames are made up for at once; more are skipped, as real cameras would.
         due = math.ceil((now - cameras.latency_s) * cameras.rate_hz) - 2
         self._skipped += max(0, due - number - 1)

@@ -11,11 +11,16 @@ from __future__ import annotations
 import struct
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from math import isfinite
+from typing import TYPE_CHECKING, NamedTuple
 
 from arena.errors import WireError
 from arena.kernels import natnet_payload
+from arena.kernels.natnet_bodies import BodyEncoder
 from arena.kernels.natnet_payload import PayloadReader, payload_of
+
+if TYPE_CHECKING:
+    from arena.kernels.natnet_bodies import BodyFields
 
 CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3, 4, 5
 REQUEST_FRAME, FRAME, MESSAGE, DISCONNECT, KEEPALIVE, UNRECOGNIZED = 6, 7, 8, 9, 10, 100
@@ -25,7 +30,6 @@ MODELS_CHANGED = 2  # bit of a frame's parameters
 
 Version = tuple[int, int]
 _HEAD = struct.Struct("<HH")
-_BODY = struct.Struct("<i3f4ffh")
 _COUNT = struct.Struct("<i")
 _SIZED = struct.Struct("<ii")
 _STAMPS = struct.Struct(
@@ -222,25 +226,47 @@ def _skip_marker_descriptions(reader: PayloadReader, version: Version) -> int:
 # -- frames of data --------------------------------------------------------------------------------------------------------
 
 
+class FrameEncoder:
+    """Encoder of the FRAME packets of one NatNet version."""
+
+    def __init__(self, version: Version) -> None:
+        self._sized = version >= (4, 1)
+        empty = _SIZED.pack(0, 0) if self._sized else _COUNT.pack(0)
+        # marker sets, loose markers | rigid bodies | skeletons, (4.1: assets), labelled markers, force plates, devices
+        self._before, self._after = empty * 2, empty * (5 if self._sized else 4)
+        # 4.1: a precision time stamp of 8 bytes, which this server does not have
+        self._tail = struct.Struct(f"{_STAMPS.format}{'8x' if self._sized else ''}hi")
+        self._bodies = BodyEncoder(TRACKING_VALID)
+
+    def encode(
+        self,
+        number: int,
+        timestamp_s: float,
+        exposure_ticks: int,
+        transmit_ticks: int,
+        bodies: Sequence[BodyFields],
+        *,
+        models_changed: bool = False,
+    ) -> bytes:
+        """Encode a frame. The arguments are those of `Frame`."""
+        encoded = self._bodies.encode(bodies)
+        head = _SIZED.pack(len(bodies), len(encoded)) if self._sized else _COUNT.pack(len(bodies))
+        flags = MODELS_CHANGED if models_changed else 0
+        tail = self._tail.pack(0, 0, timestamp_s, exposure_ticks, transmit_ticks, transmit_ticks, flags, 0)
+        return packet(FRAME, _COUNT.pack(number) + self._before + head + encoded + self._after + tail)
+
+
 def encode_frame(frame: Frame, version: Version) -> bytes:
     """Encode a NatNet FRAME packet."""
-    empty = _SIZED.pack(0, 0) if version >= (4, 1) else _COUNT.pack(0)
-    bodies = b"".join(
-        [
-            _BODY.pack(number, *position, *quat_xyzw, error_m, TRACKING_VALID if tracked else 0)
-            for number, position, quat_xyzw, error_m, tracked in frame.bodies
-        ]
-    )
-    count = _COUNT.pack(len(frame.bodies))
-    head = count + _COUNT.pack(len(bodies)) if version >= (4, 1) else count
-    # marker sets, loose markers | rigid bodies | skeletons, (4.1: assets), labelled markers, force plates, devices
-    after = empty * (5 if version >= (4, 1) else 4)
     sent = frame.exposure_ticks if frame.transmit_ticks is None else frame.transmit_ticks
-    tail = _STAMPS.pack(0, 0, frame.timestamp_s, frame.exposure_ticks, sent, sent)
-    if version >= (4, 1):
-        tail += bytes(8)  # a precision time stamp: this server has none
-    tail += struct.pack("<hi", MODELS_CHANGED if frame.models_changed else 0, 0)
-    return packet(FRAME, _COUNT.pack(frame.number) + empty * 2 + head + bodies + after + tail)
+    return FrameEncoder(version).encode(
+        frame.number,
+        frame.timestamp_s,
+        frame.exposure_ticks,
+        sent,
+        frame.bodies,
+        models_changed=frame.models_changed,
+    )
 
 
 def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = None) -> Frame:

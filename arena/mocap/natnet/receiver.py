@@ -12,7 +12,7 @@ from math import isfinite, nan
 from typing import TYPE_CHECKING
 
 from arena.errors import WireError
-from arena.kernels.captured_pose import ned_poses
+from arena.kernels.captured_poses import natnet_poses
 from arena.kernels.natnet_payload import PayloadReader, message_of, payload_of
 from arena.mocap.client.frame_order import FrameOrder
 from arena.mocap.client.pose import CapturedFrame, Echo, Pose
@@ -219,7 +219,7 @@ class NatNetReceiver:
     def _captured_frame(self, frame: RawFrame, arrived_s: float | None) -> CapturedFrame:
         number, time_s, exposure_ticks, transmit_ticks, _, bodies = frame
         shared = self._shared_ids(bodies) if len(bodies) > 1 else _NO_NAMES
-        poses, untracked, invalid = ned_poses(bodies, self._names, shared, Pose)
+        poses, untracked, invalid = natnet_poses(bodies, self._names, shared)
         if invalid:
             self.counts["no pose"] += invalid
         sent_s = echo = None

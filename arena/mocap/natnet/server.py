@@ -35,6 +35,7 @@ class NatNetServer:
 
     def __init__(self, settings: Settings) -> None:
         self.version = _VERSIONS[settings["version"]]
+        self._encoder = codec.FrameEncoder(self.version)
         self.counts: Counter[str] = Counter()
         self._bodies = [(int(b["number"]), str(b["name"])) for b in settings["bodies"]]
         self._unicast = settings["transport"] == "unicast"
@@ -46,15 +47,10 @@ class NatNetServer:
     def encode(self, frame: MeasuredFrame, sent_s: float) -> bytes:
         self.counts["frames"] += 1
         self._now_s = sent_s
-        bodies = tuple([codec.Body(*body) for body in frame.bodies])  # both list the same values
-        packet = codec.Frame(
-            number=frame.number,
-            timestamp_s=frame.exposed_s,
-            exposure_ticks=round(frame.exposed_s * CLOCK_HZ),
-            transmit_ticks=round(sent_s * CLOCK_HZ),
-            bodies=bodies,
+        exposed = round(frame.exposed_s * CLOCK_HZ)
+        return self._encoder.encode(
+            frame.number, frame.exposed_s, exposed, round(sent_s * CLOCK_HZ), frame.bodies
         )
-        return codec.encode_frame(packet, self.version)
 
     def destinations(self, wall: float) -> list[Address]:
         return self._clients.destinations(wall) if self._unicast else [self._group]

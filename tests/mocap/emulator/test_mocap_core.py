@@ -8,7 +8,7 @@ from arena.mocap.emulator.core import EmulatedCameras
 from arena.mocap.natnet import codec as natnet
 from arena.wire.truth_page import Truth
 
-from ..rig import NatNetRig, settings
+from ..rig import NatNetRig, row, settings
 
 
 def still(bodies: int = 1) -> Truth:
@@ -48,8 +48,8 @@ def test_another_body_does_not_change_the_noise_of_a_body():
     alone = EmulatedCameras(settings(bodies=[own]))
     among = EmulatedCameras(settings(bodies=[first, own, {"name": "uav2", "number": 9, "index": 2}]))
     for n in range(200):
-        (measured,) = alone.measure(n, still(3)).bodies
-        others = among.measure(n, still(3)).bodies
+        (measured,) = alone.measure(n, row(still(3))).bodies
+        others = among.measure(n, row(still(3))).bodies
         assert others[1] == measured
         assert len({body.position_w for body in others}) == 3
 

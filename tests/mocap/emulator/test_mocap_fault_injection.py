@@ -13,7 +13,7 @@ from arena.mocap.natnet.receiver import NatNetReceiver
 from arena.pose_forwarder.forwarder import Forwarder
 from arena.wire.truth_page import Truth
 
-from ..rig import NatNetRig, settings
+from ..rig import NatNetRig, row, settings
 
 NAMES = ["uav1", "aero2", "uav3"]
 P_N = np.array([[1.25, -0.5, -1.75], [-2.0, 3.0, -0.5], [0.5, 0.25, -2.25]])
@@ -129,7 +129,7 @@ def run(rig: NatNetRig, until: float, number: int = 1, faults=()) -> list[tuple[
         while waiting and waiting[0][0] <= now:
             apply_fault(cameras, waiting.pop(0)[1])
         if cameras.exposure(number) + cameras.latency_s <= due:
-            cameras.enqueue(number, truth(cameras.exposure(number)))
+            cameras.enqueue(number, row(truth(cameras.exposure(number))))
             number += 1
         packets = [rig.server.encode(frame, now) for frame in cameras.leaving(now)]
         left += [(now, natnet.decode_frame(packet, (4, 1))) for packet in packets]

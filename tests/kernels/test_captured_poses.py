@@ -11,10 +11,10 @@ import pytest
 from arena.mocap.client.pose import Pose
 from tests.kernels.kernel_versions import compiled_modules, interpreted_modules, needs_compiled
 
-INTERPRETED = interpreted_modules("captured_pose")["captured_pose"]
+INTERPRETED = interpreted_modules("captured_poses")["captured_poses"]
 VERSIONS = [
     pytest.param(INTERPRETED, id="interpreted"),
-    pytest.param(compiled_modules("captured_pose")["captured_pose"], id="compiled", marks=needs_compiled),
+    pytest.param(compiled_modules("captured_poses")["captured_poses"], id="compiled", marks=needs_compiled),
 ]
 
 
@@ -28,17 +28,17 @@ def raw_body(rng: random.Random, number: int) -> tuple:
 
 @needs_compiled
 def test_compiled_and_interpreted_kernel_convert_to_the_same_poses():
-    compiled, rng, poses = compiled_modules("captured_pose")["captured_pose"], random.Random(7), 0
+    compiled, rng, poses = compiled_modules("captured_poses")["captured_poses"], random.Random(7), 0
     names = {i: f"uav{i}" for i in range(20)}
     for _ in range(500):
         bodies = [raw_body(rng, i) for i in rng.sample(range(20), rng.randrange(6))]
         left_out = {"uav3": 3, "uav4": 4}
-        expected = INTERPRETED.ned_poses(bodies, names, left_out, Pose)
-        found = compiled.ned_poses(bodies, names, left_out, Pose)
+        expected = INTERPRETED.natnet_poses(bodies, names, left_out)
+        found = compiled.natnet_poses(bodies, names, left_out)
         assert repr(found) == repr(expected) and all(type(pose) is Pose for pose in found[0])
         poses += len(expected[0])
         for body in bodies:
-            assert repr(compiled.ned_pose(*body[1:8])) == repr(INTERPRETED.ned_pose(*body[1:8]))
+            assert repr(compiled.ned_pose("uav", *body[1:8])) == repr(INTERPRETED.ned_pose("uav", *body[1:8]))
     assert poses > 300
 
 
@@ -52,6 +52,6 @@ def test_body_without_a_pose_is_named_and_an_invalid_pose_is_counted(module: Mod
         (4, 1.0, 2.0, 3.0, *level, 0.1, 1),  # left out
     ]
     names = {i: f"uav{i}" for i in range(1, 5)}
-    poses, untracked, invalid = module.ned_poses(bodies, names, {"uav4"}, Pose)
+    poses, untracked, invalid = module.natnet_poses(bodies, names, {"uav4"})
     assert [(pose.body, pose.p_n) for pose in poses] == [("uav1", (2.0, 1.0, -3.0))]
     assert (untracked, invalid) == (["uav2", "uav3"], 1)
