@@ -15,7 +15,7 @@ from arena.errors import WireError
 from arena.kernels.captured_poses import natnet_poses
 from arena.kernels.natnet_payload import PayloadReader, message_of, payload_of
 from arena.mocap.client.frame_order import FrameOrder
-from arena.mocap.client.pose import CapturedFrame, Echo, Pose
+from arena.mocap.client.pose import CapturedFrame, Echo
 from arena.mocap.natnet import codec, echo
 
 if TYPE_CHECKING:
