@@ -53,7 +53,9 @@ class FrameMessages:
                     self._f64[place] = _NAN
             begin = places[k] + _POSE_BYTES
 
-    def pack(self, number: int, exposed_s: float, sent_s: float, simulated: bool, poses: Sequence[Any]) -> bytes:
+    def pack(
+        self, number: int, exposed_s: float, sent_s: float, simulated: bool, poses: Sequence[Any]
+    ) -> bytes:
         """Return the message of a frame.
 
         number, exposed_s, sent_s, simulated: fields of the schema `CAPTURED_FRAME`.

@@ -31,7 +31,6 @@ cdef class GapMeter:
     cdef readonly double newest_s
     cdef readonly long count
     cdef double _gap_s
-    @cython.locals(gap_s=double)
     cpdef void add(self, double time_s) except *
     cpdef tuple take(self, double period_s)
 

@@ -144,9 +144,9 @@ class GapMeter:
 
     def add(self, time_s: float) -> None:
         """Count one arrival, such as that of a captured pose, at a time [s]."""
-        gap_s = time_s - self.newest_s
-        if gap_s > self._gap_s:  # false before the first arrival
-            self._gap_s = gap_s
+        self._gap_s = max(
+            self._gap_s, time_s - self.newest_s
+        )  # NaN, before the first arrival, changes nothing
         self.newest_s = time_s
         self.count += 1
 

@@ -14,12 +14,13 @@ from arena.kernels.viewer_meters import PathPieces, Throttle, TrafficMeter, nano
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+    from typing import Any
 
     from arena.kernels.arrays import Floats, Integers
-    from arena.kernels.mavlink_framing import Fields, FrameParser
+    from arena.kernels.mavlink_framing import FrameParser
 
     Log = Callable[..., None]
-    OnRare = Callable[[bytes, Fields, float], None]
+    OnRare = Callable[[bytes, Any, float], None]
     Position = tuple[float, float, float]
     Quaternion = tuple[float, float, float, float]
 

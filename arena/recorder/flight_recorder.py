@@ -76,7 +76,9 @@ class FlightRecorder:
         self._process = process
         self._vehicles = [_recorded(v) for v in settings["vehicles"]]
         self._watches = {v.name: VehicleWatch(v.id) for v in self._vehicles}
-        self._pose_counters = {v.body: self._watches[v.name].poses for v in self._vehicles if v.body is not None}
+        self._pose_counters = {
+            v.body: self._watches[v.name].poses for v in self._vehicles if v.body is not None
+        }
         self._context = Context()
         folder = Path(settings["folder"])
         self._file = McapFile(folder / FILE_NAME, METADATA, _metadata(settings, now_s), self._context)

@@ -6,6 +6,8 @@ y left, z up: `<vehicle>` (estimate), `<vehicle>/truth` and `<vehicle>/mocap`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from foxglove.messages import Duration, Point3, Quaternion, Timestamp, Vector3
 
 from arena.kernels.viewer_messages import arena_attitude, arena_position
@@ -14,7 +16,6 @@ from arena.kernels.viewer_meters import nanoseconds
 ROOT = "arena"
 
 Triple = tuple[float, float, float]
-Quad = tuple[float, float, float, float]
 
 
 def timestamp(time_s: float) -> Timestamp:
@@ -27,28 +28,31 @@ def duration(time_s: float) -> Duration:
     return Duration(*divmod(round(time_s * 1e9), 1_000_000_000))
 
 
-def point(p_n: Triple) -> Point3:
+def point(p_n: Sequence[float]) -> Point3:
     """Convert a position from NED to a Foxglove point in the frame `arena`.
 
     p_n: [m] [NED] (3,).
     """
-    x, y, z = arena_position(p_n)
+    north, east, down = p_n
+    x, y, z = arena_position((north, east, down))
     return Point3(x=x, y=y, z=z)
 
 
-def vector(p_n: Triple) -> Vector3:
+def vector(p_n: Sequence[float]) -> Vector3:
     """Convert a position from NED to a Foxglove vector in the frame `arena`.
 
     p_n: [m] [NED] (3,).
     """
-    x, y, z = arena_position(p_n)
+    north, east, down = p_n
+    x, y, z = arena_position((north, east, down))
     return Vector3(x=x, y=y, z=z)
 
 
-def quaternion(q_nb: Quad) -> Quaternion:
+def quaternion(q_nb: Sequence[float]) -> Quaternion:
     """Convert an attitude quaternion to a Foxglove quaternion in the frame `arena`.
 
     q_nb: [-] wxyz (4,).
     """
-    w, x, y, z = arena_attitude(q_nb)
+    a, b, c, d = q_nb
+    w, x, y, z = arena_attitude((a, b, c, d))
     return Quaternion(x=x, y=y, z=z, w=w)

@@ -228,7 +228,7 @@ def _lines(points: list[Point3], colour: Colour, thickness_px: float) -> LinePri
 
 
 def _obstacle(obstacle: Obstacle, time_s: float) -> SceneEntity:
-    pose = Pose(position=vector(obstacle.centre_n), orientation=quaternion(obstacle.q_nb))
+    pose = Pose(position=vector(obstacle.centre_n), orientation=quaternion([float(x) for x in obstacle.q_nb]))
     size = Vector3(**dict(zip("xyz", obstacle.size_m, strict=True)))
     red, green, blue = obstacle.rgb
     color = _color((red / 255.0, green / 255.0, blue / 255.0, 1.0))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ from arena.kernels.viewer_meters import GapMeter
 from arena.kernels.viewer_telemetry import FREQUENT, KINDS, PayloadReader, PoseOutput, ViewerTelemetry
 from arena.recorder.viewer_log import TextAssembler, log_of_text
 from arena.recorder.viewer_output import Output
-from arena.recorder.viewer_poses import ROOT, Quad, Triple
+from arena.recorder.viewer_poses import ROOT
 from arena.recorder.viewer_scene import VehicleShape, path_piece, planned_path, vehicle_model
 from arena.wire.mavlink_frame import AUTOPILOT, PARSER, Frame, parse_frames
 from arena.wire.mavlink_ids import PROGRAM_COMPONENT
@@ -73,6 +73,8 @@ class VehicleChannels:
     shape: its dimensions; None without a model.
     transforms: channel for frames of all vehicles.  send_log: function that sends a log line at a time [s].
     poses: counter of the captured poses.
+    on_datagram_down: publishes the content of a datagram from the vehicle: data, time of reception [s].
+    on_pose, on_truth: publish a captured or a true pose: position [m] [NED] (3,), attitude [-] wxyz (4,), log time [ns].
     """
 
     def __init__(
@@ -89,16 +91,14 @@ class VehicleChannels:
         self._send_log = send_log
         self._texts = TextAssembler()
         self._handlers = _handlers(self)
-        self._poses = {
+        self._poses: dict[str, PoseOutput] = {
             Content.ESTIMATED_POSE: self._pose_output(Content.ESTIMATED_POSE, name, transforms),
             Content.CAPTURED_POSE: self._pose_output(Content.CAPTURED_POSE, f"{name}/mocap", transforms),
             Content.TRUE_POSE: self._pose_output(Content.TRUE_POSE, f"{name}/truth", transforms),
             Content.SETPOINT_POSE: self._pose_output(Content.SETPOINT_POSE, "", None),
         }
-        self.on_pose, self.on_truth = (
-            self._poses[Content.CAPTURED_POSE].send,
-            self._poses[Content.TRUE_POSE].send,
-        )
+        self.on_pose = self._poses[Content.CAPTURED_POSE].send
+        self.on_truth = self._poses[Content.TRUE_POSE].send
         self._telemetry = ViewerTelemetry(
             (system_id, AUTOPILOT),
             PARSER,

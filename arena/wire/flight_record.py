@@ -225,7 +225,7 @@ def unpack_frame(time_s: float, data: bytes) -> RecordedFrame:
     time_s: time at which the frame was received, by the run's clock [s].
     """
     number, simulated, exposed_s, sent_s, count = _FRAME_HEAD.unpack_from(data, _CDR_HEAD_BYTES)
-    bodies = tuple(_bodies(data[_CDR_HEAD_BYTES :], _FRAME_HEAD.size, count))
+    bodies = tuple(_bodies(data[_CDR_HEAD_BYTES:], _FRAME_HEAD.size, count))
     return RecordedFrame(time_s, number, exposed_s, sent_s, simulated, bodies)
 
 
