@@ -17,5 +17,8 @@ cdef class FrameParser:
 @cython.locals(end=Py_ssize_t)
 cpdef bint plausible(bytes data, tuple frame, bint clean, Py_ssize_t size) except -1
 
+@cython.locals(at=Py_ssize_t, size=Py_ssize_t)
+cpdef bint may_contain(bytes data, unsigned char first, unsigned char second) except -1
+
 @cython.locals(size=Py_ssize_t, head=bytes, body=bytes)
 cpdef bytes pack(bytes payload, long msgid, bytes seed, long seq, long sysid, long compid)

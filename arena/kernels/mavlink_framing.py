@@ -131,6 +131,23 @@ def plausible(data: bytes, frame: Fields, clean: bool, size: int) -> bool:
     return clean and frame[4] != 0 and (end == size or data[end] == _V1 or data[end] == _V2)
 
 
+def may_contain(data: bytes, first: int, second: int) -> bool:
+    """Return whether a datagram may contain one of two messages.
+
+    Reads the frame headers only. A datagram with MAVLink 1 or garbage may contain them.
+
+    first, second: message ids below 256
+    """
+    at, size = 0, len(data)
+    while at + _V2_HEAD + _CRC <= size:
+        if data[at] != _V2:
+            return True
+        if (data[at + 7] == first or data[at + 7] == second) and not (data[at + 8] or data[at + 9]):
+            return True
+        at += data[at + 1] + _V2_HEAD + _CRC + (_SIGNATURE if data[at + 2] & _SIGNED else 0)
+    return False
+
+
 def pack(payload: bytes, msgid: int, seed: bytes, seq: int, sysid: int, compid: int) -> bytes:
     """Pack a payload into a MAVLink 2 frame, without the zeros at the end of the payload.
 

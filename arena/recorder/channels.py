@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Protocol
 
+from arena.kernels.viewer_meters import nanoseconds
 from arena.mocap.client import CapturedFrame
 from arena.wire.flight_record import (
     CAPTURED_FRAME,
@@ -28,13 +28,10 @@ from arena.wire.flight_record import (
     truth_topic,
     up_topic,
 )
-from arena.wire.truth_rows import TrueStates
+from arena.wire.truth_rows import TrueStates, as_lists
 
 if TYPE_CHECKING:
     from foxglove import Context
-
-
-_NAME = itemgetter(0)
 
 
 class RecordChannels(Protocol):
@@ -100,10 +97,11 @@ class RawChannels:
     def __init__(self, vehicles: Sequence[Recorded], context: Context) -> None:
         self._context = context  # foxglove closes the channels of a context that Python deletes
         names = [v.name for v in vehicles]
-        self._down = {name: _channel(context, down_topic(name), MAVLINK_ENCODING, DATAGRAM) for name in names}
-        self._up = {name: _channel(context, up_topic(name), MAVLINK_ENCODING, DATAGRAM) for name in names}
+        down = {name: _channel(context, down_topic(name), MAVLINK_ENCODING, DATAGRAM).log for name in names}
+        up = {name: _channel(context, up_topic(name), MAVLINK_ENCODING, DATAGRAM).log for name in names}
+        self._datagrams = down, up
         self._truth = [
-            (v.index, _channel(context, truth_topic(v.name), CDR_ENCODING, TRUE_STATE))
+            (v.index, _channel(context, truth_topic(v.name), CDR_ENCODING, TRUE_STATE).log)
             for v in vehicles
             if v.index is not None
         ]
@@ -111,40 +109,22 @@ class RawChannels:
         self._events = _channel(context, EVENTS_TOPIC, JSON_ENCODING, EVENT)
 
     def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
-        (self._up if up else self._down)[vehicle].log(data, log_time=nanoseconds(time_s))
+        self._datagrams[up][vehicle](data, nanoseconds(time_s))
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
         sent_s = float("nan") if frame.sent_s is None else frame.sent_s
-        data = pack_frame(frame.number, frame.time_s, sent_s, simulated, _bodies(frame))
+        data = pack_frame(frame.number, frame.time_s, sent_s, simulated, frame.poses, frame.untracked)
         self._frames.log(data, log_time=nanoseconds(time_s))
 
     def on_truth(self, truth: TrueStates, time_s: float) -> None:
         log_time = nanoseconds(time_s)
-        for index, channel in self._truth:
-            data = pack_true_state(
-                truth.p_n[index].tolist(),
-                truth.v_n[index].tolist(),
-                truth.q_nb[index].tolist(),
-                truth.omega_b[index].tolist(),
-            )
-            channel.log(data, log_time=log_time)
+        p_n, v_n = as_lists(truth.p_n), as_lists(truth.v_n)
+        q_nb, omega_b = as_lists(truth.q_nb), as_lists(truth.omega_b)
+        for index, log in self._truth:
+            log(pack_true_state(p_n[index], v_n[index], q_nb[index], omega_b[index]), log_time)
 
     def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
         self._events.log(line, log_time=nanoseconds(time_s))
-
-
-def nanoseconds(time_s: float) -> int:
-    """Convert a time [s] to a log time [ns], the unsigned integer of the MCAP format."""
-    return max(0, round(1e9 * time_s))
-
-
-def _bodies(frame: CapturedFrame) -> list[tuple[str, tuple[float, ...] | None]]:
-    found: list[tuple[str, tuple[float, ...] | None]] = [
-        (body, (*p_n, *q_nb)) for body, p_n, q_nb in frame.poses
-    ]
-    found += [(name, None) for name in frame.untracked]
-    found.sort(key=_NAME)
-    return found
 
 
 def _channel(context: Context, topic: str, encoding: str, schema: MessageSchema) -> _Channel:

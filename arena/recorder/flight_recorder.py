@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from arena.kernels.viewer_meters import count_poses
 from arena.mocap.client import CapturedFrame
 from arena.process_context import ProcessContext
 from arena.recorder.channel_sets import make_channels
@@ -75,7 +76,9 @@ class FlightRecorder:
         self._process = process
         self._vehicles = [_recorded(v) for v in settings["vehicles"]]
         self._watches = {v.name: VehicleWatch(v.id) for v in self._vehicles}
-        self._watch_of_body = {v.body: self._watches[v.name] for v in self._vehicles}
+        self._pose_counters = {
+            v.body: self._watches[v.name].poses for v in self._vehicles if v.body is not None
+        }
         self._context = Context()
         folder = Path(settings["folder"])
         self._file = McapFile(folder / FILE_NAME, METADATA, _metadata(settings, now_s), self._context)
@@ -128,9 +131,7 @@ class FlightRecorder:
         simulated: the motion-capture emulator sent it.
         time_s: as in `on_datagram`.
         """
-        for pose in frame.poses:
-            if (watch := self._watch_of_body.get(pose.body)) is not None:
-                watch.poses += 1
+        count_poses(frame.poses, self._pose_counters, time_s)
         for channels in self._channels:
             try:
                 channels.on_frame(frame, simulated, time_s)

@@ -6,6 +6,7 @@ to the rates in `viewer_topics`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,14 +14,14 @@ from typing import Any
 from foxglove import Context
 from foxglove.messages import Log
 
+from arena.kernels.viewer_meters import GapMeter, Period, Throttle, count_poses, nanoseconds
 from arena.mocap.client import CapturedFrame
 from arena.obstacles import Obstacle
 from arena.recorder.viewer_log import fault_of_event, log_of_event
-from arena.recorder.viewer_meters import GapMeter
-from arena.recorder.viewer_output import Output, Throttle
+from arena.recorder.viewer_output import Output
 from arena.recorder.viewer_scene import Box, VehicleShape, room_scene
 from arena.recorder.viewer_vehicle import VehicleChannels
-from arena.wire.truth_rows import TrueStates
+from arena.wire.truth_rows import TrueStates, as_lists
 from arena.wire.viewer_messages import pack_fault
 from arena.wire.viewer_topics import ARENA_TOPICS, SCENE_PERIOD_S, SLOW_HZ, VIEW_HZ, Content
 
@@ -72,39 +73,48 @@ class FoxgloveChannels:
             )
             for v in vehicles
         }
+        down = {name: v.on_datagram_down for name, v in self._vehicles.items()}
+        up = {name: v.on_datagram_up for name, v in self._vehicles.items()}
+        self._on_datagram = down, up
+        self._meters = {v.body: self._vehicles[v.name].poses for v in vehicles if v.body is not None}
         self._by_body = {v.body: self._vehicles[v.name] for v in vehicles if v.body is not None}
         self._by_index = [(v.index, self._vehicles[v.name]) for v in vehicles if v.index is not None]
         self._poses_due, self._truth_due = Throttle(1.0 / VIEW_HZ).due, Throttle(1.0 / VIEW_HZ).due
         self._frames = GapMeter()
         self._frame_number: int | None = None
         self._lost_frames = 0
-        self._began_s: float | None = None
+        self._period = Period(_PERIOD_S)
         self._next_scene_s = 0.0
 
     def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
-        self._pass_time(time_s)
-        self._vehicles[vehicle].on_datagram(up, data, time_s)
+        if self._period.ended(time_s):
+            self._send_periodic(time_s)
+        self._on_datagram[up][vehicle](data, time_s)
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
-        self._pass_time(time_s)
+        if self._period.ended(time_s):
+            self._send_periodic(time_s)
         self._frames.add(time_s)
         if self._frame_number is not None:
             missing = frame.number - self._frame_number - 1
             self._lost_frames += missing if 0 < missing < _MAX_MISSING_FRAMES else 0
         self._frame_number = frame.number
-        due = self._poses_due(time_s)
-        for body, p_n, q_nb in frame.poses:
-            if (vehicle := self._by_body.get(body)) is not None:
-                vehicle.poses.add(time_s)
-                if due:
-                    vehicle.on_pose(p_n, q_nb, time_s)
+        count_poses(frame.poses, self._meters, time_s)
+        if self._poses_due(time_s):
+            log_time = nanoseconds(time_s)
+            for body, p_n, q_nb in frame.poses:
+                if (vehicle := self._by_body.get(body)) is not None:
+                    vehicle.on_pose(p_n, q_nb, log_time)
 
     def on_truth(self, truth: TrueStates, time_s: float) -> None:
-        self._pass_time(time_s)
+        if self._period.ended(time_s):
+            self._send_periodic(time_s)
         if not self._truth_due(time_s):
             return
+        log_time = nanoseconds(time_s)
+        p_n, q_nb = as_lists(truth.p_n), as_lists(truth.q_nb)
         for index, vehicle in self._by_index:
-            vehicle.on_truth(truth.p_n[index].tolist(), truth.q_nb[index].tolist(), time_s)
+            vehicle.on_truth(p_n[index], q_nb[index], log_time)
 
     def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
         if (log := log_of_event(fields, time_s)) is not None:
@@ -115,29 +125,21 @@ class FoxgloveChannels:
     def _send_log(self, log: Log, time_s: float) -> None:
         self._out[Content.LOG].send(log, time_s)
 
-    def _pass_time(self, time_s: float) -> None:
-        """Publish the periodic messages, such as rates and the 3D scene, if they are due.
+    def _send_periodic(self, time_s: float) -> None:
+        """Publish the periodic messages, such as rates and the 3D scene, at the begin of a period.
 
         time_s: log time [s].
         """
-        if self._began_s is None:
-            self._began_s = time_s
-            self._send_scene(time_s)
-            return
-        elapsed_s = time_s - self._began_s
-        if elapsed_s < 0.0:  # the clock was set back
-            self._began_s = time_s
-        if elapsed_s < _PERIOD_S:
-            return
-        self._began_s = time_s
-        self._send_rates(time_s, elapsed_s)
-        if not -SCENE_PERIOD_S < time_s - self._next_scene_s < 0.0:
+        elapsed_s = self._period.elapsed_s
+        if elapsed_s:
+            self._send_rates(time_s, elapsed_s)
+        if not elapsed_s or not -SCENE_PERIOD_S < time_s - self._next_scene_s < 0.0:
             self._send_scene(time_s)
 
     def _send_rates(self, time_s: float, period_s: float) -> None:
         for vehicle in self._vehicles.values():
             vehicle.send_rates(time_s, period_s)
-        if self._frames.newest_s is not None:
+        if not math.isnan(self._frames.newest_s):
             age = time_s - self._frames.newest_s
             rate, gap = self._frames.take(period_s)
             lost, self._lost_frames = self._lost_frames / period_s, 0

@@ -6,11 +6,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.kernels.mavlink_framing import may_contain
+from arena.kernels.viewer_meters import GapMeter
 from arena.wire.mavlink_frame import AUTOPILOT, parse_frames
 from arena.wire.mavlink_layout import decoder
 
 AIRBORNE_HEIGHT_M = 0.05
-_MAGIC, _SIGNED, _HEAD_AND_CRC, _SIGNATURE = 0xFD, 0x01, 12, 13
 _HEARTBEAT, _LANDED = mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
 _STATUS = (_HEARTBEAT, _LANDED)
 _decode_heartbeat, _decode_landed = decoder(_HEARTBEAT), decoder(_LANDED)
@@ -21,12 +22,13 @@ class VehicleWatch:
 
     system_id: MAVLink system id of the vehicle.
     armed: armed flag of the last heartbeat; false before the first one.
-    down, up, poses: number of datagrams from the vehicle, of datagrams to it, and of captured poses.
+    down, up: number of datagrams from the vehicle and of datagrams to it.  poses: counter of its captured poses.
     airborne_unix_s: Unix time of the first take-off [s]; None before.
     """
 
     def __init__(self, system_id: int) -> None:
-        self.down = self.up = self.poses = 0
+        self.down = self.up = 0
+        self.poses = GapMeter()
         self.airborne_unix_s: float | None = None
         self.armed = False
         self._on_ground: bool | None = None
@@ -47,7 +49,7 @@ class VehicleWatch:
         self.down += 1
         if self._first_s is None:
             self._first_s = time_s
-        if not has_status(data) or not self._take_status(data):
+        if not may_contain(data, _HEARTBEAT, _LANDED) or not self._take_status(data):
             return False
         return self.airborne_unix_s is None and self.armed and self._on_ground is False
 
@@ -81,25 +83,10 @@ class VehicleWatch:
         now_s: run's clock [s].
         """
         since = now_s - (now_s if self._first_s is None else self._first_s)
-        counts = {"datagrams_hz": self.down, "commands_hz": self.up, "mocap_hz": self.poses}
+        counts = {"datagrams_hz": self.down, "commands_hz": self.up, "mocap_hz": self.poses.count}
         found: dict[str, Any] = {
             key: round(count / since, 2) if since > 1.0 else 0.0 for key, count in counts.items()
         }
         if self.airborne_unix_s is not None:
             found["airborne_unix_s"] = round(self.airborne_unix_s, 3)
         return found
-
-
-def has_status(data: bytes) -> bool:
-    """Return whether a datagram may contain HEARTBEAT or EXTENDED_SYS_STATE.
-
-    Reads the frame headers only.
-    """
-    at, end = 0, len(data)
-    while at + _HEAD_AND_CRC <= end:
-        if data[at] != _MAGIC:  # MAVLink 1
-            return True
-        if data[at + 7] in _STATUS and not (data[at + 8] or data[at + 9]):
-            return True
-        at += data[at + 1] + _HEAD_AND_CRC + (_SIGNATURE if data[at + 2] & _SIGNED else 0)
-    return False

@@ -1,6 +1,6 @@
 """Output channels of one vehicle for Foxglove and PlotJuggler.
 
-They convert MAVLink datagrams, captured poses and true states to messages.
+They convert MAVLink datagrams, captured poses and true states to messages. The kernel `viewer_telemetry` converts the frequent messages.
 
 Messages of a topic with a limited rate are decoded only when they are published. No sockets, no clocks.
 """
@@ -8,45 +8,58 @@ Messages of a topic with a limited rate are decoded only when they are published
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+import struct
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from foxglove import Context
 from foxglove.messages import Log
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.constants import MAX_ROTORS
-from arena.kernels.rotations import euler
+from arena.kernels.viewer_meters import GapMeter
+from arena.kernels.viewer_telemetry import FREQUENT, KINDS, PayloadReader, PoseOutput, ViewerTelemetry
 from arena.recorder.viewer_log import TextAssembler, log_of_text
-from arena.recorder.viewer_meters import GapMeter, PathPieces, TrafficMeter, sequence_of
 from arena.recorder.viewer_output import Output
-from arena.recorder.viewer_poses import nanoseconds, pose_and_transform, pose_in_arena
+from arena.recorder.viewer_poses import ROOT
 from arena.recorder.viewer_scene import VehicleShape, path_piece, planned_path, vehicle_model
-from arena.wire.mavlink_frame import AUTOPILOT, Frame, parse_frames
+from arena.wire.mavlink_frame import AUTOPILOT, PARSER, Frame, parse_frames
 from arena.wire.mavlink_ids import PROGRAM_COMPONENT
-from arena.wire.mavlink_layout import decoder, layout
+from arena.wire.mavlink_layout import decoder, layout, payload_bytes
 from arena.wire.mavlink_pressure import pressure_pa
 from arena.wire.planned_path import PathAssembler, may_contain_path
 from arena.wire.px4_mode import mode_words
 from arena.wire.viewer_messages import pack_state
 from arena.wire.viewer_topics import VEHICLE_TOPICS, Content
 
+if TYPE_CHECKING:
+    from arena.kernels.mavlink_framing import Fields
+
 _MAGIC, _SHORTEST = 0xFD, 12  # bytes of a frame without payload
 _REFERENCE = mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
 _NAN = math.nan
-_HPA_PER_PA = 0.01
-_LEVEL = (1.0, 0.0, 0.0, 0.0)
 _HEALTH = {
     number: entry.name.removeprefix("MAV_STATE_")
     for number, entry in mavlink.enums["MAV_STATE"].items()
     if not entry.name.endswith("ENUM_END")
 }
-_UNKNOWN_VOLTAGE, _PWM_MIN, _PWM_SPAN = 65535, 1000.0, 1000.0
-_FIRST_SERVO = list(layout(mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)).index("servo1_raw")
-_END_SERVO = _FIRST_SERVO + MAX_ROTORS
+_UNKNOWN_VOLTAGE = 65535
+_VELOCITY, _RATES = ("vx", "vy", "vz"), ("rollspeed", "pitchspeed", "yawspeed")
+_FIELDS: dict[str, tuple[str, ...]] = {
+    "LOCAL_POSITION_NED": ("x", "y", "z", *_VELOCITY),
+    "ATTITUDE_QUATERNION": ("q1", "q2", "q3", "q4", *_RATES),
+    "POSITION_TARGET_LOCAL_NED": ("x", "y", "z", *_VELOCITY, "yaw", "type_mask"),
+    "ATTITUDE_TARGET": ("q", "body_roll_rate", "body_pitch_rate", "body_yaw_rate", "thrust"),
+    "SERVO_OUTPUT_RAW": tuple(f"servo{k}_raw" for k in range(1, MAX_ROTORS + 1)),
+    "ACTUATOR_CONTROL_TARGET": ("controls",),
+    "HIGHRES_IMU": (
+        *(f"{axis}{name}" for name in ("acc", "gyro", "mag") for axis in "xyz"),
+        *("abs_pressure", "pressure_alt", "temperature"),
+    ),
+}
+"""Message -> the fields that the kernel `viewer_telemetry` reads, in this order."""
 
-Position = tuple[float, float, float]
-Attitude = tuple[float, float, float, float]
 SendLog = Callable[[Log, float], None]
 _Due = Callable[[float], bool]
 _Decode = Callable[[bytes, Frame], Any]
@@ -60,6 +73,8 @@ class VehicleChannels:
     shape: its dimensions; None without a model.
     transforms: channel for frames of all vehicles.  send_log: function that sends a log line at a time [s].
     poses: counter of the captured poses.
+    on_datagram_down: publishes the content of a datagram from the vehicle: data, time of reception [s].
+    on_pose, on_truth: publish a captured or a true pose: position [m] [NED] (3,), attitude [-] wxyz (4,), log time [ns].
     """
 
     def __init__(
@@ -72,78 +87,55 @@ class VehicleChannels:
         send_log: SendLog,
     ) -> None:
         self._name, self._system, self._shape = name, system_id, shape
-        self._autopilot = (system_id, AUTOPILOT)
         self._out = {content: Output(context, content, name) for content in VEHICLE_TOPICS}
-        self._transforms, self._send_log = transforms, send_log
+        self._send_log = send_log
         self._texts = TextAssembler()
         self._handlers = _handlers(self)
-        self._position: Position | None = None
-        self._attitude: Attitude = _LEVEL
+        self._poses: dict[str, PoseOutput] = {
+            Content.ESTIMATED_POSE: self._pose_output(Content.ESTIMATED_POSE, name, transforms),
+            Content.CAPTURED_POSE: self._pose_output(Content.CAPTURED_POSE, f"{name}/mocap", transforms),
+            Content.TRUE_POSE: self._pose_output(Content.TRUE_POSE, f"{name}/truth", transforms),
+            Content.SETPOINT_POSE: self._pose_output(Content.SETPOINT_POSE, "", None),
+        }
+        self.on_pose = self._poses[Content.CAPTURED_POSE].send
+        self.on_truth = self._poses[Content.TRUE_POSE].send
+        self._telemetry = ViewerTelemetry(
+            (system_id, AUTOPILOT),
+            PARSER,
+            _readers(),
+            {content: out.numbers for content, out in self._out.items() if out.numbers is not None},
+            self._poses,
+            list(self._handlers),
+            self._on_rare,
+            pressure_pa,
+        )
+        self.on_datagram_down = self._telemetry.on_datagram
         self._mode, self._health = "", ""
         self._armed = self._landed = False
         self._sent_state: tuple[object, ...] = ()
-        self._traffic, self.poses = TrafficMeter(), GapMeter()
-        self._flown, self._desired = PathPieces(), PathPieces()
+        self.poses = GapMeter()
         self._plan, self._plan_changed = PathAssembler(system_id), False
+
+    def _pose_output(self, content: Content, frame: str, transforms: Output | None) -> PoseOutput:
+        out = self._out[content]
+        return PoseOutput(out.limit, out.log, None if transforms is None else transforms.log, ROOT, frame)
 
     # -- received data
 
-    def on_datagram(self, up: bool, data: bytes, time_s: float) -> None:
-        """Publish the content of a MAVLink datagram to viewers.
+    def on_datagram_up(self, data: bytes, time_s: float) -> None:
+        """Publish the reference state or the planned path in a datagram of a user program, to show it in viewers.
 
-        up: it was sent to the vehicle.
         time_s: time of reception [s].
         """
-        self._traffic.count(up, data)
-        if up:
-            self._take_references(data, time_s)
-            return
-        message = only_message(data)
-        if message is not None and message not in self._handlers:
-            if (data[5], data[6]) == self._autopilot:
-                self._traffic.sequence(data[4], data[4])
-            return
-        frames = parse_frames(data).frames
-        if frames and (frames[0].sysid, frames[0].compid) == self._autopilot:
-            self._traffic.sequence(sequence_of(data, frames[0]), sequence_of(data, frames[-1]))
-        for frame in frames:
-            _, _, _, _, system, component, message, _, _ = frame
-            found = self._handlers.get(message)
-            if found is None or component != AUTOPILOT or system != self._system:
-                continue
-            due, decode, publish = found
-            if due(time_s):
-                publish(decode(data, frame), time_s)
-
-    def _take_references(self, data: bytes, time_s: float) -> None:
-        """Read the reference state or the planned path in a datagram of a user program, to show it in viewers."""
+        self._telemetry.count_up(data)
         if may_contain_path(data):
             self._plan_changed |= self._plan.on_datagram(data)
             return
         if only_message(data) not in (None, _REFERENCE):
             return
         for frame in parse_frames(data).frames:
-            if (frame.msgid, frame.compid, frame.sysid) != (_REFERENCE, PROGRAM_COMPONENT, self._system):
-                continue
-            if self._out[Content.PROGRAM_REFERENCE].due(time_s):
-                self._reference(decoder(_REFERENCE)(data, frame), time_s, Content.PROGRAM_REFERENCE)
-
-    def on_pose(self, p_n: Sequence[float], q_nb: Sequence[float], time_s: float) -> None:
-        """Publish a captured pose of the vehicle, at a limited rate.
-
-        `poses` also counts the poses that are not published.
-
-        p_n: position [m] [NED] (3,).  q_nb: attitude [-] wxyz (4,).  time_s: time of reception [s].
-        """
-        self._send_pose(Content.CAPTURED_POSE, f"{self._name}/mocap", p_n, q_nb, time_s)
-
-    def on_truth(self, p_n: Sequence[float], q_nb: Sequence[float], time_s: float) -> None:
-        """Publish the true pose of a simulated vehicle.
-
-        p_n, q_nb: as in `on_pose`.
-        time_s: time of the state [s].
-        """
-        self._send_pose(Content.TRUE_POSE, f"{self._name}/truth", p_n, q_nb, time_s)
+            if (frame.msgid, frame.compid, frame.sysid) == (_REFERENCE, PROGRAM_COMPONENT, self._system):
+                self._telemetry.on_reference(data, frame.payload, frame.size, time_s)
 
     def output(self, content: Content) -> Output:
         """Return the output channel for one kind of content, such as the attitude."""
@@ -165,13 +157,13 @@ class VehicleChannels:
 
         period_s: time since the last call [s].
         """
-        self._out[Content.LINK].send_numbers(time_s, *self._traffic.take(period_s))
+        self._out[Content.LINK].send_numbers(time_s, *self._telemetry.traffic.take(period_s))
         poses = self.poses
-        if poses.newest_s is not None:
+        if not math.isnan(poses.newest_s):
             age = time_s - poses.newest_s
             rate, gap = poses.take(period_s)
             self._out[Content.BODY_HEALTH].send_numbers(time_s, rate, age, max(gap, age))
-        for path, desired in ((self._flown, False), (self._desired, True)):
+        for path, desired in ((self._telemetry.flown, False), (self._telemetry.desired, True)):
             if len(points := path.take()) > 1:
                 piece = path_piece(self._name, path.pieces, points, time_s, desired=desired)
                 self._out[Content.PATH].send(piece, time_s)
@@ -183,52 +175,14 @@ class VehicleChannels:
 
     # -- messages of the autopilot
 
-    def _local(self, m: Any, time_s: float) -> None:
-        self._position = m.x, m.y, m.z
-        self._out[Content.LOCAL_POSITION].send_numbers(time_s, m.x, m.y, m.z, m.vx, m.vy, m.vz)
-        self._flown.add(self._position, time_s)
+    def _on_rare(self, data: bytes, fields: Fields, time_s: float) -> None:
+        """Publish a message that the kernel does not read.
 
-    def _attitude_quaternion(self, m: Any, time_s: float) -> None:
-        q_nb = self._attitude = m.q1, m.q2, m.q3, m.q4
-        self._out[Content.ATTITUDE].send_numbers(
-            time_s, *q_nb, *euler(q_nb), m.rollspeed, m.pitchspeed, m.yawspeed
-        )
-        if self._position is not None and self._out[Content.ESTIMATED_POSE].due(time_s):
-            self._send_pose(Content.ESTIMATED_POSE, self._name, self._position, q_nb, time_s)
-
-    def _position_target(self, m: Any, time_s: float) -> None:
-        self._reference(m, time_s, Content.POSITION_SETPOINT)
-
-    def _reference(self, m: Any, time_s: float, content: Content) -> None:
-        mask = m.type_mask
-        values = [
-            _NAN if mask >> bit & 1 else value for bit, value in enumerate((m.x, m.y, m.z, m.vx, m.vy, m.vz))
-        ]
-        yaw = _NAN if mask >> 10 & 1 else m.yaw
-        self._out[content].send_numbers(time_s, *values, yaw)
-        position = values[0], values[1], values[2]
-        if content is Content.POSITION_SETPOINT and all(map(math.isfinite, position)):
-            half = 0.5 * (yaw if math.isfinite(yaw) else euler(self._attitude)[2])
-            q_nb = math.cos(half), 0.0, 0.0, math.sin(half)
-            self._out[Content.SETPOINT_POSE].send(pose_in_arena(position, q_nb, time_s), time_s)
-            self._desired.add(position, time_s)
-
-    def _attitude_target(self, m: Any, time_s: float) -> None:
-        rates = m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate
-        self._out[Content.ATTITUDE_SETPOINT].send_numbers(time_s, *m.q, *euler(m.q), *rates, m.thrust)
-
-    def _servos(self, m: Any, time_s: float) -> None:
-        self._out[Content.ACTUATORS].send_numbers(time_s, *map(_output, m[_FIRST_SERVO:_END_SERVO]))
-
-    def _controls(self, m: Any, time_s: float) -> None:
-        self._out[Content.ACTUATORS].send_numbers(time_s, *m.controls)
-
-    def _highres(self, m: Any, time_s: float) -> None:
-        self._out[Content.IMU].send_numbers(
-            time_s,
-            *(m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro, m.xmag, m.ymag, m.zmag),
-            *(_HPA_PER_PA * pressure_pa(m.abs_pressure), m.pressure_alt, m.temperature),
-        )
+        fields: of its frame.
+        """
+        due, decode, publish = self._handlers[fields[6]]
+        if due(time_s):
+            publish(decode(data, Frame._make(fields)), time_s)
 
     def _sys_status(self, m: Any, time_s: float) -> None:
         voltage = _NAN if m.voltage_battery == _UNKNOWN_VOLTAGE else 1e-3 * m.voltage_battery
@@ -273,15 +227,6 @@ class VehicleChannels:
         self._sent_state = state
         self._out[Content.STATE].send(pack_state(*state), time_s)
 
-    def _send_pose(
-        self, content: Content, frame: str, p_n: Sequence[float], q_nb: Sequence[float], time_s: float
-    ) -> None:
-        log_time = nanoseconds(time_s)
-        made = pose_and_transform(frame, p_n, q_nb, log_time)
-        if made is not None:
-            self._out[content].log(made[0], log_time=log_time)
-            self._transforms.log(made[1], log_time=log_time)
-
 
 def only_message(data: bytes) -> int | None:
     """Return the message id of a datagram that contains a single unsigned MAVLink 2 frame, else None."""
@@ -290,9 +235,20 @@ def only_message(data: bytes) -> int | None:
     return data[7] | data[8] << 8 | data[9] << 16
 
 
-def _output(pwm: float) -> float:
-    """Convert a pulse width [us] to a motor output 0..1, or to NaN for an unused output (pulse width 0)."""
-    return min(max((pwm - _PWM_MIN) / _PWM_SPAN, 0.0), 1.0) if pwm else _NAN
+@cache
+def _readers() -> tuple[PayloadReader, ...]:
+    """Return the readers of the frequent messages, which all vehicles share."""
+    return tuple(_reader(name) for name in FREQUENT)
+
+
+def _reader(message: str) -> PayloadReader:
+    number = int(getattr(mavlink, f"MAVLINK_MSG_ID_{message}"))
+    places, found = layout(number), []
+    for name in _FIELDS[message]:
+        field = places[name]
+        first = field.offset // struct.calcsize(f"<{field.code}")
+        found += [(KINDS.index(field.code), first + k) for k in range(field.elements)]
+    return PayloadReader(number, payload_bytes(number), found)
 
 
 def _always(time_s: float) -> bool:
@@ -300,19 +256,12 @@ def _always(time_s: float) -> bool:
 
 
 def _handlers(v: VehicleChannels) -> dict[int, tuple[_Due, _Decode, _Handler]]:
-    """Return a dictionary: message id -> (rate limit, decoder, function that publishes the message)."""
+    """Return the rare messages: message id -> (rate limit, decoder, function that publishes the message)."""
 
     def limited(content: Content, handler: _Handler) -> tuple[_Due, _Handler]:
-        return v.output(content).due, handler
+        return v.output(content).limit.due, handler
 
     found: dict[int, tuple[_Due, _Handler]] = {
-        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: limited(Content.LOCAL_POSITION, v._local),
-        mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: limited(Content.ATTITUDE, v._attitude_quaternion),
-        _REFERENCE: limited(Content.POSITION_SETPOINT, v._position_target),
-        mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: limited(Content.ATTITUDE_SETPOINT, v._attitude_target),
-        mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: limited(Content.ACTUATORS, v._servos),
-        mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: limited(Content.ACTUATORS, v._controls),
-        mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: limited(Content.IMU, v._highres),
         mavlink.MAVLINK_MSG_ID_SYS_STATUS: limited(Content.BATTERY, v._sys_status),
         mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: limited(Content.ESTIMATOR, v._estimator),
         mavlink.MAVLINK_MSG_ID_WIND_COV: limited(Content.WIND, v._wind),

@@ -16,6 +16,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from arena.kernels.record_messages import FrameMessages, StateMessages
+
 Triple = tuple[float, float, float]
 Quad = tuple[float, float, float, float]
 
@@ -153,21 +155,13 @@ EVENT = MessageSchema(
 """,
 )
 
-_CDR_HEAD = b"\0\1\0\0"  # little endian
+_CDR_HEAD_BYTES = 4
 _TRUE_STATE = struct.Struct("<4x13d")
 TRUE_STATE_BYTES = _TRUE_STATE.size
 _ALIGN = 8
-_NO_POSE = (float("nan"),) * 7
 
-
-def pack_true_state(
-    p_n: Sequence[float], v_n: Sequence[float], q_nb: Sequence[float], omega_b: Sequence[float]
-) -> bytes:
-    """Encode the true state of a simulated vehicle as a message of `flight.mcap`.
-
-    The arguments are the fields of the schema `TRUE_STATE`.
-    """
-    return _CDR_HEAD + _TRUE_STATE.pack(*p_n, *v_n, *q_nb, *omega_b)[4:]
+pack_true_state = StateMessages().pack
+"""Encode the true state of a simulated vehicle as a message of `flight.mcap`. The arguments are the fields of `TRUE_STATE`."""
 
 
 class RecordedBody(NamedTuple):
@@ -204,36 +198,21 @@ def pack_frame(
     exposed_s: float,
     sent_s: float,
     simulated: bool,
-    bodies: Sequence[tuple[str, Sequence[float] | None]],
+    poses: Sequence[tuple[str, Triple, Quad]],
+    untracked: Sequence[str],
 ) -> bytes:
     """Encode a motion capture frame as a message of `flight.mcap`.
 
     number, exposed_s, sent_s, simulated: fields of the schema `CAPTURED_FRAME`.
-    bodies: (name, pose) of each body, ordered by name. Pose: p_n and q_nb (7,), None if the body is not tracked.
+    poses: (name, p_n, q_nb) of each body that is tracked.  untracked: names of the other bodies.
     """
-    values: list[object] = [number & 0xFFFFFFFF, simulated, exposed_s, sent_s, len(bodies)]
-    layout, names = _frame_layout(tuple(name for name, _ in bodies))
-    for (_, pose), name in zip(bodies, names, strict=True):
-        values += (len(name), name, pose is not None, *(_NO_POSE if pose is None else pose))
-    return _CDR_HEAD + layout.pack(*values)
+    names = (*[pose[0] for pose in poses], *untracked)
+    return _frame_messages(names, len(poses)).pack(number, exposed_s, sent_s, simulated, poses)
 
 
 @functools.lru_cache(maxsize=64)
-def _frame_layout(names: tuple[str, ...]) -> tuple[struct.Struct, tuple[bytes, ...]]:
-    """Return the byte layout of recorded motion capture frames, and the names of their bodies as bytes that end with 0.
-
-    The layout is without the head of CDR.
-    """
-    text = "<I?3xddI"
-    size = struct.calcsize(text)
-    encoded = tuple(name.encode() + b"\0" for name in names)
-    for name in encoded:
-        piece = f"{-size % 4}xI{len(name)}s?"
-        size += struct.calcsize("<" + piece)
-        gap = -size % _ALIGN
-        text += f"{piece}{gap}x7d"
-        size += gap + 56
-    return struct.Struct(text), encoded
+def _frame_messages(names: tuple[str, ...], tracked: int) -> FrameMessages:
+    return FrameMessages(names, tracked)
 
 
 _FRAME_HEAD = struct.Struct("<I?3xddI")
@@ -245,8 +224,8 @@ def unpack_frame(time_s: float, data: bytes) -> RecordedFrame:
 
     time_s: time at which the frame was received, by the run's clock [s].
     """
-    number, simulated, exposed_s, sent_s, count = _FRAME_HEAD.unpack_from(data, len(_CDR_HEAD))
-    bodies = tuple(_bodies(data[len(_CDR_HEAD) :], _FRAME_HEAD.size, count))
+    number, simulated, exposed_s, sent_s, count = _FRAME_HEAD.unpack_from(data, _CDR_HEAD_BYTES)
+    bodies = tuple(_bodies(data[_CDR_HEAD_BYTES:], _FRAME_HEAD.size, count))
     return RecordedFrame(time_s, number, exposed_s, sent_s, simulated, bodies)
 
 

@@ -24,6 +24,7 @@ from arena.wire.mavlink_targets import CRC_EXTRA, TARGETS
 
 __all__ = [
     "AUTOPILOT",
+    "PARSER",
     "SEEDS",
     "TRIES",
     "Buffer",
@@ -68,8 +69,9 @@ def pack_frame(msgid: int, payload: bytes, sender: MavlinkSender, crc_extra: byt
     return pack(payload, msgid, crc_extra, sender.seq, sender.srcSystem, sender.srcComponent)
 
 
-_parser = FrameParser(SEEDS, TARGETS, TRIES)
-_parse = _parser.parse
+PARSER = FrameParser(SEEDS, TARGETS, TRIES)
+"""Finds MAVLink frames in datagrams. Kernels use it directly, all others `parse_frames`."""
+_parse = PARSER.parse
 
 
 def parse_frames(data: Buffer) -> ParsedFrames:
@@ -109,14 +111,14 @@ class Stream:
                 found = _MAGIC.search(buffer, at + 1)
                 at, garbage, self._clean = self._skip(at, found.start() if found else size, garbage)
                 continue
-            frame = _parser.frame_at(buffer, at, size)
+            frame = PARSER.frame_at(buffer, at, size)
             seed = None if frame is None else SEEDS.get(frame[6])
             if frame is None or (seed is None and frame[1] == size):
                 break  # incomplete, or an unknown message that only the next byte can confirm
             if (
                 plausible(buffer, frame, self._clean, size)
                 if seed is None
-                else _parser.crc_fits(buffer, frame)
+                else PARSER.crc_fits(buffer, frame)
             ):
                 frames.append(Frame._make(frame))
                 at, self._clean = frame[1], True

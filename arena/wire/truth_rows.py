@@ -21,7 +21,7 @@ from __future__ import annotations
 import mmap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from arena.constants import MAX_ROTORS
 from arena.errors import RunError, WireError
@@ -70,6 +70,14 @@ class TrueStates(Protocol):
     def v_n(self) -> PerVehicle: ...
     @property
     def omega_b(self) -> PerVehicle: ...
+
+
+def as_lists(vectors: PerVehicle) -> list[Any]:
+    """Return the vectors of all vehicles, such as their positions, as lists of floats."""
+    if isinstance(vectors, list):
+        return [vector.tolist() for vector in vectors]
+    found: list[Any] = vectors.tolist()  # type: ignore[attr-defined]
+    return found
 
 
 class ViewedStates:

@@ -1,4 +1,4 @@
-"""Numeric messages for Foxglove and PlotJuggler: their ROS 2 definitions, and their encoding as CDR bytes.
+"""Numeric messages for Foxglove and PlotJuggler: their ROS 2 definitions. `arena.kernels.viewer_messages` encodes them as CDR bytes.
 
 Both programs plot every numeric field of such a message. Positions and velocities are NED, body rates and accelerations FRD, angles
 radians. A value that is not known is NaN. The bytes contain float32, as the MAVLink messages from which most values come.
@@ -6,16 +6,13 @@ radians. A value that is not known is NaN. The bytes contain float32, as the MAV
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 from arena.constants import MAX_ROTORS
 
 ENCODING, SCHEMA_ENCODING = "cdr", "ros2msg"
 _LITTLE_ENDIAN = b"\0\1\0\0"
-_HEAD = int.from_bytes(_LITTLE_ENDIAN, "little")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,16 +33,6 @@ class NumberMessage:
         width = max(map(len, self.fields))
         lines = [f"float32 {name:{width}}  # {meaning}" for name, meaning in self.fields.items()]
         return "\n".join((f"# {self.summary}", *lines, ""))
-
-    @cached_property
-    def pack(self) -> Callable[..., bytes]:
-        """Return a function that converts the values of all fields, in their order, to the bytes of a message."""
-        pack = struct.Struct(f"<I{len(self.fields)}f").pack
-
-        def packed(*values: float) -> bytes:
-            return pack(_HEAD, *values)
-
-        return packed
 
 
 def _axes(prefix: str, meaning: str) -> dict[str, str]:

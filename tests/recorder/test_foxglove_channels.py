@@ -30,9 +30,9 @@ from viewer_records import (
 )
 
 from arena.geometry import matrix_from_quat, q_wf_from_q_nb, world_from_ned
+from arena.kernels.viewer_messages import arena_attitude
+from arena.kernels.viewer_meters import Throttle
 from arena.mocap.client import Pose
-from arena.recorder.viewer_output import Throttle
-from arena.recorder.viewer_poses import arena_attitude
 from arena.recorder.viewer_scene import shape_of
 from arena.wire.mavlink_frame import SEEDS, pack_frame
 from arena.wire.mavlink_layout import payload_bytes
