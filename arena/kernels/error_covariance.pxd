@@ -5,6 +5,7 @@ from arena.kernels cimport limits
 
 cdef double _SMALL_VARIANCE, _MOST_VARIANCE
 
+@cython.final
 cdef class ErrorCovariance:
     cdef readonly double dt
     cdef readonly Py_ssize_t samples, summed

@@ -4,6 +4,7 @@ cimport cython
 from arena.kernels.free_flight cimport FreeFlight
 from arena.kernels.rotor_dynamics cimport RotorDynamics
 
+@cython.final
 cdef class FlightPeriod:
     cdef readonly RotorDynamics rotors
     cdef readonly FreeFlight bodies

@@ -6,6 +6,7 @@ from arena.kernels cimport limits
 
 cdef double _G, _MOST_SPEED, _MOST_TURN, _SMALL_RATE, _SERIES, _HALF_ROOT
 
+@cython.final
 cdef class FreeFlight:
     cdef readonly double step_s
     cdef readonly unsigned char[::1] free

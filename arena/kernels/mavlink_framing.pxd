@@ -3,6 +3,7 @@ cimport cython
 
 cdef long _V1, _V2, _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE, _SIGNED
 
+@cython.final
 cdef class FrameParser:
     cdef readonly dict seeds, targets
     cdef readonly long tries

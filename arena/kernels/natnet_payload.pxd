@@ -3,6 +3,7 @@ cimport cython
 
 cdef long _BODY_BYTES, _LABELLED_BYTES
 
+@cython.final
 cdef class PayloadReader:
     cdef public bytes data
     cdef public Py_ssize_t at

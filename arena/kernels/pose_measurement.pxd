@@ -6,6 +6,7 @@ from arena.kernels cimport rotations
 
 cdef double _H
 
+@cython.final
 cdef class PoseMeasurement:
     cdef readonly long[::1] rows
     cdef readonly double[:, :, ::1] noise

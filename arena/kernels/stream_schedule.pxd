@@ -3,6 +3,7 @@ cimport cython
 
 cdef double _NEVER, _CATCH_UP_S, _ROUNDING_S
 
+@cython.final
 cdef class StreamSchedule:
     cdef readonly long[::1] ids
     cdef readonly double[:, ::1] interval_s, due_s

@@ -17,6 +17,7 @@ cdef double _DEG, _NAN, _FULL_SPEED_RPM
 cpdef (double, double) global_position(double north, double east, double heading, double lat0, double lon0, double earth_m)
 cpdef double rounded(double x) except? -1.0
 
+@cython.final
 cdef class PayloadWriter:
     cdef readonly long number
     cdef readonly bytes seed
@@ -38,6 +39,7 @@ cdef class PayloadWriter:
     @cython.locals(whole=long)
     cdef void _store(self, double value, Py_ssize_t kind, Py_ssize_t at) except *
 
+@cython.final
 cdef class TelemetryPacking:
     cdef readonly dict writers
     cdef readonly Py_ssize_t rotors
