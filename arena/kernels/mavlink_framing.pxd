@@ -19,3 +19,6 @@ cpdef bint plausible(bytes data, tuple frame, bint clean, Py_ssize_t size) excep
 
 @cython.locals(size=Py_ssize_t, head=bytes, body=bytes)
 cpdef bytes pack(bytes payload, long msgid, bytes seed, long seq, long sysid, long compid)
+
+@cython.locals(k=Py_ssize_t, part=long, crc=long)
+cpdef long checksum(unsigned char[::1] data, Py_ssize_t begin, Py_ssize_t end) except -1
