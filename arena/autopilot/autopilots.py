@@ -291,7 +291,7 @@ class Autopilots:
 
     def _sense(self, now: float) -> None:
         est = self.est
-        xy, z, yaw = est.xy_valid(now).tolist(), est.z_valid(now).tolist(), est.yaw_valid(now).tolist()
+        xy, z, yaw = (mask.tolist() for mask in est.valid(now))
         tilt, rejected = est.tilt.tolist(), est.pose_rejected.tolist()
         landed, flying = self.land.landed.tolist(), self.takeoff.flying.tolist()
         battery, aligned = self._sensors["battery_remaining"].tolist(), est.aligned.tolist()

@@ -8,5 +8,7 @@ from arena.kernels.rotor_dynamics cimport RotorDynamics
 cdef class FlightPeriod:
     cdef readonly RotorDynamics rotors
     cdef readonly FreeFlight bodies
+    @cython.locals(to="double[:, ::1]", command=double)
+    cpdef void set_motors(self, double[:, :] motors) except *
     @cython.locals(rotors=RotorDynamics, bodies=FreeFlight)
     cpdef void step(self, Py_ssize_t count) except *

@@ -12,9 +12,10 @@ cdef class FreeFlight:
     cdef readonly unsigned char[::1] free
     cdef readonly double[::1] mass, height
     cdef readonly double[:, ::1] inertia, place_w, quat, speed_w, rate_w, wind_n, force_b, torque_b
-    cdef readonly double[:, ::1] p_n, v_n, q_nb, omega_b, air_b, accel_b
+    cdef readonly double[:, ::1] p_n, v_n, q_nb, omega_b, air_b, accel_b, mean_accel_b
     cdef readonly double[:, :, ::1] r_nb
     cdef double[:, :, ::1] _r_wf
+    cpdef void average(self, Py_ssize_t steps) except *
     @cython.locals(sign=double)
     cpdef void publish(self, Py_ssize_t i) except *
     cdef void _accelerate(self, Py_ssize_t i) except *
