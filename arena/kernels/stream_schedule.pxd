@@ -12,6 +12,7 @@ cdef class StreamSchedule:
     cpdef bint is_due(self, Py_ssize_t link, double now) except -1
     @cython.locals(first=double)
     cpdef bint is_any_due(self, double now) except -1
+    @cython.locals(due=bint)
     cpdef bint is_column_due(self, Py_ssize_t column, double now) except -1
     cpdef bint is_stream_due(self, Py_ssize_t link, Py_ssize_t column, double now) except -1
     @cython.locals(earliest=Py_ssize_t, column=Py_ssize_t)

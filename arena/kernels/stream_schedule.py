@@ -56,10 +56,10 @@ class StreamSchedule:
 
     def is_column_due(self, column: int, now: float) -> bool:
         """Return whether any link must send one given message at `now` [s]."""
+        due = False
         for link in range(len(self.next_s)):
-            if self.is_stream_due(link, column, now):
-                return True
-        return False
+            due = due or self.is_stream_due(link, column, now)
+        return due
 
     def first(self, link: int) -> int:
         """Return the column (index in `ids`) of the message that the link must send first.

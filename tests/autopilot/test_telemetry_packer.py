@@ -302,9 +302,7 @@ def test_compiled_and_interpreted_kernel_pack_the_same_bytes(rig):
 def _interpreted_copy(source: Any, packing: Any) -> Any:
     """Return a packing of the interpreted module with the same inputs."""
     writers = [
-        source.PayloadWriter(
-            w.number, w.size, w.seed, memoryview(w.fields), memoryview(w.ranges), w.by_escs
-        )
+        source.PayloadWriter(w.number, w.size, w.seed, memoryview(w.fields), memoryview(w.ranges), w.by_escs)
         for w in packing.writers.values()
     ]
     constants = list(packing.values[source.VALUES :])

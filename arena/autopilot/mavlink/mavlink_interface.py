@@ -365,7 +365,11 @@ class MavlinkInterface:
     def received_counts(self) -> Counter[str]:
         """Return the numbers of received and refused messages by kind, over all links."""
         found: dict[str, int] = {}  # adding Counters is slow
-        for counts in (self.vehicle.counts, self.counts, *(link.codec.counts for link in self.links.values())):
+        for counts in (
+            self.vehicle.counts,
+            self.counts,
+            *(link.codec.counts for link in self.links.values()),
+        ):
             for kind, count in counts.items():
                 if count > 0:
                     found[kind] = found.get(kind, 0) + count

@@ -24,7 +24,9 @@ Array = NDArray[np.float64]
 _PHASE_S, _PHASES = 0.004, 5  # phase shift between the streams of neighbouring vehicles
 _IDS = sorted(streams.SUPPORTED)
 _COLUMNS = {msgid: column for column, msgid in enumerate(_IDS)}
-(_PRESSURE,) = [_COLUMNS[msgid] for msgid, contents in FREQUENT.items() if "pressure_hpa" in contents.values()]
+(_PRESSURE,) = [
+    _COLUMNS[msgid] for msgid, contents in FREQUENT.items() if "pressure_hpa" in contents.values()
+]
 _HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _LINKS = list(streams.LINK_RATES)
 _HAS_CONTENT = {_COLUMNS[msgid]: test for msgid, test in {**HAS_CONTENT, **RARE_HAS_CONTENT}.items()}
