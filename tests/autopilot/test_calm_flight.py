@@ -12,8 +12,9 @@ from arena.autopilot.flight_modes import Mode
 from arena.autopilot.manual_control import NOTHING_RECEIVED, ManualInput
 from arena.wire.sticks import CENTRED, Sticks
 
-SEQUENCES, STEPS, PERIOD_S = 40, 250, 0.02
+SEQUENCES, STEPS, PERIOD_S = 150, 200, 0.02
 NAN = float("nan")
+FIELDS = [field.name for field in dataclasses.fields(Commander)]
 DISTURBED: dict[str, tuple[Any, ...]] = {
     "xy_valid": (False,),
     "z_valid": (False,),
@@ -21,7 +22,7 @@ DISTURBED: dict[str, tuple[Any, ...]] = {
     "landed": (True,),
     "flying": (False,),
     "tilt_rad": (1.04, 1.05, 1.2, NAN),
-    "battery": (0.15, 0.14, 0.07, 0.01, NAN),
+    "battery": (0.4, 0.15, 0.14, 0.07, 0.01, NAN),
     "offboard_age": (0.99, 1.0, 1.5, NAN),
     "offboard_needs_position": (False,),
     "gcs_age": (99.0,),
@@ -54,17 +55,18 @@ def random_params(rng: random.Random) -> CommanderParams:
         com_disarm_land=rng.choice((0.0, 0.1, 2.0)),
         com_disarm_prflt=rng.choice((0.0, 0.2)),
         com_low_bat_act=rng.choice((0, 2, 3)),
-        bat_low_thr=0.15,
+        bat_low_thr=rng.choice((0.15, 0.15, 0.01)),
         bat_crit_thr=0.07,
         bat_emergen_thr=rng.choice((0.05, 0.5)),
         nav_dll_act=rng.choice((0, 0, 0, 0, 0, 0, 1, 2, 3, 5, 6)),
         com_dl_loss_t=10.0,
-        cbrk_flightterm=rng.choice((0, 121212)),
+        cbrk_flightterm=rng.choice((0, 121212, 121212, 121212)),
         fd_fail_rad=rng.choice((1.05, float("inf"))),
         fd_fail_s=0.1,
         gf_action=rng.choice((0, 1, 2, 3, 4, 5)),
         nav_rcl_act=rng.choice((0, 1, 2, 3, 5, 6)),
         com_posctl_navl=rng.choice((0, 1)),
+        stick_speed=rng.choice((0.3, 0.3, 0.3, -0.1)),
         lockdown_s=rng.choice((0.0, 1.0)),
     )
 
@@ -82,8 +84,8 @@ def request(c: Commander, what: tuple[str, Mode], s: CommanderInputs, params: Co
         c.terminate("test")
 
 
-def state(c: Commander) -> dict[str, Any]:
-    return {name: repr(getattr(c, name)) for name in (f.name for f in dataclasses.fields(Commander))}
+def state(c: Commander) -> tuple[Any, ...]:
+    return tuple(getattr(c, name) for name in FIELDS)
 
 
 def fly(seed: int) -> int:
@@ -107,7 +109,7 @@ def fly(seed: int) -> int:
         for name in [name for name, last in until.items() if step <= last]:
             calm[name] = getattr(inputs, name)
             air.pop(name, None)
-        if rng.random() < 0.03:
+        if rng.random() < 0.05:
             name = rng.choice(list(DISTURBED))
             air[name], until[name] = rng.choice(DISTURBED[name]), step + rng.randrange(1, 30)
         inputs = dataclasses.replace(inputs, **{**calm, **air, "now": now})
@@ -132,7 +134,9 @@ def test_a_commander_with_the_shortcut_is_equal_to_one_without_it() -> None:
 
 
 def test_a_calm_step_is_found() -> None:
-    params = dataclasses.replace(random_params(random.Random(1)), nav_dll_act=0, bat_emergen_thr=0.05)
+    params = dataclasses.replace(
+        random_params(random.Random(1)), nav_dll_act=0, fd_fail_rad=1.05, bat_low_thr=0.41, stick_speed=0.3
+    )
     s = CommanderInputs(
         aligned=True,
         xy_valid=True,
@@ -145,6 +149,9 @@ def test_a_calm_step_is_found() -> None:
     )
     c = Commander("uav1", mode=Mode.OFFBOARD, armed=True, armed_since=0.0, took_off=True)
     assert c._is_calm(s, params)
+    for name in ("bat_low_thr", "bat_crit_thr", "bat_emergen_thr"):
+        low = {"bat_low_thr": 0.1, "bat_crit_thr": 0.1, "bat_emergen_thr": 0.1, name: 1.0}
+        assert not c._is_calm(s, dataclasses.replace(params, **low))
     for name, values in DISTURBED.items():
         if name in ("flying", "offboard_needs_position", "gcs_age", "global_ok", "home_ok", "mission_ok"):
             continue  # no rule reads them in OFFBOARD with position, without a data link failsafe
