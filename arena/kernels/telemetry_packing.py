@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from arena.kernels import limits, mavlink_framing, rotations
-from arena.kernels.arrays import floats
+from arena.kernels.arrays import array, floats
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -230,7 +230,7 @@ class TelemetryPacking:
         self.mag_b = floats(vehicles, 3)
         self.baro_alt, self.pressure_hpa = floats(vehicles), floats(vehicles)
         self.battery_v, self.battery_a, self.battery = floats(vehicles), floats(vehicles), floats(vehicles)
-        self.thrust, self.motors, self.rotors = thrust, motors, motors.shape[1]
+        self.thrust, self.motors, self.rotors = thrust, motors, array(motors).shape[1]
         self.escs = floats(vehicles)
         self._bytes = self._datagram = memoryview(bytearray(_MOST_DATAGRAM))
 
