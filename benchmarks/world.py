@@ -79,7 +79,7 @@ class Fleet:
         self.autopilots.transmit()
         flown = time.perf_counter()
         self.world.step(self.motors)
-        self.world.truth()
+        self.world.live_truth()
         self.spent["world"] += sensed - began + time.perf_counter() - flown
         self.spent["autopilots"] += flown - sensed
         self.steps += 1

@@ -86,7 +86,11 @@ class Autopilots:
         self.vehicles = make_vehicles(settings, self.params, self.est)
         self._boot_unix_us = int(settings.get("boot_unix_us", REPEATABLE_BOOT_UNIX_US))
         self.gates = [CommandGate(x["name"], x["id"], simulated=True) for x in vehicles if authority]
-        packer = TelemetryPacker(self.est, self.sp, self.cascade, self.allocator.rows.shape[1])
+        self._outputs = outputs = MotorOutputs(
+            self.est.law, self.cascade.law, self.allocator.law, self.allocator.rows.shape[1]
+        )
+        self.motors, self.thrust = array(outputs.motors), array(outputs.thrust)
+        packer = TelemetryPacker(self.est, self.sp, self.cascade, self.thrust, self.motors)
         self._telemetry = Telemetry(self.vehicles, packer, self._read_state)
         self.interfaces = [
             MavlinkInterface(
@@ -110,10 +114,6 @@ class Autopilots:
         for v in self.vehicles:
             v.is_inside_fence = partial(self.flight.auto.is_inside_fence, v)
         self.armed = np.zeros(n, bool)
-        self._outputs = outputs = MotorOutputs(
-            self.est.law, self.cascade.law, self.allocator.law, self.allocator.rows.shape[1]
-        )
-        self.motors, self.thrust = array(outputs.motors), array(outputs.thrust)
         self._armed_since = np.full(n, np.inf)
         self._release = MotorRelease(
             outputs,
@@ -173,13 +173,13 @@ class Autopilots:
     def transmit(self) -> list[tuple[int, str, bytes]]:
         """Return the datagrams to send after this step, as (index of the vehicle, name of the link, datagram)."""
         now = self._now
-        if not self._telemetry.has_output(now) or (state := self._telemetry.begin()) is None:
+        if not self._sensors or not self._telemetry.has_output(now):
             return []
-        sent = []
-        for row, link, datagram in self._telemetry.send_streams(now):
+        sent, state = [], None
+        for row, link, datagram in self._telemetry.send_streams(now, self._sensors):
             if datagram:
                 sent.append((row, link, datagram))
-            else:
+            elif (state := state or self._read_state()) is not None:
                 sent += [(row, name, each) for name, each in self.interfaces[row].transmit(now, state)]
         return sent
 
@@ -291,7 +291,7 @@ class Autopilots:
 
     def _sense(self, now: float) -> None:
         est = self.est
-        xy, z, yaw = est.xy_valid(now).tolist(), est.z_valid(now).tolist(), est.yaw_valid(now).tolist()
+        xy, z, yaw = (mask.tolist() for mask in est.valid(now))
         tilt, rejected = est.tilt.tolist(), est.pose_rejected.tolist()
         landed, flying = self.land.landed.tolist(), self.takeoff.flying.tolist()
         battery, aligned = self._sensors["battery_remaining"].tolist(), est.aligned.tolist()

@@ -10,7 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from arena.autopilot import events
-from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams, battery_too_low, gcs_lost
+from arena.autopilot.arming_checks import arming_problems
+from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams, gcs_lost
 from arena.autopilot.events import Event
 from arena.autopilot.failsafe_rules import (
     BY_SEVERITY,
@@ -20,7 +21,7 @@ from arena.autopilot.failsafe_rules import (
     home_or_land,
 )
 from arena.autopilot.flight_modes import MANUAL_MODES, POSITION_MODES, THRUST_MODES, Mode
-from arena.autopilot.manual_control import NO_MANUAL_CONTROL
+from arena.autopilot.manual_control import NO_MANUAL_CONTROL, NOTHING_RECEIVED
 from arena.autopilot.manual_mode_rules import (
     missing_for_manual,
     possible_mode,
@@ -106,25 +107,7 @@ class Commander:
 
     def arm_checks(self, s: CommanderInputs, params: CommanderParams) -> list[str]:
         """Return every reason to refuse arming; an empty list if the vehicle may arm."""
-        offboard = self.mode is Mode.OFFBOARD
-        position = self.mode in POSITION_MODES or (offboard and s.offboard_needs_position)
-        manual = missing_for_manual(self.mode, s)
-        checks = [
-            (not s.aligned, "Attitude not valid: waiting for external vision"),
-            (position and not s.xy_valid, "Horizontal position not valid: no external vision"),
-            (s.aligned and s.poses_rejected, "Position not stable: the poses contradict the estimate"),
-            (position and not s.z_valid, "Height not valid: no external vision"),
-            (s.aligned and not s.yaw_valid, "Heading not valid: vision yaw rejected"),
-            (offboard and s.offboard_age > params.com_of_loss_t, "No offboard signal"),
-            (self.mode in NOT_ARMABLE, f"Mode {self.mode.label} does not allow arming"),
-            (battery_too_low(s, params), f"Battery too low: {100 * s.battery:.0f} %"),
-            (s.tilt_rad > params.fd_fail_rad, f"Attitude: tilted by {57.3 * s.tilt_rad:.0f} degrees"),
-            (params.nav_dll_act > 0 and gcs_lost(s, params), "No connection to the ground control station"),
-            (self.mode is Mode.MISSION and not s.mission_ok, "No valid mission available"),
-            (s.fence != "" and params.gf_action > 0, s.fence),
-            (manual != "", manual[:1].upper() + manual[1:]),
-        ]
-        return [reason for failed, reason in checks if failed]
+        return arming_problems(self.mode, s, params)
 
     def arm(self, s: CommanderInputs, params: CommanderParams, *, why: str = "by external command") -> str:
         """Arm the vehicle. Return "" on success, or the reasons of the refusal."""
@@ -173,6 +156,8 @@ class Commander:
 
     def update(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Detect the take-off, run the failsafe checks, and disarm after the landing."""
+        if self.armed and self._is_calm(s, params):
+            return
         self._run_gesture(s, params)
         if not self.armed:
             if s.manual_control and not self._mode_was_requested:
@@ -188,6 +173,32 @@ class Commander:
         self._run_pending(s)
         self._check_sticks(s, params)
         self._auto_disarm(s, params)
+
+    def _is_calm(self, s: CommanderInputs, params: CommanderParams) -> bool:
+        """Return whether `update` would change nothing for an armed vehicle, which is true in nearly every step of a flight.
+
+        Each line is the reason why one rule, named behind it, does nothing and keeps its state. A value that is NaN is not calm.
+        """
+        return (
+            self.took_off  # take-off
+            and not s.landed
+            and self._landed_since is None  # _auto_disarm
+            and s.tilt_rad <= params.fd_fail_rad
+            and self._tilted_since is None  # _check_attitude
+            and s.position_ok  # _check_position
+            and not s.fence
+            and not self._fence  # _check_fence
+            and s.battery > params.bat_low_thr
+            and s.battery > params.bat_crit_thr
+            and s.battery > params.bat_emergen_thr  # _check_battery
+            and (self.mode is not Mode.OFFBOARD or s.offboard_age <= params.com_of_loss_t)  # _check_offboard
+            and not params.nav_dll_act  # _check_data_link
+            and s.manual is NOTHING_RECEIVED  # _run_gesture and _check_sticks: no gesture, no speed
+            and params.stick_speed >= 0.0
+            and self.mode not in MANUAL_MODES
+            and not self._had_manual_control  # _check_manual_control
+            and self._pending is None  # _run_pending
+        )
 
     def _run_gesture(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Arm or disarm if the pilot has made the stick gesture: throttle low, and yaw right (arm) or left (disarm).

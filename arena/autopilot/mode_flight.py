@@ -72,9 +72,10 @@ class ModeFlight:
             self._fly_by_hand(v, s)
         elif c.mode is Mode.OFFBOARD:
             task.mode = None
-            if v.offboard_setpoint is not followed:
-                self._copy_offboard_setpoint(v)
-            self._followed[i] = v.offboard_setpoint
+            setpoint = v.offboard_setpoint
+            if setpoint is not None and setpoint is not followed:
+                self.sp.follow(i, setpoint)
+            self._followed[i] = setpoint
         elif c.mode is Mode.TERMINATE:
             stop_motors(self.sp, i)
         else:
@@ -110,11 +111,3 @@ class ModeFlight:
         if task.mode is not mode:
             task.enter(mode, state)
         task.fly(s.manual.sticks or CENTRED, state, self.sp, self.params, self.dt)
-
-    def _copy_offboard_setpoint(self, v: Vehicle) -> None:
-        o, i, sp = v.offboard_setpoint, v.row, self.sp
-        if o is None:
-            return
-        sp.set_position(i, p_n=o.p_n, v_n=o.v_n, a_n=o.a_n, yaw=o.yaw, yaw_rate=o.yaw_rate)
-        sp.level[i], sp.q_nb[i], sp.omega_b[i], sp.thrust[i] = o.level, o.q_nb, o.omega_b, o.thrust
-        sp.yaw_rate_ff[i] = o.yaw_rate if o.level is Level.ATTITUDE else 0.0

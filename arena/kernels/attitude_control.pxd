@@ -1,8 +1,10 @@
 # C types of attitude_control.py: they make the compiled class fast and change no result.
+cimport cython
 from libc cimport math
 
 from arena.kernels cimport limits, rotations
 
+@cython.final
 cdef class AttitudeLaw:
     cdef readonly double[:, ::1] gain, rate_limit, q_nb, q_sp, rates
     cdef readonly double[:, :, ::1] r_nb

@@ -7,6 +7,7 @@ from arena.kernels.vision_fusion cimport VisionFusion
 
 cdef double _FRESH_S, _OFFSET_S
 
+@cython.final
 cdef class BarometerOffset:
     cdef readonly Strapdown state
     cdef readonly VisionFusion vision

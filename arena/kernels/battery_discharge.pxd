@@ -1,6 +1,7 @@
 # C types of battery_discharge.py: they make the compiled class fast and change no result.
 cimport cython
 
+@cython.final
 cdef class BatteryDischarge:
     cdef readonly Py_ssize_t rotors
     cdef readonly double[:, ::1] spin

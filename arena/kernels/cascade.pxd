@@ -1,4 +1,5 @@
 # C types of cascade.py: they make the compiled class fast and change no result.
+cimport cython
 from libc cimport math
 
 from arena.kernels.attitude_control cimport AttitudeLaw
@@ -7,6 +8,7 @@ from arena.kernels.rate_control cimport RateLaw
 
 cdef Py_ssize_t ATTITUDE, POSITION
 
+@cython.final
 cdef class CascadeLaw:
     cdef readonly PositionLaw position
     cdef readonly AttitudeLaw attitude

@@ -4,6 +4,7 @@ from libc cimport math
 
 cdef double _MARGIN_M, _RETURN_M, _SPEED_CHANGE
 
+@cython.final
 cdef class Clearance:
     cdef readonly double period_s
     cdef readonly unsigned char[::1] free

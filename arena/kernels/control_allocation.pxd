@@ -1,8 +1,10 @@
 # C types of control_allocation.py: they make the compiled class fast and change no result.
+cimport cython
 from arena.kernels cimport limits
 
 cdef double YAW_MARGIN
 
+@cython.final
 cdef class ControlAllocation:
     cdef readonly double[:, :, ::1] weights
     cdef readonly unsigned char[:, ::1] present

@@ -13,6 +13,9 @@ from arena.kernels.arrays import floats
 if TYPE_CHECKING:
     from arena.kernels.arrays import Floats
 
+    Triple = tuple[float, float, float]
+    Nine = tuple[float, float, float, float, float, float, float, float, float]
+
 _SMALL_VARIANCE = 1e-6
 _MOST_VARIANCE = 1e4
 
@@ -54,47 +57,84 @@ class ErrorCovariance:
         F: matrix that advances the error state by one prediction period
         Q: diagonal matrix of the variances `growth`
         """
-        cov, x = self.cov, self._column
-        for k in range(15):
-            for j in range(15):
-                x[j] = cov[i, j, k]
-            self._advance_error(i)
-            for j in range(15):
-                cov[i, j, k] = x[j]
-        for k in range(15):
-            for j in range(15):
-                x[j] = cov[i, k, j]
-            self._advance_error(i)
-            for j in range(15):
-                cov[i, k, j] = x[j]
+        cov = self.cov
+        self._set_transition(i)
+        for k in range(15):  # columns: F P
+            (
+                cov[i, 0, k],
+                cov[i, 1, k],
+                cov[i, 2, k],
+                cov[i, 3, k],
+                cov[i, 4, k],
+                cov[i, 5, k],
+                cov[i, 6, k],
+                cov[i, 7, k],
+                cov[i, 8, k],
+            ) = self._advanced(
+                (cov[i, 0, k], cov[i, 1, k], cov[i, 2, k]),
+                (cov[i, 3, k], cov[i, 4, k], cov[i, 5, k]),
+                (cov[i, 6, k], cov[i, 7, k], cov[i, 8, k]),
+                (cov[i, 9, k], cov[i, 10, k], cov[i, 11, k]),
+                (cov[i, 12, k], cov[i, 13, k], cov[i, 14, k]),
+            )
+        for k in range(15):  # rows: (F P) F^T
+            (
+                cov[i, k, 0],
+                cov[i, k, 1],
+                cov[i, k, 2],
+                cov[i, k, 3],
+                cov[i, k, 4],
+                cov[i, k, 5],
+                cov[i, k, 6],
+                cov[i, k, 7],
+                cov[i, k, 8],
+            ) = self._advanced(
+                (cov[i, k, 0], cov[i, k, 1], cov[i, k, 2]),
+                (cov[i, k, 3], cov[i, k, 4], cov[i, k, 5]),
+                (cov[i, k, 6], cov[i, k, 7], cov[i, k, 8]),
+                (cov[i, k, 9], cov[i, k, 10], cov[i, k, 11]),
+                (cov[i, k, 12], cov[i, k, 13], cov[i, k, 14]),
+            )
         for k in range(15):
             grown = cov[i, k, k] + (self.growth[i, k - 3] if k >= 3 else 0.0)
             cov[i, k, k] = limits.within(grown, 0.0, _MOST_VARIANCE)
         for k in range(3):
             self.force_sum[i, k] = self.omega_sum[i, k] = 0.0
 
-    def _advance_error(self, i: int) -> None:
-        """Multiply the error state in `_column` by the state transition matrix F of vehicle i.
+    def _set_transition(self, i: int) -> None:
+        """Set the values of the state transition matrix F of vehicle i, which `_advanced` uses."""
+        r, force, omega, dt = self.r_nb, self.force_sum, self.omega_sum, self.dt
+        self._fx, self._fy, self._fz = force[i, 0] * dt, force[i, 1] * dt, force[i, 2] * dt
+        self._wx, self._wy, self._wz = omega[i, 0] * dt, omega[i, 1] * dt, omega[i, 2] * dt
+        self._period = dt * self.samples
+        self._r00, self._r01, self._r02 = r[i, 0, 0], r[i, 0, 1], r[i, 0, 2]
+        self._r10, self._r11, self._r12 = r[i, 1, 0], r[i, 1, 1], r[i, 1, 2]
+        self._r20, self._r21, self._r22 = r[i, 2, 0], r[i, 2, 1], r[i, 2, 2]
+
+    def _advanced(self, p: Triple, v: Triple, th: Triple, bg: Triple, ba: Triple) -> Nine:
+        """Multiply an error state by the state transition matrix F. Return the new errors dp, dv and dth; dbg and dba stay.
 
         F advances the error state by one prediction period.
 
         Derivatives: dp' = dv, dv' = -R (f x dth + dba), dth' = -w x dth - dbg, with specific force f, body rates w, and the
         errors of position dp, velocity dv, attitude dth, gyroscope bias dbg and accelerometer bias dba.
         """
-        x, r, dt, period = self._column, self.r_nb, self.dt, self.dt * self.samples
-        fx, fy, fz = self.force_sum[i, 0] * dt, self.force_sum[i, 1] * dt, self.force_sum[i, 2] * dt
-        wx, wy, wz = self.omega_sum[i, 0] * dt, self.omega_sum[i, 1] * dt, self.omega_sum[i, 2] * dt
-        tx, ty, tz = x[6], x[7], x[8]
+        period, tx, ty, tz = self._period, th[0], th[1], th[2]
         # Change of velocity in body axes
-        ax = fy * tz - fz * ty + period * x[12]
-        ay = fz * tx - fx * tz + period * x[13]
-        az = fx * ty - fy * tx + period * x[14]
-        for k in range(3):
-            x[k] += period * x[3 + k]
-            x[3 + k] -= r[i, k, 0] * ax + r[i, k, 1] * ay + r[i, k, 2] * az
-        x[6] = tx - (wy * tz - wz * ty) - period * x[9]
-        x[7] = ty - (wz * tx - wx * tz) - period * x[10]
-        x[8] = tz - (wx * ty - wy * tx) - period * x[11]
+        ax = self._fy * tz - self._fz * ty + period * ba[0]
+        ay = self._fz * tx - self._fx * tz + period * ba[1]
+        az = self._fx * ty - self._fy * tx + period * ba[2]
+        return (
+            p[0] + period * v[0],
+            p[1] + period * v[1],
+            p[2] + period * v[2],
+            v[0] - (self._r00 * ax + self._r01 * ay + self._r02 * az),
+            v[1] - (self._r10 * ax + self._r11 * ay + self._r12 * az),
+            v[2] - (self._r20 * ax + self._r21 * ay + self._r22 * az),
+            tx - (self._wy * tz - self._wz * ty) - period * bg[0],
+            ty - (self._wz * tx - self._wx * tz) - period * bg[1],
+            tz - (self._wx * ty - self._wy * tx) - period * bg[2],
+        )
 
     def variance(self, i: int, jacobian: Floats, row: int) -> float:
         """Return the predicted variance of a measurement, without the noise of the measurement itself.

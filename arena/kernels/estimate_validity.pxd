@@ -8,6 +8,7 @@ from arena.kernels.vision_fusion cimport VisionFusion
 
 cdef long _USE_YAW
 
+@cython.final
 cdef class EstimateValidity:
     cdef readonly Strapdown state
     cdef readonly VisionFusion vision

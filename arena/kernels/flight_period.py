@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from arena.kernels.arrays import Array
     from arena.kernels.free_flight import FreeFlight
     from arena.kernels.rotor_dynamics import RotorDynamics
 
@@ -20,6 +21,14 @@ class FlightPeriod:
 
     def __init__(self, rotors: RotorDynamics, bodies: FreeFlight) -> None:
         self.rotors, self.bodies = rotors, bodies
+
+    def set_motors(self, motors: Array) -> None:
+        """Set the motor commands of the next steps, limited to 0..1; NaN counts as 0 [-] (V, R)."""
+        to = self.rotors.motors
+        for i in range(len(to)):
+            for k in range(self.rotors.rotors):
+                command = motors[i, k]
+                to[i, k] = min(command, 1.0) if command > 0.0 else 0.0
 
     def step(self, count: int) -> None:
         """Make `count` physics steps with the motor commands in `rotors.motors`."""

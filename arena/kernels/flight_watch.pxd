@@ -2,6 +2,7 @@
 cimport cython
 from libc cimport math
 
+@cython.final
 cdef class FlightWatch:
     cdef readonly double step_s
     cdef readonly double[:, ::1] p_n, v_n, recent

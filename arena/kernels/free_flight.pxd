@@ -6,14 +6,16 @@ from arena.kernels cimport limits
 
 cdef double _G, _MOST_SPEED, _MOST_TURN, _SMALL_RATE, _SERIES, _HALF_ROOT
 
+@cython.final
 cdef class FreeFlight:
     cdef readonly double step_s
     cdef readonly unsigned char[::1] free
     cdef readonly double[::1] mass, height
     cdef readonly double[:, ::1] inertia, place_w, quat, speed_w, rate_w, wind_n, force_b, torque_b
-    cdef readonly double[:, ::1] p_n, v_n, q_nb, omega_b, air_b, accel_b
+    cdef readonly double[:, ::1] p_n, v_n, q_nb, omega_b, air_b, accel_b, mean_accel_b
     cdef readonly double[:, :, ::1] r_nb
     cdef double[:, :, ::1] _r_wf
+    cpdef void average(self, Py_ssize_t steps) except *
     @cython.locals(sign=double)
     cpdef void publish(self, Py_ssize_t i) except *
     cdef void _accelerate(self, Py_ssize_t i) except *

@@ -50,6 +50,7 @@ class FreeFlight:
     q_nb, r_nb, omega_b: output: attitude wxyz (V, 4), its matrix (V, 3, 3), body rates [rad/s] [FRD] (V, 3)
     air_b, height: output: velocity relative to the air [m/s] [FRD] (V, 3), height above the floor [m] (V,)
     accel_b: output: sum of the specific forces of all steps since `begin` [m/s2] [FRD] (V, 3)
+    mean_accel_b: output of `average`: their mean [m/s2] [FRD] (V, 3)
     """
 
     def __init__(self, free: NDArray[np.bool_], step_s: float) -> None:
@@ -61,6 +62,7 @@ class FreeFlight:
         self.p_n, self.v_n, self.omega_b = floats(v, 3), floats(v, 3), floats(v, 3)
         self.q_nb, self.r_nb = floats(v, 4), floats(v, 3, 3)
         self.air_b, self.height, self.accel_b = floats(v, 3), floats(v), floats(v, 3)
+        self.mean_accel_b = floats(v, 3)
 
     def begin(self) -> None:
         """Prepare a sensor period: reset the sum of specific forces, and apply the new wind."""
@@ -93,6 +95,12 @@ class FreeFlight:
                 self.accel_b[i, k] += self._to_body(i, k, north, east, down)
             self.publish(i)
             self._set_air(i)
+
+    def average(self, steps: int) -> None:
+        """Compute `mean_accel_b` from the sum of the specific forces. steps: number of steps since `begin`"""
+        for i in range(len(self.free)):
+            for k in range(3):
+                self.mean_accel_b[i, k] = self.accel_b[i, k] / steps
 
     def publish(self, i: int) -> None:
         """Compute the outputs of body i (in NED and FRD) from its state in pybullet's axes."""

@@ -7,6 +7,7 @@ from arena.kernels cimport limits
 cdef Py_ssize_t _NONE, _POSITION
 cdef double _NAN, _G, _UPWARD, _LOW_THRUST, _FREEFALL_M_S2, _REST_M_S2
 
+@cython.final
 cdef class LandDetection:
     cdef readonly unsigned char[::1] landed, contact, at_rest, xy_valid, climbing
     cdef readonly double[:, ::1] v_n, omega_b
@@ -20,6 +21,7 @@ cdef class LandDetection:
     cdef bint _is_quiet(self, Py_ssize_t i) except -1
     cdef bint _has_low_thrust(self, Py_ssize_t i) except -1
 
+@cython.final
 cdef class ClimbRequest:
     cdef readonly double[:, ::1] p_n, v_sp_n, sp_p_n, sp_v_n
     cdef readonly unsigned char[::1] armed, climbing
@@ -30,6 +32,7 @@ cdef class ClimbRequest:
     cdef bint _is_upward(self, Py_ssize_t i) except -1
     cdef bint _has_thrust(self, Py_ssize_t i) except -1
 
+@cython.final
 cdef class RampLaw:
     cdef readonly unsigned char[::1] flying, landed, climbing, offboard
     cdef readonly double[::1] armed_since, full, full_offboard, spoolup_s, ramp_s, start, begun, climb_rate

@@ -3,6 +3,7 @@ cimport cython
 
 cdef long _V1, _V2, _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE, _SIGNED
 
+@cython.final
 cdef class FrameParser:
     cdef readonly dict seeds, targets
     cdef readonly long tries
@@ -22,3 +23,6 @@ cpdef bint may_contain(bytes data, unsigned char first, unsigned char second) ex
 
 @cython.locals(size=Py_ssize_t, head=bytes, body=bytes)
 cpdef bytes pack(bytes payload, long msgid, bytes seed, long seq, long sysid, long compid)
+
+@cython.locals(k=Py_ssize_t, part=long, crc=long)
+cpdef long checksum(unsigned char[::1] data, Py_ssize_t begin, Py_ssize_t end) except -1

@@ -160,3 +160,16 @@ def pack(payload: bytes, msgid: int, seed: bytes, seq: int, sysid: int, compid: 
     head = _pack_head(size, 0, 0, seq, sysid, compid, msgid & 0xFFFF, msgid >> 16)
     body = head + (payload if size == len(payload) else payload[:size])
     return b"\xfd" + body + _pack_crc(_crc(body + seed))
+
+
+def checksum(data: memoryview, begin: int, end: int) -> int:
+    """Return the CRC of the bytes begin .. end - 1 of a buffer, as fastcrc's `mcrf4xx` computes it for bytes.
+
+    A frame that is written into a buffer needs no copy for it. The formula is that of `crc_accumulate` in MAVLink's C library.
+    """
+    crc = 0xFFFF
+    for k in range(begin, end):
+        part = (data[k] ^ crc) & 0xFF
+        part = (part ^ (part << 4)) & 0xFF
+        crc = (crc >> 8) ^ (part << 8) ^ (part << 3) ^ (part >> 4)
+    return crc

@@ -6,6 +6,7 @@ from arena.kernels.control_allocation cimport ControlAllocation
 from arena.kernels.position_control cimport PositionLaw
 from arena.kernels.strapdown cimport Strapdown
 
+@cython.final
 cdef class MotorOutputs:
     cdef readonly Strapdown state
     cdef readonly Py_ssize_t rotors

@@ -11,6 +11,7 @@ from arena.kernels.rate_control cimport RateLaw
 cdef Py_ssize_t _NONE
 cdef double _IDLE
 
+@cython.final
 cdef class MotorRelease:
     cdef readonly MotorOutputs outputs
     cdef readonly RampLaw ramp

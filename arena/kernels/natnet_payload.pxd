@@ -8,6 +8,7 @@ cpdef long message_of(bytes data) except -1
 @cython.locals(message=long)
 cpdef bytes payload_of(bytes data, long expected)
 
+@cython.final
 cdef class PayloadReader:
     cdef public bytes data
     cdef public Py_ssize_t at

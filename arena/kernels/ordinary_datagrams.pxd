@@ -3,6 +3,7 @@ cimport cython
 
 cdef long _V1, _V2, _SIGNED, _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE, _AUTOPILOT, _NO_VEHICLE, _Z
 
+@cython.final
 cdef class OrdinaryDatagrams:
     cdef readonly long max_bytes
     cdef readonly list receivers

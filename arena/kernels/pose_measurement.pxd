@@ -7,6 +7,7 @@ from arena.kernels cimport rotations
 cdef double _H
 cdef Py_ssize_t _ATTITUDE
 
+@cython.final
 cdef class PoseMeasurement:
     cdef readonly list numbers
     cdef readonly long[::1] rows

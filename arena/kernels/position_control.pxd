@@ -1,4 +1,5 @@
 # C types of position_control.py: they make the compiled class fast and change no result.
+cimport cython
 from libc cimport math
 
 from arena.kernels cimport limits, rotations
@@ -7,6 +8,7 @@ cdef double _NAN, _G
 
 cpdef (double, double, double, double) attitude_from_thrust(double north, double east, double down, double yaw)
 
+@cython.final
 cdef class PositionLaw:
     cdef double dt
     cdef readonly double[:, ::1] p, vp, vi_dt, vd

@@ -1,8 +1,10 @@
 # C types of rate_control.py: they make the compiled class fast and change no result.
+cimport cython
 from arena.kernels cimport limits
 
 cdef double _INTEGRAL_CUTOFF
 
+@cython.final
 cdef class RateLaw:
     cdef double dt
     cdef readonly double[:, ::1] p, i_dt, d, integral_limit, low_pass

@@ -6,6 +6,7 @@ from arena.kernels cimport limits
 
 cdef double MIN_THRUST_SHARE
 
+@cython.final
 cdef class RotorDynamics:
     cdef readonly Py_ssize_t rotors, cells, ground_cells
     cdef readonly double[:, ::1] motors, spin, spin_up, air_b, thrust_table, speed_table, ground_table

@@ -1,7 +1,15 @@
-# C types of sensor_readings.py: they make the compiled functions fast and change no result.
+# C types of sensor_readings.py: they make the compiled classes fast and change no result.
 cimport cython
 
-cpdef void add_inertial(double[:, :] noise, double[:, :] accel_b, double[:, :] omega_b) except *
-cpdef void add_field(double[:, :] noise, double[::1] field_n, double[:, :, ::1] r_nb) except *
-cpdef void add_altitude(double[:, :] noise, double origin_m, double[:, :] p_n) except *
-cpdef void limit(double[:, :] readings, double[:, ::1] most, Py_ssize_t width) except *
+@cython.final
+cdef class TrueMotion:
+    cdef readonly double[:, :] accel_b, omega_b, p_n
+    cdef readonly double[:, :, :] r_nb
+    cpdef void add_inertial(self, double[:, :] noise) except *
+    cpdef void add_field(self, double[:, :] noise, double north, double east, double down) except *
+    cpdef void add_altitude(self, double[:, :] noise, double origin_m) except *
+
+@cython.final
+cdef class ReadingLimits:
+    cdef readonly double[:, :] most
+    cpdef void limit(self, double[:, :] readings, Py_ssize_t width) except *

@@ -1,4 +1,6 @@
 # C types of socket_waits.py: they make the compiled class fast and change no result.
+cimport cython
+@cython.final
 cdef class SocketWaits:
     cdef public const double[::1] world_s
     cdef readonly double limit_s

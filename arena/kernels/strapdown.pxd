@@ -6,6 +6,7 @@ from arena.kernels cimport limits, rotations
 
 cdef double _G
 
+@cython.final
 cdef class Strapdown:
     cdef readonly double dt, mean_share
     cdef readonly Py_ssize_t steps

@@ -3,6 +3,7 @@ cimport cython
 
 cdef double _NEVER, _CATCH_UP_S, _ROUNDING_S
 
+@cython.final
 cdef class StreamSchedule:
     cdef readonly long[::1] ids
     cdef readonly double[:, ::1] interval_s, due_s
@@ -11,6 +12,8 @@ cdef class StreamSchedule:
     cpdef bint is_due(self, Py_ssize_t link, double now) except -1
     @cython.locals(first=double)
     cpdef bint is_any_due(self, double now) except -1
+    @cython.locals(due=bint)
+    cpdef bint is_column_due(self, Py_ssize_t column, double now) except -1
     cpdef bint is_stream_due(self, Py_ssize_t link, Py_ssize_t column, double now) except -1
     @cython.locals(earliest=Py_ssize_t, column=Py_ssize_t)
     cpdef Py_ssize_t first(self, Py_ssize_t link) except -1

@@ -54,6 +54,13 @@ class StreamSchedule:
         """Return whether one given message of a link must be sent at `now` [s]."""
         return self.due_s[link, column] <= now + _ROUNDING_S
 
+    def is_column_due(self, column: int, now: float) -> bool:
+        """Return whether any link must send one given message at `now` [s]."""
+        due = False
+        for link in range(len(self.next_s)):
+            due = due or self.is_stream_due(link, column, now)
+        return due
+
     def first(self, link: int) -> int:
         """Return the column (index in `ids`) of the message that the link must send first.
 

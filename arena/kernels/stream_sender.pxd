@@ -4,6 +4,7 @@ cimport cython
 from arena.kernels.stream_schedule cimport StreamSchedule
 from arena.kernels.telemetry_packing cimport TelemetryPacking
 
+@cython.final
 cdef class StreamSender:
     cdef readonly StreamSchedule schedule
     cdef readonly TelemetryPacking packing

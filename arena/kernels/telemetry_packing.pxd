@@ -12,16 +12,19 @@ cdef Py_ssize_t _VOLTAGE, _CURRENT, _REMAINING, _INPUTS, _ARMED, _LAT0, _LON0, _
 cdef Py_ssize_t _PRESENT, _HEALTH, _PRESENT_LOST, _HEALTH_LOST
 cdef Py_ssize_t _POSITION, _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64
 cdef Py_ssize_t _ESC_COUNTER, _ESC_FIRST, _ESC_COUNT, _ESC_ONLINE, _ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT, _ESCS
+cdef Py_ssize_t HEAD, _PAYLOAD
 cdef double _DEG, _NAN, _FULL_SPEED_RPM
 
 cpdef (double, double) global_position(double north, double east, double heading, double lat0, double lon0, double earth_m)
 cpdef double rounded(double x) except? -1.0
 
+@cython.final
 cdef class PayloadWriter:
     cdef readonly long number
     cdef readonly bytes seed
     cdef readonly bint by_escs
-    cdef readonly object payload
+    cdef readonly Py_ssize_t size, end
+    cdef readonly unsigned char[::1] frame
     cdef readonly long[:, ::1] fields
     cdef readonly double[:, ::1] ranges
     cdef unsigned char[::1] u8
@@ -33,13 +36,16 @@ cdef class PayloadWriter:
     cdef unsigned long long[::1] u64
     cdef long long[::1] i64
     cdef float[::1] f32
-    @cython.locals(k=Py_ssize_t)
-    cpdef bytes write(self, double[::1] values)
+    @cython.locals(k=Py_ssize_t, size=Py_ssize_t, end=Py_ssize_t, crc=long, frame="unsigned char[::1]")
+    cpdef Py_ssize_t write(self, double[::1] values, long seq, long sysid, long compid) except -1
     @cython.locals(whole=long)
     cdef void _store(self, double value, Py_ssize_t kind, Py_ssize_t at) except *
 
+@cython.final
 cdef class TelemetryPacking:
     cdef readonly dict writers
+    cdef object _bytes
+    cdef unsigned char[::1] _datagram
     cdef readonly Py_ssize_t rotors
     cdef readonly double earth_m
     cdef readonly double[::1] values, baro_alt, pressure_hpa, battery_v, battery_a, battery, thrust, escs, sp_yaw, sp_yaw_rate
@@ -54,7 +60,7 @@ cdef class TelemetryPacking:
     cdef long _parts(self, Py_ssize_t i, PayloadWriter writer) except -1
     @cython.locals(count=double, total=double, amperes=double, command=double, exists=bint, k=Py_ssize_t)
     cdef void _compute_escs(self, Py_ssize_t i, Py_ssize_t first) except *
-    @cython.locals(part=Py_ssize_t, frames=list, number=long, writer=PayloadWriter, payload=bytes)
+    @cython.locals(part=Py_ssize_t, number=long, writer=PayloadWriter, size=Py_ssize_t, end=Py_ssize_t, k=Py_ssize_t)
     cpdef bytes pack(self, Py_ssize_t i, list message_ids, long seq, long sysid, long compid)
     @cython.locals(k=Py_ssize_t)
     cdef void _compute(self, Py_ssize_t i) except *

@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from arena.kernels import limits, mavlink_framing, rotations
-from arena.kernels.arrays import floats
+from arena.kernels.arrays import array, floats
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -74,7 +74,10 @@ _FULL_SPEED_RPM = 6000.0  # at motor command 1; PX4 SITL reports the same, becau
 _POSITION = 3  # level of a setpoint, as in `cascade`
 _DEG = 180.0 / math.pi
 _NAN = float("nan")
-_MOST_BYTES = 256  # more than every payload
+_MOST_BYTES = 264  # more than every payload and CRC
+HEAD, _PAYLOAD = 6, 16
+"""Offset of a frame in the buffer of its writer, and of the payload, which is aligned to 8 bytes."""
+_MOST_DATAGRAM = 16384  # bytes of all messages of a vehicle, with many ESCs
 _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64 = range(8)  # positions in KINDS
 
 
@@ -106,8 +109,9 @@ def rounded(x: float) -> float:
 
 
 class PayloadWriter:
-    """Writer of the payload of one MAVLink message type, always into the same buffer.
+    """Writer of the frames of one MAVLink message type, always into the same buffer.
 
+    frame: the buffer. end: offset of the CRC of the newest frame
     number, seed: message id and its seed byte CRC_EXTRA
     fields: for each number in the payload: its position in the values, its type as position in `KINDS`, and its offset in
         units of the type's size (F, 3). The other bytes of the payload are 0
@@ -124,19 +128,38 @@ class PayloadWriter:
         """
         self.number, self.seed, self.fields, self.ranges = number, seed, fields, ranges
         self.by_escs = by_escs
-        raw = memoryview(bytearray(_MOST_BYTES))
-        self.payload, self.u8, self.i8 = raw[:size], raw, raw.cast("b")
+        self.size, self.end = size, _PAYLOAD
+        whole = memoryview(bytearray(_PAYLOAD + _MOST_BYTES))
+        self.frame, raw = whole, whole[_PAYLOAD:]
+        self.u8, self.i8 = raw, raw.cast("b")
         self.u16, self.i16, self.u32, self.i32 = raw.cast("H"), raw.cast("h"), raw.cast("I"), raw.cast("i")
         self.u64, self.i64, self.f32 = raw.cast("Q"), raw.cast("q"), raw.cast("f")
 
-    def write(self, values: Floats) -> bytes:
-        """Encode the values of a vehicle as the payload of this message, and return it.
+    def write(self, values: Floats, seq: int, sysid: int, compid: int) -> int:
+        """Encode the values of a vehicle as a MAVLink 2 frame, as `mavlink_framing.pack` does. Return its number of bytes.
+
+        The frame begins at the byte `HEAD` of `frame`.
 
         values: values of a vehicle
+        seq, sysid, compid: sequence number, system and component of the sender
         """
+        frame = self.frame
+        frame[self.end] = frame[self.end + 1] = 0  # the last CRC, which may be in the payload
         for k in range(len(self.fields)):
             self._store(values[self.fields[k, 0]], self.fields[k, 1], self.fields[k, 2])
-        return self.payload.tobytes()
+        size = self.size
+        while size > 1 and frame[_PAYLOAD + size - 1] == 0:
+            size -= 1
+        end = _PAYLOAD + size
+        frame[HEAD], frame[HEAD + 1], frame[HEAD + 2], frame[HEAD + 3] = 0xFD, size, 0, 0
+        frame[HEAD + 4], frame[HEAD + 5], frame[HEAD + 6] = seq, sysid, compid
+        frame[HEAD + 7], frame[HEAD + 8] = self.number & 0xFF, (self.number >> 8) & 0xFF
+        frame[HEAD + 9] = self.number >> 16
+        frame[end] = self.seed[0]
+        crc = mavlink_framing.checksum(frame, HEAD + 1, end + 1)
+        frame[end], frame[end + 1] = crc & 0xFF, crc >> 8
+        self.end = end
+        return end + 2 - HEAD
 
     def _store(self, value: float, kind: int, at: int) -> None:
         """Store a number in the payload.
@@ -173,7 +196,7 @@ class TelemetryPacking:
     """Packs the telemetry of V vehicles with at most R rotors each.
 
     inputs: input: `STATUS`, then `PLACE`, then `LOST` (V, 15)
-    accel_b, gyro_b, mag_b: input: specific force [m/s2], body rates [rad/s], magnetic field [gauss] [FRD] (V, 3)
+    mag_b: input: magnetic field [gauss] [FRD] (V, 3)
     baro_alt, pressure_hpa: input: barometric altitude [m] and its pressure [hPa] (V,)
     battery_v, battery_a, battery: input: voltage [V], current [A] and remaining charge 0..1 (V,)
     thrust, motors: input: collective thrust (V,) and motor commands (V, R) 0..1
@@ -184,8 +207,8 @@ class TelemetryPacking:
 
     def __init__(
         self,
-        vehicles: int,
-        rotors: int,
+        thrust: Floats,
+        motors: Floats,
         constants: Sequence[float],
         writers: Sequence[PayloadWriter],
         earth_m: float,
@@ -197,20 +220,24 @@ class TelemetryPacking:
         earth_m: radius of the Earth [m]
         """
         self.writers, self.earth_m = {each.number: each for each in writers}, earth_m
+        vehicles = len(thrust)
         self.values = floats(VALUES + len(constants))
         for k, constant in enumerate(constants):
             self.values[VALUES + k] = constant
         for k in range(21):
             self.values[_POSE_COVARIANCE + k] = self.values[_VELOCITY_COVARIANCE + k] = _NAN
         self.inputs = floats(vehicles, len(STATUS) + len(PLACE) + len(LOST))
-        self.accel_b, self.gyro_b, self.mag_b = floats(vehicles, 3), floats(vehicles, 3), floats(vehicles, 3)
+        self.mag_b = floats(vehicles, 3)
         self.baro_alt, self.pressure_hpa = floats(vehicles), floats(vehicles)
         self.battery_v, self.battery_a, self.battery = floats(vehicles), floats(vehicles), floats(vehicles)
-        self.thrust, self.motors, self.rotors = floats(vehicles), floats(vehicles, rotors), rotors
+        self.thrust, self.motors, self.rotors = thrust, motors, array(motors).shape[1]
         self.escs = floats(vehicles)
+        self._bytes = self._datagram = memoryview(bytearray(_MOST_DATAGRAM))
 
     def read_estimates_from(
         self,
+        accel_b: Floats,
+        gyro_b: Floats,
         p_n: Floats,
         v_n: Floats,
         q_nb: Floats,
@@ -222,8 +249,10 @@ class TelemetryPacking:
     ) -> None:
         """Store the estimator's arrays, from which `pack` reads position, attitude and other estimates.
 
+        accel_b, gyro_b: measured specific force [m/s2] and body rates [rad/s] [FRD] (V, 3)
         xy_valid: True for a valid horizontal position (V,)
         """
+        self.accel_b, self.gyro_b = accel_b, gyro_b
         self.p_n, self.v_n, self.q_nb, self.r_nb, self.omega_b = p_n, v_n, q_nb, r_nb, omega_b
         self.cov, self.resets, self.xy_valid = cov, resets, xy_valid
 
@@ -266,16 +295,18 @@ class TelemetryPacking:
         sysid, compid: sender
         """
         self._compute(i)
-        frames = []
+        end = 0
         for number in message_ids:
             writer = self.writers[number]
             for part in range(self._parts(i, writer)):
                 if writer.by_escs:
                     self._compute_escs(i, part * _ESCS)
-                payload = writer.write(self.values)
-                frames.append(mavlink_framing.pack(payload, number, writer.seed, seq, sysid, compid))
+                size = writer.write(self.values, seq, sysid, compid)
+                for k in range(size):
+                    self._datagram[end + k] = writer.frame[HEAD + k]
+                end += size
                 seq = (seq + 1) % 256
-        return b"".join(frames)
+        return self._bytes[:end].tobytes()
 
     def _parts(self, i: int, writer: PayloadWriter) -> int:
         """Return how many frames vehicle i needs for a message: one per four ESCs for ESC messages, else one."""

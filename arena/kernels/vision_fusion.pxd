@@ -9,6 +9,7 @@ from arena.kernels.strapdown cimport Strapdown
 cdef double _INFINITE
 cdef Py_ssize_t _USE_XY, _USE_Z, _USE_YAW, _YAW
 
+@cython.final
 cdef class VisionFusion:
     cdef readonly Strapdown state
     cdef readonly ErrorCovariance covariance

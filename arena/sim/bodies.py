@@ -52,6 +52,7 @@ class Bodies:
     air_b: velocity relative to the air [m/s] [FRD] (V, 3)
     height: height of the body origin above the floor [m] (V,)
     accel_b: sum of the specific forces of all steps since `begin`, contact forces included [m/s2] [FRD] (V, 3)
+    mean_accel_b: mean specific force of the last period, computed by `finish` [m/s2] [FRD] (V, 3)
     in_pybullet: rows of the vehicles that pybullet moves
     """
 
@@ -82,6 +83,7 @@ class Bodies:
         )
         self.p_n, self.v_n, self.q_nb = array(law.p_n), array(law.v_n), array(law.q_nb)
         self.r_nb, self.omega_b, self.accel_b = array(law.r_nb), array(law.omega_b), array(law.accel_b)
+        self.mean_accel_b = array(law.mean_accel_b)
         self.air_b, self.height = array(law.air_b), array(law.height)
         top = np.maximum(fleet.origin_height, fleet.height - fleet.origin_height)
         self._clearance = Clearance(
@@ -130,6 +132,10 @@ class Bodies:
         self._force_b[...], self._torque_b[...] = force_b, torque_b
         self._law.step()
         self._law.finish()
+
+    def finish(self, steps: int) -> None:
+        """End a sensor period: compute `mean_accel_b`. steps: number of steps since `begin`"""
+        self._law.average(steps)
 
     def free_flight(self, dynamics: Dynamics) -> FlightPeriod:
         """Return the compiled function that moves all bodies for one sensor period, without pybullet.

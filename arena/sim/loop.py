@@ -180,7 +180,7 @@ class Loop:
         if self._external is None:
             self._read_sockets()
             world.step(autopilots.step(world.now, world.sense()))
-            self._truth.write(world.truth())
+            self._truth.write(world.live_truth())
             self._links.send(autopilots.transmit(), world.now)
             self._clock.tick(world.now, poll=self._speed == 1.0)
         else:

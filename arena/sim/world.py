@@ -94,9 +94,17 @@ class World:
         self._downwash_n: Array = np.zeros((self.fleet.size, 3))
         self.steps = self._observed_steps = 0
         # Before the first step every vehicle stands at its start, so its specific force is 1 g.
-        self._accel_b = -(_G_N @ self.bodies.r_nb)
+        bodies.mean_accel_b[...] = -(_G_N @ bodies.r_nb)
+        self._state = (
+            bodies.p_n,
+            bodies.q_nb,
+            bodies.v_n,
+            bodies.omega_b,
+            bodies.mean_accel_b,
+            self._dynamics.spin,
+        )
         self._motion = Motion(
-            accel_b=self._accel_b,
+            accel_b=bodies.mean_accel_b,
             omega_b=bodies.omega_b,
             r_nb=bodies.r_nb,
             p_n=bodies.p_n,
@@ -141,18 +149,17 @@ class World:
 
         motors: motor commands, constant for the period, limited to 0..1; NaN counts as 0 [-] (V, R)
         """
-        motors = np.fmin(np.fmax(motors, 0.0), 1.0)
-        if self._battery.is_weak:
-            motors = motors * self._battery.command_factor
         bodies, dynamics = self.bodies, self._dynamics
+        self._flight.set_motors(motors)
+        if self._battery.is_weak:
+            dynamics.motors *= self._battery.command_factor
         bodies.begin(self._wind())
         if bodies.in_pybullet:
             for _ in range(self._substeps):
-                bodies.step(*dynamics.step(motors, bodies.air_b, bodies.height))
+                bodies.step(*dynamics.step(dynamics.motors, bodies.air_b, bodies.height))
         else:
-            dynamics.motors[...] = motors
             self._flight.step(self._substeps)
-        np.divide(bodies.accel_b, self._substeps, out=self._accel_b)
+        bodies.finish(self._substeps)
         self.steps += 1
 
     def observe(self) -> None:
@@ -202,17 +209,12 @@ class World:
     # -- results -----------------------------------------------------------------------------------------------------
 
     def truth(self) -> Truth:
-        """Return the current true state of all vehicles."""
-        bodies = self.bodies
-        return Truth(
-            time_s=self.now,
-            p_n=bodies.p_n.copy(),
-            q_nb=bodies.q_nb.copy(),
-            v_n=bodies.v_n.copy(),
-            omega_b=bodies.omega_b.copy(),
-            accel_b=self._accel_b.copy(),
-            motors=self._dynamics.spin.copy(),
-        )
+        """Return a copy of the current true state of all vehicles."""
+        return Truth(self.now, *(values.copy() for values in self._state))
+
+    def live_truth(self) -> Truth:
+        """Return the current true state of all vehicles, in arrays that the next step overwrites."""
+        return Truth(self.now, *self._state)
 
     def sense(self, requested: Collection[str] = ()) -> dict[str, Array]:
         """Return one sample of every sensor. Call it once per step.

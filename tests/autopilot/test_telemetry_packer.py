@@ -51,6 +51,8 @@ class Rig:
             cov=np.stack([np.diag(rng.random(15)) for _ in range(v)]),
             reset_counter=rng.integers(0, 1000, v),
             xy_valid=lambda now: XY_VALID,
+            sensed_accel_b=rng.normal(0, 9, (v, 3)),
+            sensed_gyro_b=rng.normal(size=(v, 3)),
         )
         self.sp = SimpleNamespace(
             level=np.array([3, 3, 1]),
@@ -65,8 +67,8 @@ class Rig:
             now_s=now,
             ms=int(now * 1e3),
             us=int(now * 1e6),
-            accel_b=rng.normal(0, 9, (v, 3)),
-            gyro_b=rng.normal(size=(v, 3)),
+            accel_b=self.est.sensed_accel_b,
+            gyro_b=self.est.sensed_gyro_b,
             mag_b=rng.normal(size=(v, 3)),
             baro_alt_m=rng.uniform(0, 500, v),
             battery_v=rng.uniform(10, 70, v),
@@ -78,11 +80,18 @@ class Rig:
         origin = Origin(38.7, -9.1, 100.0, HEADING)
         self.vehicles = [self.vehicle(0, None, None)]
         self.vehicles += [self.vehicle(i, origin, [0.5, 0.5, -2.0]) for i in (1, 2)]
-        self.packer = TelemetryPacker(self.est, self.sp, self.cascade, ROTORS)  # type: ignore[arg-type]
-        self.packer.begin(self.state)  # type: ignore[arg-type]
+        self.packer = TelemetryPacker(self.est, self.sp, self.cascade, self.state.thrust, self.state.motors)  # type: ignore[arg-type]
+        self.begin(self.packer)
         for v in self.vehicles:
             self.packer.set_status(v)
             self.packer.set_place(v)
+
+    def begin(self, packer: TelemetryPacker) -> None:
+        """Pass the sensor values of the state to a packer."""
+        s = self.state
+        readings = {"mag_b": s.mag_b, "baro_alt_m": s.baro_alt_m, "battery_v": s.battery_v}
+        readings |= {"battery_current_a": s.battery_a, "battery_remaining": s.battery}
+        packer.begin(s.now_s, readings)
 
     def vehicle(self, row: int, origin: Origin | None, home_n: list[float] | None) -> Any:
         commander = SimpleNamespace(mode=Mode.OFFBOARD, armed=row > 0, failsafe=row == 2)
@@ -244,9 +253,9 @@ def test_esc_messages_divide_the_current_by_the_motor_commands(rig, escs):
 
 
 def test_a_vehicle_with_six_rotors_sends_two_esc_messages(rig):
-    packer = TelemetryPacker(rig.est, rig.sp, rig.cascade, 6)
-    rig.state.motors = np.tile(np.arange(1.0, 7.0) / 10, (VEHICLES, 1))
-    packer.begin(rig.state)
+    motors = np.tile(np.arange(1.0, 7.0) / 10, (VEHICLES, 1))
+    packer = TelemetryPacker(rig.est, rig.sp, rig.cascade, rig.state.thrust, motors)
+    rig.begin(packer)
     v = rig.vehicles[1]
     v.rotors = 6
     packer.set_place(v)
@@ -284,7 +293,7 @@ def test_compiled_and_interpreted_kernel_pack_the_same_bytes(rig):
         rig.state.battery_a[1] = rig.state.accel_b[0] = scale
         if not math.isnan(scale):
             rig.est.p_n[1] = rig.est.v_n[2] = scale
-        rig.packer.begin(rig.state)
+        rig.begin(rig.packer)
         same = _interpreted_copy(source, compiled)
         for i in range(VEHICLES):
             assert compiled.pack(i, list(FREQUENT), 3, i + 1, 1) == same.pack(i, list(FREQUENT), 3, i + 1, 1)
@@ -293,17 +302,16 @@ def test_compiled_and_interpreted_kernel_pack_the_same_bytes(rig):
 def _interpreted_copy(source: Any, packing: Any) -> Any:
     """Return a packing of the interpreted module with the same inputs."""
     writers = [
-        source.PayloadWriter(
-            w.number, len(w.payload), w.seed, memoryview(w.fields), memoryview(w.ranges), w.by_escs
-        )
+        source.PayloadWriter(w.number, w.size, w.seed, memoryview(w.fields), memoryview(w.ranges), w.by_escs)
         for w in packing.writers.values()
     ]
     constants = list(packing.values[source.VALUES :])
-    found = source.TelemetryPacking(VEHICLES, ROTORS, constants, writers, packing.earth_m)
-    names = ("inputs", "accel_b", "gyro_b", "mag_b", "baro_alt", "pressure_hpa", "battery_v", "battery_a")
-    for name in (*names, "battery", "thrust", "motors", "escs"):
+    thrust, motors = memoryview(packing.thrust), memoryview(packing.motors)
+    found = source.TelemetryPacking(thrust, motors, constants, writers, packing.earth_m)
+    names = ("inputs", "mag_b", "baro_alt", "pressure_hpa", "battery_v", "battery_a", "battery", "escs")
+    for name in names:
         np.asarray(getattr(found, name))[...] = np.asarray(getattr(packing, name))
-    estimates = ("p_n", "v_n", "q_nb", "r_nb", "omega_b", "cov", "resets", "xy_valid")
+    estimates = ("accel_b", "gyro_b", "p_n", "v_n", "q_nb", "r_nb", "omega_b", "cov", "resets", "xy_valid")
     found.read_estimates_from(*(memoryview(getattr(packing, name)) for name in estimates))
     setpoints = ("level", "sp_p_n", "sp_yaw", "sp_yaw_rate", "v_sp_n", "a_sp_n", "q_sp", "omega_sp")
     found.read_setpoints_from(*(memoryview(getattr(packing, name)) for name in setpoints))

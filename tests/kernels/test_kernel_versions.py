@@ -230,10 +230,12 @@ def read_sensors(modules: dict[str, ModuleType]) -> list[np.ndarray]:
     rng, law = np.random.default_rng(12), modules["sensor_readings"]
     row, most = rng.normal(size=(VEHICLES, 10)), np.full((VEHICLES, 10), 2.0)
     row[2, 4], most[:, 6:] = np.nan, np.inf
-    law.add_inertial(row[:, 0:6], rng.normal(size=(VEHICLES, 3)), rng.normal(size=(VEHICLES, 3)))
-    law.add_field(row[:, 6:9], rng.normal(size=3), rng.normal(size=(VEHICLES, 3, 3)))
-    law.add_altitude(row[:, 9:], 100.0, rng.normal(size=(VEHICLES, 3)))
-    law.limit(row, most, 10)
+    accel_b, omega_b, p_n = rng.normal(size=(3, VEHICLES, 3))
+    motion = law.TrueMotion(accel_b, omega_b, rng.normal(size=(VEHICLES, 3, 3)), p_n)
+    motion.add_inertial(row[:, 0:6])
+    motion.add_field(row[:, 6:9], *rng.normal(size=3))
+    motion.add_altitude(row[:, 9:], 100.0)
+    law.ReadingLimits(most).limit(row, 10)
     assert np.nanmax(np.abs(row[:, :6])) == 2.0 and np.isnan(row[2, 4])
     return [row]
 

@@ -12,6 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.kernels.arrays import integers, view
+from arena.kernels.setpoint_rows import SetpointRows
+
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 Triple = tuple[float, float, float]
@@ -82,6 +85,18 @@ class Setpoints:
         self.q_nb, self.omega_b = np.tile([1.0, 0.0, 0.0, 0.0], (v, 1)), np.zeros((v, 3))
         self.thrust = np.zeros(v)
         self.yaw_rate_ff = np.zeros(v)
+        self._rows = SetpointRows(
+            integers(self.level),
+            view(self.p_n),
+            view(self.v_n),
+            view(self.a_n),
+            view(self.yaw),
+            view(self.yaw_rate),
+            view(self.q_nb),
+            view(self.omega_b),
+            view(self.thrust),
+            view(self.yaw_rate_ff),
+        )
 
     def has_level(self, level: Level) -> Bool:
         """Return a mask (V,) of the vehicles whose setpoint has this level, for example `Level.RATE` (body rates)."""
@@ -93,6 +108,13 @@ class Setpoints:
         self.p_n[i] = self.v_n[i] = self.a_n[i] = np.nan
         self.yaw[i] = self.yaw_rate[i] = np.nan
         self.thrust[i] = self.yaw_rate_ff[i] = 0.0
+
+    def follow(self, i: int, o: OffboardSetpoint) -> None:
+        """Write an offboard setpoint of vehicle i."""
+        level = o.level.value
+        self._rows.set_position(i, level, o.p_n, o.v_n, o.a_n, o.yaw, o.yaw_rate)
+        ff = o.yaw_rate if level == Level.ATTITUDE.value else 0.0
+        self._rows.set_attitude(i, o.q_nb, o.omega_b, o.thrust, ff)
 
     def set_position(
         self,

@@ -196,6 +196,11 @@ class Estimator:
         self._validity.update(now)
         return self._yaw_valid
 
+    def valid(self, now: float) -> tuple[Bool, Bool, Bool]:
+        """Return the masks of `xy_valid`, `z_valid` and `yaw_valid`, which the next call overwrites."""
+        self._validity.update(now)
+        return self._xy_valid, self._z_valid, self._yaw_valid
+
     def velocity_known(self, i: int) -> bool:
         """Return whether the velocity of vehicle i is known well enough to brake without external vision."""
         return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)

@@ -364,7 +364,16 @@ class MavlinkInterface:
 
     def received_counts(self) -> Counter[str]:
         """Return the numbers of received and refused messages by kind, over all links."""
-        return sum((link.codec.counts for link in self.links.values()), self.vehicle.counts + self.counts)
+        found: dict[str, int] = {}  # adding Counters is slow
+        for counts in (
+            self.vehicle.counts,
+            self.counts,
+            *(link.codec.counts for link in self.links.values()),
+        ):
+            for kind, count in counts.items():
+                if count > 0:
+                    found[kind] = found.get(kind, 0) + count
+        return Counter(found)
 
 
 _DECODED_FAST = (mavlink_records.ODOMETRY, mavlink_records.SET_POSITION_TARGET)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.mavlink import streams
@@ -18,9 +19,14 @@ from arena.kernels.arrays import array, integers
 from arena.kernels.stream_schedule import StreamSchedule
 from arena.kernels.stream_sender import StreamSender
 
+Array = NDArray[np.float64]
+
 _PHASE_S, _PHASES = 0.004, 5  # phase shift between the streams of neighbouring vehicles
 _IDS = sorted(streams.SUPPORTED)
 _COLUMNS = {msgid: column for column, msgid in enumerate(_IDS)}
+(_PRESSURE,) = [
+    _COLUMNS[msgid] for msgid, contents in FREQUENT.items() if "pressure_hpa" in contents.values()
+]
 _HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _LINKS = list(streams.LINK_RATES)
 _HAS_CONTENT = {_COLUMNS[msgid]: test for msgid, test in {**HAS_CONTENT, **RARE_HAS_CONTENT}.items()}
@@ -31,7 +37,6 @@ class Telemetry:
 
     packer: packs the frequent messages
     read_state: function that returns the state of all vehicles at the last step; None before the first step
-    state: state of all vehicles since the last call of `begin`
     wake_s: time from which the MAVLink interface of a vehicle must send, because it has more to send than streams [s] (V,)
     """
 
@@ -42,7 +47,6 @@ class Telemetry:
         read_state: Callable[[], TelemetryState | None],
     ) -> None:
         self.packer, self._read_state = packer, read_state
-        self.state: TelemetryState | None = None
         self._sequence = np.zeros(len(vehicles) * len(_LINKS), np.int64)
         self._schedule = StreamSchedule(len(self._sequence), integers(np.array(_IDS, np.int64)))
         self._silent = np.zeros((len(vehicles), len(_IDS)), bool)
@@ -90,14 +94,14 @@ class Telemetry:
                 link.streams.set_interval(msgid, 1.0 / hz, first_s)
 
     def begin(self) -> TelemetryState | None:
-        """Prepare the telemetry messages of this step. Return the state of all vehicles after the previous step.
+        """Prepare messages that a client requested. Return the state of all vehicles after the previous step.
 
         Return None before the first step.
         """
-        self.state = self._read_state()
-        if self.state is not None:
-            self.packer.begin(self.state)
-        return self.state
+        state = self._read_state()
+        if state is not None:
+            self.packer.begin(state.now_s, state.sensors)
+        return state
 
     def update(self, v: Vehicle) -> None:
         """Copy rarely changing values of a vehicle, such as mode and origin, to the telemetry packer.
@@ -125,10 +129,14 @@ class Telemetry:
         """Return whether any vehicle has a MAVLink message to send at `now` [s]."""
         return self._sender.has_output(now)
 
-    def send_streams(self, now: float) -> list[tuple[int, str, bytes]]:
+    def send_streams(self, now: float, sensors: Mapping[str, Array]) -> list[tuple[int, str, bytes]]:
         """Return (row of the vehicle, link, datagram) for the streams that are due at `now` [s].
+
+        sensors: as for `Autopilots.step`
 
         (row, "", b"") means that the MAVLink interface of this vehicle must send, because it has more to send than
         frequent messages.
         """
+        with_pressure = self._schedule.is_column_due(_PRESSURE, now)
+        self.packer.begin(now, sensors, with_pressure=with_pressure)
         return self._sender.step(now)

@@ -6,7 +6,7 @@ The kernel `telemetry_packing` computes the quantities and packs the frames. pym
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from arena.autopilot.control.controllers import Cascade
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.flight_modes import MANUAL_MODES, Mode
-from arena.autopilot.mavlink.telemetry_state import TelemetryState
+from arena.autopilot.mavlink.telemetry_state import boot_ms
 from arena.autopilot.vehicle import Vehicle
 from arena.geometry import EARTH_M
 from arena.kernels.arrays import array, flags, integers, view
@@ -168,27 +168,22 @@ class TelemetryPacker:
     Use `begin` once per step, before `pack`.
 
     est, sp, cascade: estimator, setpoints and controllers of the vehicles
+    thrust, motors: collective thrust (V,) and motor commands (V, R) 0..1
     law: the compiled packing
     """
 
-    def __init__(self, est: Estimator, sp: Setpoints, cascade: Cascade, rotors: int) -> None:
-        self.law = packing = TelemetryPacking(len(sp.level), rotors, *_tables(), EARTH_M)
+    def __init__(self, est: Estimator, sp: Setpoints, cascade: Cascade, thrust: Array, motors: Array) -> None:
+        self.law = packing = TelemetryPacking(view(thrust), view(motors), *_tables(), EARTH_M)
         inputs, place = array(packing.inputs), len(STATUS) + len(PLACE)
         self._status, self._place, self._lost = np.split(inputs, [len(STATUS), place], axis=1)
         self._xy_valid, self._escs = est.xy_valid, array(packing.escs)
         self._pressure_hpa, self._baro_alt = array(packing.pressure_hpa), array(packing.baro_alt)
-        self._copied = [
-            (array(packing.accel_b), "accel_b"),
-            (array(packing.gyro_b), "gyro_b"),
-            (array(packing.mag_b), "mag_b"),
-            (self._baro_alt, "baro_alt_m"),
-            (array(packing.battery_v), "battery_v"),
-            (array(packing.battery_a), "battery_a"),
-            (array(packing.battery), "battery"),
-            (array(packing.thrust), "thrust"),
-            (array(packing.motors), "motors"),
-        ]
+        self._mag_b = array(packing.mag_b)
+        self._battery_v, self._battery_a = array(packing.battery_v), array(packing.battery_a)
+        self._battery = array(packing.battery)
         packing.read_estimates_from(
+            view(est.sensed_accel_b),
+            view(est.sensed_gyro_b),
             view(est.p_n),
             view(est.v_n),
             view(est.q_nb),
@@ -202,16 +197,22 @@ class TelemetryPacker:
         used = (sp.p_n, sp.yaw, sp.yaw_rate, position.v_sp_n, position.a_sp_n, cascade.q_sp, cascade.omega_sp)
         packing.read_setpoints_from(integers(sp.level), *(view(each) for each in used))
 
-    def begin(self, state: TelemetryState) -> None:
-        """Copy time, sensor values and motor commands of this step to the compiled packer of telemetry.
+    def begin(self, now: float, sensors: Mapping[str, Array], *, with_pressure: bool = True) -> None:
+        """Copy time and sensor values of this step to the compiled packer of telemetry.
 
         The compiled packer reads the other values from the arrays of the autopilots.
+
+        now: time since boot [s]
+        sensors: as for `Autopilots.step`, whose accelerations and body rates the estimator has stored
+        with_pressure: False if no message of this step contains the pressure, which is slow to compute
         """
-        for to, name in self._copied:
-            to[...] = getattr(state, name)
-        self._pressure_hpa[...] = pressure_hpa(self._baro_alt)
-        self._xy_valid(state.now_s)
-        self.law.set_time(state.ms, state.us, int(state.now_s * 1e9))
+        self._mag_b[...], self._baro_alt[...] = sensors["mag_b"], sensors["baro_alt_m"]
+        self._battery_v[...], self._battery_a[...] = sensors["battery_v"], sensors["battery_current_a"]
+        self._battery[...] = sensors["battery_remaining"]
+        if with_pressure:
+            self._pressure_hpa[...] = pressure_hpa(self._baro_alt)
+        self._xy_valid(now)
+        self.law.set_time(boot_ms(now), int(now * 1e6), int(now * 1e9))
 
     def pack(self, v: Vehicle, message_ids: list[int], seq: int) -> bytes:
         """Return the encoded frames of several messages of a vehicle.

@@ -22,6 +22,7 @@ class TelemetryState:
     now_s, us: time since boot [s], [us]
     ms: time since boot [ms], modulo 2^32
     est: estimator (not a copy)
+    sensors: sensor readings of the step
     thrust: collective thrust 0..1 (V,)
     motors: motor commands 0..1 (V, R)
     gyro_b, accel_b, mag_b: body rates [rad/s], specific force [m/s2], magnetic field [gauss] [FRD] (V, 3)
@@ -46,13 +47,14 @@ class TelemetryState:
         sp: Setpoints,
         boot_unix_us: int,
     ) -> None:
+        self.sensors = sensors
         self.now_s, self.est, self.thrust, self.motors = now_s, est, thrust, motors
         self.gyro_b, self.accel_b, self.mag_b = sensors["gyro_b"], sensors["accel_b"], sensors["mag_b"]
         self.baro_alt_m, self.battery_v = sensors["baro_alt_m"], sensors["battery_v"]
         self.battery_a, self.battery = sensors["battery_current_a"], sensors["battery_remaining"]
         self.consumed_mah, self.boot_unix_us = consumed_mah, boot_unix_us
         self.setpoint_n, self.setpoint_v_n, self.setpoint_yaw = sp.p_n, sp.v_n, sp.yaw
-        self.ms, self.us = int(now_s * 1e3) & 0xFFFFFFFF, int(now_s * 1e6)
+        self.ms, self.us = boot_ms(now_s), int(now_s * 1e6)
         self._xy_valid: list[bool] | None = None
 
     @property
@@ -75,3 +77,8 @@ class TelemetryState:
     def variance(self) -> Array:
         """Variances of position [m2], velocity [m2/s2] and attitude [rad2] (V, 9)."""
         return np.asarray(np.diagonal(self.est.cov, axis1=1, axis2=2)[:, :9])
+
+
+def boot_ms(now_s: float) -> int:
+    """Return the time since boot [ms] as messages contain it, modulo 2^32. now_s: the same time [s]."""
+    return int(now_s * 1e3) & 0xFFFFFFFF

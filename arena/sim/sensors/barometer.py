@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from arena.atmosphere import pressure_hpa
-from arena.kernels.arrays import view
-from arena.kernels.sensor_readings import add_altitude
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
 from arena.wire.hil import HilFields
 
@@ -38,5 +36,5 @@ class Barometer(Sensor):
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
         """Return baro_alt_m, the altitude above mean sea level [m] (V,)."""
-        add_altitude(view(noise), self._altitude_m, view(motion.p_n))
+        motion.measured.add_altitude(noise, self._altitude_m)
         return {"baro_alt_m": noise[:, 0]}

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from arena.kernels.arrays import view
-from arena.kernels.sensor_readings import add_inertial
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
 from arena.sim.sensors.vibration import Vibration
 from arena.wire.hil import HilFields
@@ -54,7 +52,7 @@ class Imu(Sensor):
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
         """Return the specific force accel_b [m/s2] and the body rates gyro_b [rad/s], both [FRD] (V, 3)."""
         accel_b, gyro_b = noise[:, 0:3], noise[:, 3:6]
-        add_inertial(view(noise), view(motion.accel_b), view(motion.omega_b))
+        motion.measured.add_inertial(noise)
         if self._vibration.on:
             noise += self._vibration.sample(motion.spin, motion.hover)
         return {"accel_b": accel_b, "gyro_b": gyro_b}

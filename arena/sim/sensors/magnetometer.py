@@ -9,11 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from arena.geomagnetism import MagneticField, magnetic_field
-from arena.kernels.arrays import view
-from arena.kernels.sensor_readings import add_field
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
 from arena.wire.hil import HilFields
 
@@ -39,11 +35,9 @@ class Magnetometer(Sensor):
         field = magnetic_field(at.lat_deg, at.lon_deg, at.alt_m) if at is not None else _WITHOUT_ORIGIN
         c, s = math.cos(site.heading_rad), math.sin(site.heading_rad)
         # from true north to the arena's north
-        self._field_n = np.array(
-            [c * field.north + s * field.east, c * field.east - s * field.north, field.down]
-        )
+        self._field_n = c * field.north + s * field.east, c * field.east - s * field.north, field.down
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
         """Return the measured magnetic field mag_b [gauss] [FRD] (V, 3)."""
-        add_field(view(noise), view(self._field_n), view(motion.r_nb))
+        motion.measured.add_field(noise, *self._field_n)
         return {"mag_b": noise}

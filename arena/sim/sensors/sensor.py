@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.kernels.sensor_readings import TrueMotion
 from arena.wire.hil import HilOutput
 
 Array = NDArray[np.float64]
@@ -84,6 +86,11 @@ class Motion:
     v_n: Array
     spin: Array
     hover: Array
+
+    @cached_property
+    def measured(self) -> TrueMotion:
+        """The compiled functions that add this motion to the noise of sensors."""
+        return TrueMotion(self.accel_b, self.omega_b, self.r_nb, self.p_n)
 
 
 class Sensor(Protocol):

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from arena.kernels.arrays import view
-from arena.kernels.sensor_readings import limit
+from arena.kernels.sensor_readings import ReadingLimits
 from arena.sim.sensors.sensor import NOISE_HZ, Array, Channel, Motion, Sensor, Site
 
 _WALK = 1  # purpose of the random streams of walking biases
@@ -101,19 +100,22 @@ class _Group:
         )
         self._walk = _profile_values(table, profiles, "walk") * math.sqrt(period_s)
         self._walk_noise = _RandomStreams(table, ids, seed, _WALK) if self._walk.any() else None
-        self._range = _profile_values(table, profiles, "range")
-        self._limited = bool(np.isfinite(self._range).any())
+        most, self._width = _profile_values(table, profiles, "range"), begin
+        self._limits = ReadingLimits(most) if np.isfinite(most).any() else None
         self._bias: Array = self._noise.draw(1)[0] * _profile_values(table, profiles, "bias")
-        self._block: Array = np.zeros((0, len(ids), begin))
+        self._rows: list[Array] = []
+        self._parts: list[tuple[Array, ...]] = []
         self._next = _BLOCK
 
     def sample(self, motion: Motion) -> dict[str, Array]:
-        row = self._draw()
+        if self._next == _BLOCK:
+            self._draw()
+        at, self._next = self._next, self._next + 1
         found: dict[str, Array] = {}
-        for _, sensor, columns in self._sensors:
-            found |= sensor.sample(row[:, columns], motion)
-        if self._limited:
-            limit(view(row), view(self._range), row.shape[1])
+        for (_, sensor, _), noise in zip(self._sensors, self._parts[at], strict=True):
+            found |= sensor.sample(noise, motion)
+        if self._limits is not None:
+            self._limits.limit(self._rows[at], self._width)
         return found
 
     def biases(self) -> dict[str, Array]:
@@ -127,13 +129,14 @@ class _Group:
         self._bias = biases[-1]
         return biases
 
-    def _draw(self) -> Array:
-        """Return noise plus bias for the next sample (V, width)."""
-        if self._next == _BLOCK:
-            self._block, self._next = self._noise.draw(_BLOCK) * self._sigma + self._next_biases(_BLOCK), 0
-        self._next += 1
-        row: Array = self._block[self._next - 1]  # the sensors change it; it is used once
-        return row
+    def _draw(self) -> None:
+        """Draw noise plus bias for the next samples, split into rows (V, width) and these into the parts of the sensors.
+
+        Each row is used once, because the sensors change it.
+        """
+        block = self._noise.draw(_BLOCK) * self._sigma + self._next_biases(_BLOCK)
+        self._rows, self._next = list(block), 0
+        self._parts = list(zip(*(block[:, :, columns] for _, _, columns in self._sensors), strict=True))
 
 
 class _RandomStreams:
