@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -53,15 +55,6 @@ ALLOWED = {("arena/smoke/language/vocabulary.py", "told")}
 """Words that users' files may still contain, with the module that reads them."""
 
 
-def docstrings(path: Path) -> Iterator[tuple[ast.AST, str]]:
-    """Yield every docstring of a file with the node it belongs to."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            text = ast.get_docstring(node)
-            if text is not None:
-                yield node, text
-
-
 def is_property(node: ast.AST) -> bool:
     """Return whether a function is read as an attribute; its docstring may be a noun phrase."""
     names = [ast.unparse(d) for d in getattr(node, "decorator_list", [])]
@@ -75,58 +68,90 @@ def place(path: Path, node: ast.AST) -> str:
     return f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)} {getattr(node, 'name', '(module)')}"
 
 
-def by_file(paths: list[Path]) -> pytest.MarkDecorator:
-    """Return a parametrisation with one case per file."""
-    return pytest.mark.parametrize("path", paths, ids=lambda p: str(p.relative_to(ROOT)))
+def by_folder(paths: list[Path]) -> pytest.MarkDecorator:
+    """Return a parametrisation with one case per folder or module below `arena`, `tests` and `docs`.
+
+    A case per file would cost more time in pytest than the test itself. The messages name file and line.
+    """
+    folders: dict[str, list[Path]] = {}
+    for path in paths:
+        folders.setdefault("/".join(path.relative_to(ROOT).parts[:2]), []).append(path)
+    return pytest.mark.parametrize("paths", folders.values(), ids=folders.keys())
 
 
-@by_file(FILES)
-def test_first_word_of_a_docstring(path: Path) -> None:
+class Docstring(NamedTuple):
+    """A docstring. place: `file:line name`. verb: whether it must begin with a verb."""
+
+    place: str
+    verb: bool
+    text: str
+
+
+class Words(NamedTuple):
+    """The words of a file. docstrings: those of everything. prose: (line, text) of every comment and string literal.
+
+    names: (line, name) of everything that the file defines: classes, functions, arguments and variables.
+    """
+
+    docstrings: list[Docstring]
+    prose: list[tuple[int, str]]
+    names: list[tuple[int, str]]
+
+
+@cache  # one syntax tree serves all tests of a file
+def words(path: Path) -> Words:
+    """Read a file of Python."""
+    source = path.read_text()
+    found = Words([], [], [])
+    for node in ast.walk(ast.parse(source)):
+        found.names.extend(defined(node))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found.prose.append((node.lineno, node.value))
+        elif isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            text = ast.get_docstring(node)
+            verb = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not is_property(node)
+            if text is not None:
+                found.docstrings.append(Docstring(place(path, node), verb, text))
+    for number, line in enumerate(source.splitlines(), 1):
+        if match := re.search(r"(?:^|\s)#\s(.*)$", line):
+            found.prose.append((number, match[1]))
+    return found
+
+
+def defined(node: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield (line, name) of what a node defines, if it defines something."""
+    if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+        yield node.lineno, node.name
+    elif isinstance(node, ast.arg):
+        yield node.lineno, node.arg
+    elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+        yield node.lineno, node.id
+    elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+        yield node.lineno, node.attr
+
+
+@by_folder(FILES)
+def test_first_word_of_a_docstring(paths: list[Path]) -> None:
     wrong = []
-    for node, text in docstrings(path):
+    for where, verb, text in (docstring for path in paths for docstring in words(path).docstrings):
         first = re.split(r"[^A-Za-z]", text.strip("`'\"("))[0].lower()
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not is_property(node):
+        if verb:
             if first not in VERBS:
-                wrong.append(
-                    f"{place(path, node)}: {text.splitlines()[0]!r} does not begin with an imperative verb"
-                )
+                wrong.append(f"{where}: {text.splitlines()[0]!r} does not begin with an imperative verb")
         elif first in FIRST_WORDS_REFUSED:
-            wrong.append(f"{place(path, node)}: {text.splitlines()[0]!r} is not a noun phrase")
+            wrong.append(f"{where}: {text.splitlines()[0]!r} is not a noun phrase")
     assert not wrong, "\n".join(wrong)
 
 
-def prose(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield (line, text) of every comment and string literal of a file."""
-    source = path.read_text()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.lineno, node.value
-    for number, line in enumerate(source.splitlines(), 1):
-        if match := re.search(r"(?:^|\s)#\s(.*)$", line):
-            yield number, match[1]
-
-
-@by_file(FILES)
-def test_no_forbidden_word_in_docstrings_comments_and_messages(path: Path) -> None:
+@by_folder(FILES)
+def test_no_forbidden_word_in_docstrings_comments_and_messages(paths: list[Path]) -> None:
     wrong = [
         f"{path.relative_to(ROOT)}:{number}: '{found[0]}' in {text[max(0, found.start() - 30) : found.end() + 30]!r}"
-        for number, text in prose(path)
+        for path in paths
+        for number, text in words(path).prose
         if (found := FORBIDDEN_PROSE.search(text)) and (str(path.relative_to(ROOT)), found[0]) not in ALLOWED
     ]
     assert not wrong, "\n".join(wrong)
-
-
-def names(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield (line, name) of everything that a file defines: classes, functions, arguments and variables."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            yield node.lineno, node.name
-        elif isinstance(node, ast.arg):
-            yield node.lineno, node.arg
-        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            yield node.lineno, node.id
-        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
-            yield node.lineno, node.attr
 
 
 def snake(name: str) -> str:
@@ -134,20 +159,22 @@ def snake(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
-@by_file(FILES)
-def test_names_are_the_fields_terms(path: Path) -> None:
+@by_folder(FILES)
+def test_names_are_the_fields_terms(paths: list[Path]) -> None:
     wrong = {
         f"{path.relative_to(ROOT)}:{line}: {name}"
-        for line, name in names(path)
+        for path in paths
+        for line, name in words(path).names
         if FORBIDDEN_NAMES.search(snake(name))
     }
     assert not wrong, "\n".join(sorted(wrong))
 
 
-@by_file(TEST_FILES)
-def test_test_names_are_short(path: Path) -> None:
+@by_folder(TEST_FILES)
+def test_test_names_are_short(paths: list[Path]) -> None:
     long = [
         f"{place(path, node)}"
+        for path in paths
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.FunctionDef)
         and node.name.startswith("test_")
@@ -156,14 +183,11 @@ def test_test_names_are_short(path: Path) -> None:
     assert not long, "\n".join(long)
 
 
-@pytest.mark.parametrize(
-    "path",
-    sorted([*(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.ipynb")]),
-    ids=lambda p: str(p.relative_to(ROOT)),
-)
-def test_no_forbidden_word_in_pages(path: Path) -> None:
+@by_folder(sorted([*(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.ipynb")]))
+def test_no_forbidden_word_in_pages(paths: list[Path]) -> None:
     wrong = [
         f"{path.relative_to(ROOT)}:{number}: '{found[0]}'"
+        for path in paths
         for number, line in enumerate(path.read_text().splitlines(), 1)
         if '"image/png"' not in line and (found := FORBIDDEN_PROSE.search(line))
     ]

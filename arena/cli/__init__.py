@@ -1,8 +1,8 @@
 """The command `arena`: one module per subcommand, with its options and its output.
 
 The module of a subcommand defines `register(app)`. Only the module of the requested subcommand is imported. `arena --help`
-imports none of these modules: its list is made from the table `VERBS`. For `land-all` and `kill-all`, `arena.emergency`
-parses the command line, because importing typer takes time. Typer shows only their help.
+imports none of these modules: its list is made from the table `VERBS`. Importing typer takes time. Therefore `arena.emergency`
+parses the command line of `land-all` and `kill-all`, and `_checking` plain command lines of `check`. Typer shows their help.
 """
 
 from __future__ import annotations
@@ -83,6 +83,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if arguments[:1] and arguments[0] in EMERGENCY and not set(_HELP) & set(arguments):
             return _emergency(arguments)
+        if arguments[:1] == ["check"] and _checked(arguments[1:]):
+            return EXIT_OK
         with _fork_server(arguments) as forks:
             return _run(build(arguments), arguments, forks)
     except KeyboardInterrupt:
@@ -174,6 +176,16 @@ def _emergency(arguments: list[str]) -> int:
         return command(arguments[0], arguments[1:])
     except SystemExit as done:
         return _code(done)
+
+
+def _checked(arguments: list[str]) -> bool:
+    """Run `arena check` without typer, and return True if its arguments are plain. Raises InputError for a wrong arena."""
+    from arena.cli._checking import check, plain_options
+
+    options = plain_options(arguments)
+    if options is not None:
+        check(options)
+    return options is not None
 
 
 @contextlib.contextmanager

@@ -1,4 +1,7 @@
-"""Functions that several commands use: options for the YAML, choice of a free address, text about an arena."""
+"""Functions that several commands use: choice of a free address, text about an arena.
+
+This module does not import typer, because a plain `arena check` does without it.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +9,13 @@ import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from arena.builtin_parameters import effect_problem
 
 if TYPE_CHECKING:
     from arena.plan import Plan
     from arena.schema import Arena
-
-File = Annotated[Path, typer.Argument(help="YAML file of the arena, or a folder with arena.yaml")]
-Set = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML, such as sim.speed=2"),
-]
 
 
 def at_free_address(arena: Arena, plan: Plan, overrides: Sequence[str]) -> tuple[Arena, Plan, str]:

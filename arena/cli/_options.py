@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from arena.errors import InputError
 
+File = Annotated[Path, typer.Argument(help="YAML file of the arena, or a folder with arena.yaml")]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML, such as sim.speed=2"),
+]
 Jobs = Annotated[
     int | None,
     typer.Option(

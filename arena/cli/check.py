@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-from arena.cli._arena import File, Set, at_free_address, what_would_run
+from arena.cli._checking import CheckOptions
+from arena.cli._checking import check as check_arena
+from arena.cli._options import File, Set
 
 
 def register(app: typer.Typer) -> None:
@@ -25,17 +27,4 @@ def register(app: typer.Typer) -> None:
         ] = True,
     ) -> None:
         """Print every problem of an arena at once, or `ok` and what would run. Starts nothing."""
-        from arena.plan import make_plan
-        from arena.plan.machine import check_machine
-        from arena.schema import load_arena
-
-        arena = load_arena(file, set_ or [])
-        plan = make_plan(arena)
-        if machine:
-            arena, plan, moved = at_free_address(arena, plan, set_ or [])
-            check_machine(arena, plan)
-            if moved:
-                print(moved)
-        print(f"ok: {arena.name} ({arena.file})")
-        for line in what_would_run(arena, plan):
-            print(f"  {line}")
+        check_arena(CheckOptions(file=file, overrides=tuple(set_ or ()), machine=machine))

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from arena.cli._arena import File, Set
+from arena.cli._options import File, Set
 from arena.cli._params import (
     RECORD,
     YAML,

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from arena.cli._arena import File, Set, what_would_run
+from arena.cli._arena import what_would_run
+from arena.cli._options import File, Set
 from arena.errors import InputError
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from arena.cli._arena import Set
+from arena.cli._options import Set
 from arena.errors import InputError, RunError
 
 if TYPE_CHECKING:

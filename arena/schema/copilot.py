@@ -3,9 +3,7 @@
 An empty section enables all rules.
 """
 
-from __future__ import annotations
-
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -133,7 +131,7 @@ class Copilot(Strict):
     """The program sends heartbeats."""
 
     @model_validator(mode="after")
-    def _within_at_most(self) -> Copilot:
+    def _within_at_most(self) -> Self:
         """Refuse a rule whose action (`do`) is stronger than `at_most`, the strongest allowed action."""
         for rule in RULES:
             do: str = getattr(self, rule).do

@@ -1,8 +1,6 @@
 """The sections `failsafe` and `geofence` of arena.yaml: reactions of the autopilots to failures and lost connections."""
 
-from __future__ import annotations
-
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -39,7 +37,7 @@ class LowBattery(Strict):
     """Charge at which the vehicle lands; null: a low charge does not make the vehicle land."""
 
     @model_validator(mode="after")
-    def _in_order(self) -> LowBattery:
+    def _in_order(self) -> Self:
         if self.land is not None and self.land >= self.warn:
             raise ValueError(
                 f"expected `land` (battery charge) below `warn`, got land: {self.land:g}, warn: {self.warn:g}"

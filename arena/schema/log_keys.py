@@ -1,7 +1,5 @@
 """The YAML keys under `log`: the logs of a flight, and the live view for Foxglove."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field

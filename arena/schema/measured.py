@@ -1,7 +1,5 @@
 """The YAML key `measured` of a real vehicle: parameters that a person has measured, with date and method."""
 
-from __future__ import annotations
-
 import datetime
 from typing import Annotated
 

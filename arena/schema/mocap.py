@@ -4,8 +4,6 @@ Each vendor with keys of its own has a class here and a row in `VENDOR_KEYS`. `M
 these keys directly under `mocap:`. The vendor's package uses their values (`arena.mocap.vendors`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 

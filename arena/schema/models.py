@@ -6,8 +6,6 @@ The docstring under a key is also the key's description in the reference page an
 but not available yet are in `NOT_YET`, with what to use instead. They are refused, never ignored.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """The entries of `world.obstacles` of arena.yaml."""
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Annotated, Literal

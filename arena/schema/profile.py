@@ -3,8 +3,6 @@
 Each file in `profiles/` is one profile.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, Literal
 

@@ -1,7 +1,5 @@
 """The YAML keys of the emulated relative sensors of a vehicle: `neighbours` and `beacon_sensor`."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """The YAML key `signing` of a real vehicle: MAVLink message signing with a key in a file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 from arena.errors import InputError

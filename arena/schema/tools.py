@@ -4,8 +4,6 @@ It contains their readiness probes, and the settings of the tools that arena kno
 `known_tools` contains the commands of these tools.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Annotated, Literal
 

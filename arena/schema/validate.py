@@ -9,8 +9,10 @@ from __future__ import annotations
 import contextlib
 import copy
 import os
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any, Generic, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -24,6 +26,7 @@ from arena.schema.source import Source, as_list, near, show
 
 _MOST_ROUNDS = 20
 _NO_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
+_PLUGIN_LOADER = "pydantic.plugin._loader"
 
 M = TypeVar("M", bound=Strict)
 
@@ -68,16 +71,31 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
 
 @contextlib.contextmanager
 def _without_plugins() -> Iterator[None]:
-    """Disable pydantic's plugins inside a `with` block. The search for plugins reads all packages and is slow."""
+    """Disable pydantic's plugins inside a `with` block. The search for plugins reads all packages and is slow.
+
+    The module that searches them imports `importlib.metadata` even if they are disabled. An empty module replaces it.
+    """
     before = os.environ.get(_NO_PLUGINS)
     os.environ[_NO_PLUGINS] = "1"
+    replaced = _PLUGIN_LOADER not in sys.modules
+    if replaced:
+        sys.modules[_PLUGIN_LOADER] = _no_plugins()
     try:
         yield
     finally:
+        if replaced:
+            del sys.modules[_PLUGIN_LOADER]
         if before is None:
             del os.environ[_NO_PLUGINS]
         else:
             os.environ[_NO_PLUGINS] = before
+
+
+def _no_plugins() -> ModuleType:
+    """Return a module with the function of pydantic's plugin loader that lists the plugins. It lists none."""
+    module = ModuleType(_PLUGIN_LOADER)
+    module.__dict__["get_plugins"] = tuple
+    return module
 
 
 def _prune(data: Any, path: YamlPath, *, missing: bool) -> YamlPath:

@@ -12,6 +12,7 @@ from typing import Any
 import pyarrow.parquet
 import pytest
 
+from arena import cli
 from arena.campaign import runner
 from arena.campaign.design import Flight, flights
 from arena.campaign.measures import MEASURES
@@ -40,10 +41,17 @@ def begun(folder: Path) -> list[int]:
 
 @pytest.fixture
 def campaign(sweep_file: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Run `arena campaign` on a sweep with a fake flight. Return the exit code."""
+    """Run `arena campaign` on a sweep with a fake flight. Return the exit code.
+
+    A fake flight is a copy of this process and does not use the fork server. Therefore it is started only with `forks`.
+    """
     monkeypatch.chdir(tmp_path)
 
-    def run(fly: Callable[[Flight, Path], Record] = flown, text: str = SWEEP, *more: str) -> int:
+    def run(
+        fly: Callable[[Flight, Path], Record] = flown, text: str = SWEEP, *more: str, forks: bool = False
+    ) -> int:
+        if not forks:
+            monkeypatch.delitem(cli._FORKING, "campaign", raising=False)
         monkeypatch.setattr(runner, "fly_all", partial(FLY_ALL, flown_by=fly))
         return main(["campaign", str(sweep_file(text)), "-j", "1", *more])
 
@@ -61,7 +69,7 @@ def folder(tmp_path: Path) -> Path:
 def test_campaign_writes_table_and_plots(
     campaign: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert campaign() == 0
+    assert campaign(forks=True) == 0
     table = pyarrow.parquet.read_table(folder / "results.parquet")
     assert table.num_rows == 4 and table.column("defaults.mass_kg").to_pylist() == [1.0, 1.0, 1.2, 1.2]
     assert table.column("tracking_rms_m").to_pylist() == pytest.approx([0.1, 0.2, 0.3, 0.4])
@@ -128,7 +136,7 @@ def test_interrupted_campaign_keeps_its_results_and_is_resumed(
             signal.pause()
         return flown(flight, into)
 
-    assert campaign(fly) == 130
+    assert campaign(fly, forks=True) == 130
     assert "2 passed, 0 failed, 2 not flown" in capsys.readouterr().out
     assert pyarrow.parquet.read_table(folder / "results.parquet").num_rows == 2
     assert campaign() == 0

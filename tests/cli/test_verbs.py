@@ -8,11 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import typer.main
 
 import arena.cli as cli
+from arena.cli import _checking
 from arena.errors import RunError
 from arena.schema import load_arena
 from arena.schema.base import Strict
@@ -70,6 +72,48 @@ def test_check_names_parameters_that_the_builtin_autopilot_does_not_use(
     assert "uav1: 1 parameters of its params_file have no effect" in out
     assert "MPC_XY_P has no effect" not in out and "EKF2_HGT_REF has no effect" not in out
     assert "has no effect" not in run("check", capsys=capsys)[1]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "",
+        "arena.yaml",
+        ".",
+        "--no-machine --set name=other",
+        "--set=name=other arena.yaml --machine --no-machine --set mocap.rate_hz=120",
+        "none.yaml",
+        "--set wind=1",
+        "--set=",
+        "--set",
+        "arena.yaml other.yaml",
+        "--set -1",
+        "-- arena.yaml",
+        "-- -1",
+        "--set name=other -- arena.yaml",
+        "--machine=1",
+        "--mach",
+        "-",
+        "--help",
+        "arena.yaml -h",
+        "--version",
+    ],
+)
+def test_plain_check_does_the_same_without_typer(
+    arguments: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = run("check", *arguments.split(), capsys=capsys)
+    monkeypatch.setattr(_checking, "plain_options", lambda _: None)
+    assert run("check", *arguments.split(), capsys=capsys) == plain
+
+
+def test_plain_check_imports_neither_typer_nor_the_search_for_plugins(folder: Path) -> None:
+    command = (
+        f"import os; os.chdir({str(folder)!r})\nfrom arena.cli import main; main(['check', '--no-machine'])"
+    )
+    assert imported(command, "typer", "click", "numpy", "pydantic.plugin._loader") == []
+    searched = f"{command}\nfrom pydantic.plugin import _loader; _loader.entry_points"  # the real module, if it is needed
+    assert imported(searched, "pydantic.plugin._loader") == ["pydantic.plugin._loader"]
 
 
 def test_check_prints_all_problems_and_exits_with_2(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -163,7 +207,7 @@ def failing(error: BaseException) -> typer.Typer:
     def _group() -> None: ...
 
     @app.command()
-    def check() -> None:
+    def plan() -> None:
         raise error
 
     return app
@@ -176,12 +220,14 @@ def test_failure_is_one_line_and_an_exit_code(
     error: BaseException, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(cli, "build", lambda _: failing(error))
-    got, _, err = run("check", capsys=capsys)
-    assert got == code and "Traceback" not in err
-    assert err == {1: "arena: it broke\n", 130: ""}.get(code, "") or "bug in arena" in err
-    if not isinstance(error, KeyboardInterrupt):
-        with pytest.raises(type(error)):
-            cli.main(["--debug", "check"])
+    monkeypatch.setattr(_checking, "check", Mock(side_effect=error))
+    for verb in ("plan", "check"):  # with typer, and a plain command line without it
+        got, _, err = run(verb, capsys=capsys)
+        assert got == code and "Traceback" not in err
+        assert err == {1: "arena: it broke\n", 130: ""}.get(code, "") or "bug in arena" in err
+        if not isinstance(error, KeyboardInterrupt):
+            with pytest.raises(type(error)):
+                cli.main(["--debug", verb])
 
 
 def test_wrong_command_line_exits_with_2(capsys: pytest.CaptureFixture[str]) -> None:

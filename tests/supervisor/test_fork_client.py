@@ -6,6 +6,8 @@ import json
 import os
 import signal
 import sys
+import tempfile
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from arena.constants import PROCESS_ENV
 from arena.plan.model import ProcessSpec
 from arena.supervisor import proc_fs
 
-from .conftest import eventually, plan_of, program, spec
+from .conftest import Run, eventually, plan_of, program, spec
 
 HEAD = """
 import json, os, sys
@@ -56,16 +58,43 @@ def program_of(folder: Path, code: str, *arguments: str, **changes: Any) -> Proc
     return program("p", "", **given)
 
 
+@pytest.fixture(scope="module")
+def ended_runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Run]]:
+    """Give two ended runs of the same programs, one per way to end: with new interpreters, and with the fork server."""
+    folder = tmp_path_factory.mktemp("ends")
+    runs: dict[str, Run] = {}
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        tempfile.TemporaryDirectory(prefix="arena-test-") as runtime,
+    ):
+        patch.setenv("ARENA_RUNTIME_DIR", runtime)
+        for option in ("no_forks", "forks"):
+            programs = []
+            for end, code in ENDS.items():
+                (own := folder / name_of(end)).mkdir(exist_ok=True)
+                made = program_of(own, HEAD + code + "\n", str(own / f"{option}.json"))
+                programs.append(replace(made, name=name_of(end)))
+            (run_folder := folder / option).mkdir()
+            runs[option] = Run(run_folder, plan_of(*programs), "until_done", option)
+        for run in runs.values():
+            run.wait()
+        yield runs
+        left = [run.end() for run in runs.values()]
+    assert not any(left), f"still running after the tests: {left}"
+
+
+def name_of(end: str) -> str:
+    """Return the name of the program with this way to end."""
+    return end.replace(" ", "_")
+
+
 @pytest.mark.parametrize("end", ENDS)
-def test_forked_program_behaves_as_in_an_interpreter(start, tmp_path, end):
+def test_forked_program_behaves_as_in_an_interpreter(ended_runs, end):
     results = []
-    for option in ("no_forks", "forks"):
-        out = tmp_path / f"{option}.json"
-        made = program_of(tmp_path, HEAD + ENDS[end] + "\n", str(out))
-        run = start(plan_of(made), "until_done", option, folder=tmp_path / option)
-        run.wait()
-        row = run.outcome["processes"]["p"]
-        log = run.log("p")
+    for option, run in ended_runs.items():
+        row = run.outcome["processes"][name_of(end)]
+        log = run.log(name_of(end))
+        out = run.runs.parents[1] / name_of(end) / f"{option}.json"
         found = json.loads(out.read_text()) if end != "syntax error" else {}
         text = json.dumps(found).replace(str(run.folder), "RUN").replace(f"{option}.json", "OUT")
         results.append((row["exit_code"], row["exit"], log, json.loads(text)))
