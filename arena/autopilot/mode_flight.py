@@ -11,7 +11,7 @@ from arena.autopilot.commander_inputs import CommanderInputs
 from arena.autopilot.control.controllers import PositionControl
 from arena.autopilot.control.flight_tasks import FlightTask, stop_motors
 from arena.autopilot.control.manual_tasks import ManualState, ManualTask
-from arena.autopilot.control.setpoints import Level, OffboardSetpoint, Setpoints
+from arena.autopilot.control.setpoints import Level, Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.flight_modes import MANUAL_MODES, Mode
 from arena.autopilot.navigation.auto_modes import AutoModes
@@ -41,12 +41,10 @@ class ModeFlight:
         self.auto = AutoModes(params, est, vehicles, dt)
         self._tasks = [FlightTask(i) for i in range(vehicles)]
         self._manual = [ManualTask(i) for i in range(vehicles)]
-        self._followed: list[OffboardSetpoint | None] = [None] * vehicles  # that `sp` contains
 
     def stop(self, v: Vehicle) -> None:
         """Remove the setpoint of a disarmed vehicle."""
         self.sp.clear(v.row)
-        self._followed[v.row] = None
         self._tasks[v.row].mode = self._manual[v.row].mode = None
         self.auto.leave(v, armed=False)
 
@@ -56,7 +54,6 @@ class ModeFlight:
         if newly_armed:
             v.set_home_to_current_position()
             task.mode = self._manual[i].mode = None
-        followed, self._followed[i] = self._followed[i], None
         manual = c.mode in MANUAL_MODES
         if not manual:
             self._manual[i].mode = None
@@ -72,9 +69,7 @@ class ModeFlight:
             self._fly_by_hand(v, s)
         elif c.mode is Mode.OFFBOARD:
             task.mode = None
-            if v.offboard_setpoint is not followed:
-                self._copy_offboard_setpoint(v)
-            self._followed[i] = v.offboard_setpoint
+            v.offboard.copy(i)
         elif c.mode is Mode.TERMINATE:
             stop_motors(self.sp, i)
         else:
@@ -110,11 +105,3 @@ class ModeFlight:
         if task.mode is not mode:
             task.enter(mode, state)
         task.fly(s.manual.sticks or CENTRED, state, self.sp, self.params, self.dt)
-
-    def _copy_offboard_setpoint(self, v: Vehicle) -> None:
-        o, i, sp = v.offboard_setpoint, v.row, self.sp
-        if o is None:
-            return
-        sp.set_position(i, p_n=o.p_n, v_n=o.v_n, a_n=o.a_n, yaw=o.yaw, yaw_rate=o.yaw_rate)
-        sp.level[i], sp.q_nb[i], sp.omega_b[i], sp.thrust[i] = o.level, o.q_nb, o.omega_b, o.thrust
-        sp.yaw_rate_ff[i] = o.yaw_rate if o.level is Level.ATTITUDE else 0.0
