@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pymavlink.dialects.v20 import common as mavlink
 from stress import AS_ARENA, FAULTS, STRESSES, Fate, Log, Stress, StressFlight, judge, misled, together
 
 from arena.autopilot.estimation.estimator import Estimator

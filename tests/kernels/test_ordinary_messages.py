@@ -180,9 +180,12 @@ def test_truncated_pose_is_completed_by_zeros(modules: dict[str, ModuleType]) ->
     readers, zeros = Readers(modules), [0] * 21
     m = mavlink.MAVLink_odometry_message(1, 1, 0, 2.0, 0, 0, [0] * 4, *[0] * 6, zeros, zeros)
     data = bytes(m.pack(sender(3, 197)))
-    assert len(data) < 260 and not readers.reader.receive(0, "ground", data, 1.0)
+    assert data[1] == 229 and not readers.reader.receive(0, "ground", data, 1.0)
     assert readers.reader.receive(0, "vision", data, 1.0)
-    assert np.asarray(readers.vision.counts)[0].tolist() == [0, 1, 0]  # frame_id, at the end, is 0: not a local frame
+    assert np.asarray(readers.vision.counts)[0].tolist() == [1, 0, 0]
+    pose = arrays_of(readers.vision)["pose"][0]
+    assert pose[[0, 1, 2, 7, 8, 9, 10]].tolist() == [2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    assert np.isnan(pose[3:7]).all()
 
 
 @pytest.mark.parametrize("version", [1, 2])
