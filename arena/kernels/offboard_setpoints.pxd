@@ -28,8 +28,11 @@ cdef class OffboardSetpoints:
     cdef void _turn(self, Py_ssize_t first, double angle) except *
     @cython.locals(a=double, b=double, c=double, w=double, x=double, y=double, z=double, tx=double, ty=double, tz=double)
     cdef void _rotate(self, Py_ssize_t first, (double, double, double, double) q) except *
-    @cython.locals(contents=long, k=Py_ssize_t)
+    @cython.locals(contents=long)
     cdef str _set_position(self, Py_ssize_t i, long mask, double now)
+    @cython.locals(found=long, k=Py_ssize_t)
+    cdef long _contents_of_target(self) except -1
+    cdef str _refusal(self, long mask, long contents)
     @cython.locals(given=long, every_axis=bint, k=Py_ssize_t)
     cdef bint _is_complete(self) except -1
     @cython.locals(level=long)

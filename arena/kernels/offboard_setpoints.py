@@ -173,21 +173,15 @@ class OffboardSetpoints:
 
     def _set_position(self, i: int, mask: int, now: float) -> str | None:
         """Check `target` and store it as the setpoint of vehicle i. Return the reason if it is refused."""
-        target, contents = self.target, 0
+        target = self.target
         if mask & _YAW_IGNORED:
             target[_YAW] = _NAN
         if mask & _YAW_RATE_IGNORED:
             target[_YAW_RATE] = _NAN
-        for k in range(_VALUES):
-            if abs(target[k]) > _MAX_ABS:  # PX4 refuses infinite values only
-                return "infinite value in setpoint"
-        for k in range(_YAW):
-            if math.isfinite(target[k]):
-                contents |= 1 << k // 3
-        if mask & _FORCE and contents & _HAS_ACCELERATION:
-            return "force setpoints are not supported"
-        if contents == 0:
-            return "setpoint without position, velocity or acceleration"
+        contents = self._contents_of_target()
+        refusal = self._refusal(mask, contents)
+        if refusal is not None:
+            return refusal
         if not self._is_complete():
             # PX4 stops and holds if an axis has no setpoint, or one horizontal axis has one and the other has
             # not.
@@ -199,6 +193,23 @@ class OffboardSetpoints:
             self.p_n[i, k], self.v_n[i, k], self.a_n[i, k] = target[k], target[_V + k], target[_A + k]
         self.yaw[i], self.yaw_rate[i] = target[_YAW], target[_YAW_RATE]
         return None
+
+    def _contents_of_target(self) -> int:
+        """Return which vectors `target` contains, as in `contents`."""
+        found = 0
+        for k in range(_YAW):
+            if math.isfinite(self.target[k]):
+                found |= 1 << k // 3
+        return found
+
+    def _refusal(self, mask: int, contents: int) -> str | None:
+        """Return why `target` is refused, None if it is not. contents: what it contains"""
+        for k in range(_VALUES):
+            if abs(self.target[k]) > _MAX_ABS:  # PX4 refuses infinite values only
+                return "infinite value in setpoint"
+        if mask & _FORCE and contents & _HAS_ACCELERATION:
+            return "force setpoints are not supported"
+        return "setpoint without position, velocity or acceleration" if contents == 0 else None
 
     def _is_complete(self) -> bool:
         """Return whether each axis of `target` has a value, and both horizontal axes have the same kinds of values."""

@@ -19,8 +19,10 @@ cdef class OrdinaryMessages:
     cdef long _payload, _length
     cdef unsigned char[::1] _bytes
     cdef float[::1] _float
-    @cython.locals(data=bytes, size=Py_ssize_t, msgid=long, own=long, system=long, component=long)
+    @cython.locals(data=bytes, msgid=long, length=long)
     cpdef bint receive(self, Py_ssize_t i, str link, object datagram, double now) except -1
+    @cython.locals(size=Py_ssize_t, msgid=long, own=long, system=long, component=long)
+    cdef long _message_id(self, Py_ssize_t i, bytes data) except -2
     cdef bint _crc_fits(self, bytes data, Py_ssize_t end, bytes seed) except -1
     @cython.locals(frame=long, estimator=long, north=double, east=double, down=double, w=double, x=double, y=double, z=double, var_n=double, var_e=double, var_d=double, var_yaw=double)
     cpdef void read_pose(self, Py_ssize_t i, bytes data, long payload, long length) except *

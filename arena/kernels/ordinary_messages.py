@@ -68,28 +68,33 @@ class OrdinaryMessages:
         if type(datagram) is not bytes or link not in self._links:
             return False
         data: bytes = datagram
-        size = len(data)
-        if size < _HEAD + _CRC or data[0] != _V2 or data[2] != 0 or size != _HEAD + data[1] + _CRC:
-            return False
-        own, msgid = self.system_ids[i], data[7] + 256 * data[8] + 65536 * data[9]
-        if data[5] == own and data[6] == _AUTOPILOT:
-            return False
+        msgid, length = self._message_id(i, data), len(data) - _HEAD - _CRC
         if msgid == _ODOMETRY:
-            if not self._crc_fits(data, size - _CRC, self._odometry_seed):
-                return False
-            self.read_pose(i, data, _HEAD, size - _HEAD - _CRC)
+            self.read_pose(i, data, _HEAD, length)
             return True
-        if msgid != _SET_POSITION_TARGET or data[5] != own:
-            return False
-        if not self._crc_fits(data, size - _CRC, self._setpoint_seed):
-            return False
-        self._payload, self._length = _HEAD, size - _HEAD - _CRC
-        system, component = self._byte_at(data, _SYSTEM), self._byte_at(data, _COMPONENT)
-        if (system != 0 and system != own) or component > _AUTOPILOT:
+        if msgid != _SET_POSITION_TARGET:
             return False
         if self._passes_setpoint and not self._passes_setpoint[i](now):
             return False
-        return self.read_setpoint(i, data, _HEAD, size - _HEAD - _CRC, now) is None
+        return self.read_setpoint(i, data, _HEAD, length, now) is None
+
+    def _message_id(self, i: int, data: bytes) -> int:
+        """Return the message id of a datagram with one frame that vehicle i may use; -1 if it is not such a datagram."""
+        size = len(data)
+        if size < _HEAD + _CRC or data[0] != _V2 or data[2] != 0 or size != _HEAD + data[1] + _CRC:
+            return -1
+        own, msgid = self.system_ids[i], data[7] + 256 * data[8] + 65536 * data[9]
+        if data[5] == own and data[6] == _AUTOPILOT:
+            return -1
+        if msgid == _ODOMETRY:
+            return msgid if self._crc_fits(data, size - _CRC, self._odometry_seed) else -1
+        if msgid != _SET_POSITION_TARGET or data[5] != own:
+            return -1
+        self._payload, self._length = _HEAD, data[1]
+        system, component = self._byte_at(data, _SYSTEM), self._byte_at(data, _COMPONENT)
+        if system not in (0, own) or component > _AUTOPILOT:
+            return -1
+        return msgid if self._crc_fits(data, size - _CRC, self._setpoint_seed) else -1
 
     def _crc_fits(self, data: bytes, end: int, seed: bytes) -> bool:
         """Return whether the CRC is right. end: position of the CRC in the datagram"""

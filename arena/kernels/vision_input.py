@@ -58,7 +58,12 @@ class VisionInput:
     # -- arrival ---------------------------------------------------------------------------------------------
 
     def receive(
-        self, i: int, p_n: rotations.Vector, q_nb: rotations.Quaternion, var_p: rotations.Vector, var_yaw: float
+        self,
+        i: int,
+        p_n: rotations.Vector,
+        q_nb: rotations.Quaternion,
+        var_p: rotations.Vector,
+        var_yaw: float,
     ) -> None:
         """Store a pose of vehicle i for the next fusion, or count why it is not stored.
 

@@ -212,9 +212,7 @@ def test_setpoint_has_the_values_of_pymavlink(modules: dict[str, ModuleType], ve
 @pytest.mark.parametrize("modules", VERSIONS)
 def test_authority_is_asked_before_a_setpoint_is_stored(modules: dict[str, ModuleType]) -> None:
     readers = Readers(modules)
-    m = mavlink.MAVLink_set_position_target_local_ned_message(
-        0, 3, 1, 1, 0b100111111000, 1, 2, -3, *[0] * 8
-    )
+    m = mavlink.MAVLink_set_position_target_local_ned_message(0, 3, 1, 1, 0b100111111000, 1, 2, -3, *[0] * 8)
     data = bytes(m.pack(sender(3)))
     before = readers.state()
     readers.passes = False
@@ -235,7 +233,9 @@ def test_what_is_not_ordinary_asks_and_stores_nothing(modules: dict[str, ModuleT
     own.target_component, other.target_component = 1, 7
     whole = bytes(own.pack(sender(3)))
     refused = [
-        *(bytes(own.pack(sender(*by))) for by in ((255, 190), (9, 191), (3, 1))),  # another sender; its own echo
+        *(
+            bytes(own.pack(sender(*by))) for by in ((255, 190), (9, 191), (3, 1))
+        ),  # another sender; its own echo
         bytes(other.pack(sender(3))),
         bytes(own.pack(signer)),
         bytes(own.pack(sender(3), force_mavlink1=True)),

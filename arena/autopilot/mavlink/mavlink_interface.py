@@ -359,7 +359,9 @@ class MavlinkInterface:
 
     def received_counts(self) -> Counter[str]:
         """Return the numbers of received and refused messages by kind, over all links."""
-        return sum((link.codec.counts for link in self.links.values()), self.vehicle.received_counts() + self.counts)
+        return sum(
+            (link.codec.counts for link in self.links.values()), self.vehicle.received_counts() + self.counts
+        )
 
 
 _DECODED_FAST = (ODOMETRY, SET_POSITION_TARGET)

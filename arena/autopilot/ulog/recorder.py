@@ -316,9 +316,7 @@ def _vision_record(pose: list[float], now: float) -> bytes:
     now_us = round(1e6 * now)
     var_yaw, ned, unknown, quality = pose[10], 1, 0, 100
     variances = (*pose[7:10], var_yaw, var_yaw, var_yaw, *_NAN3)
-    return _VISION.pack(
-        (now_us, now_us, *pose[:7], *_NAN3, *_NAN3, *variances, ned, unknown, 0, quality)
-    )
+    return _VISION.pack((now_us, now_us, *pose[:7], *_NAN3, *_NAN3, *variances, ned, unknown, 0, quality))
 
 
 def _offboard_record(contents: int, now: float) -> bytes:
