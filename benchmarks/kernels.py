@@ -61,7 +61,7 @@ def prediction(count: int) -> Callable[[], object]:
 
 def vision(count: int) -> Callable[[], object]:
     """Return the fusion of one pose of every vehicle."""
-    from arena.autopilot.estimation.estimator import Estimator, VisionSample
+    from arena.autopilot.estimation.estimator import Estimator
     from arena.autopilot.param_table import Params
 
     params = Params(count)
@@ -70,11 +70,12 @@ def vision(count: int) -> Callable[[], object]:
     estimator = Estimator(params, count, 0.004)
     for _ in range(10):
         estimator.predict(np.tile([0.0, 0.0, -9.8], (count, 1)), np.zeros((count, 3)))
-    sample = VisionSample((0.0,) * 3, (1.0, 0.0, 0.0, 0.0), (1e-6,) * 3, 1e-4)
+    level = (1.0, 0.0, 0.0, 0.0)
 
     def fuse() -> None:
         for i in range(count):
-            estimator.fuse_vision(i, sample, 1.0)
+            estimator.vision_input.receive(i, (0.0, 0.0, 0.0), level, (1e-6, 1e-6, 1e-6), 1e-4)
+        estimator.fuse_vision(1.0)
 
     return fuse
 

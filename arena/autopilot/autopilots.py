@@ -7,24 +7,24 @@ allocation and telemetry.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.authority import CommandGate
+from arena.authority import CommandGate, Role, role_on_link
 from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams
 from arena.autopilot.control.control_allocator import ControlAllocator
 from arena.autopilot.control.controllers import Cascade, steps_per_period
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.estimation.land_detector import ClimbDetector, LandDetector, TakeoffRamp
-from arena.autopilot.estimation.vision_input import VisionInput
 from arena.autopilot.flight_modes import Mode
 from arena.autopilot.make_vehicles import load_params, make_vehicles
 from arena.autopilot.mavlink.mavlink_interface import MavlinkInterface
+from arena.autopilot.mavlink.streams import LINK_RATES
 from arena.autopilot.mavlink.telemetry import Telemetry
 from arena.autopilot.mavlink.telemetry_packer import TelemetryPacker
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
@@ -35,6 +35,9 @@ from arena.autopilot.vehicle import Vehicle
 from arena.kernels.arrays import array, integers, view
 from arena.kernels.motor_outputs import MotorOutputs
 from arena.kernels.motor_release import MotorRelease
+from arena.kernels.offboard_setpoints import OffboardSetpoints
+from arena.kernels.ordinary_messages import OrdinaryMessages
+from arena.wire.mavlink_frame import SEEDS
 from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
@@ -75,27 +78,30 @@ class Autopilots:
         self.dt, self.names = dt, [x["name"] for x in vehicles]
         self.params, self._events = load_params(vehicles)
         self.est = Estimator(self.params, n, dt)
-        self._vision = VisionInput(self.params)
         self.cascade = Cascade(self.params, n, dt)
         self.sp = Setpoints(n)
+        offboard = self.sp.offboard_setpoints(self.est.q_nb)
         self.allocator = ControlAllocator.of([x["profile"] for x in vehicles])
         self.land = LandDetector(self.params, n)
         self.takeoff = TakeoffRamp(self.params, n)
+        self.est.vision_input.read_flights_from(self.takeoff.flying)
         self._climb = ClimbDetector(self.params, self.sp, self.est, self.cascade.position.v_sp_n)
         self._radio_on = [bool(x.get("sticks", False)) for x in vehicles]
-        self.vehicles = make_vehicles(settings, self.params, self.est)
+        self.vehicles = make_vehicles(settings, self.params, self.est, offboard)
         self._boot_unix_us = int(settings.get("boot_unix_us", REPEATABLE_BOOT_UNIX_US))
         self.gates = [CommandGate(x["name"], x["id"], simulated=True) for x in vehicles if authority]
         self._outputs = outputs = MotorOutputs(
             self.est.law, self.cascade.law, self.allocator.law, self.allocator.rows.shape[1]
         )
         self.motors, self.thrust = array(outputs.motors), array(outputs.thrust)
+        self._ordinary = _ordinary_messages(self.vehicles, self.est, offboard, self.gates)
         packer = TelemetryPacker(self.est, self.sp, self.cascade, self.thrust, self.motors)
         self._telemetry = Telemetry(self.vehicles, packer, self._read_state)
         self.interfaces = [
             MavlinkInterface(
                 v,
                 self._telemetry,
+                self._ordinary,
                 self.gates[i] if authority else None,
                 partial(self._record_text, i),
                 library,
@@ -145,7 +151,8 @@ class Autopilots:
 
         link: name of the link, `router`, `vision`, `panic` or `ground`
         """
-        self.interfaces[vehicle].receive(link, data, self._now)
+        if not self._ordinary.receive(vehicle, link, data, self._now):
+            self.interfaces[vehicle].receive(link, data, self._now)
 
     def sticks(self, vehicle: int, on: bool) -> None:
         """Switch a vehicle's simulated radio control on (with centred sticks) or off."""
@@ -258,14 +265,10 @@ class Autopilots:
     # -- estimator -------------------------------------------------------------------------------------------
 
     def _fuse(self, now: float, sensors: Mapping[str, Array]) -> None:
-        for v in self.vehicles:
-            if v.vision is not None and not v.failures.vision:
-                sample, v.vision = v.vision, None
-                if self._ulog is not None:
-                    self._log(partial(UlogRecorder.record_vision, i=v.row, sample=sample, now=now))
-                prepared = self._vision.prepare(v.row, sample, v.q_nb)
-                if prepared is not None:
-                    self.est.fuse_vision(v.row, prepared, now)
+        vision = self.est.vision_input
+        if self._ulog is not None and (rows := vision.waiting_rows()):
+            self._log(lambda ulog: ulog.record_vision(rows, array(vision.pose), now))
+        self.est.fuse_vision(now)
         if self._steps % self._decide_every == min(1, self._decide_every - 1):
             failed = np.array([v.failures.baro for v in self.vehicles])
             self.est.fuse_baro(np.where(failed, np.nan, sensors["baro_alt_m"]), now)
@@ -359,3 +362,18 @@ class Autopilots:
             v.actuator_tests.apply(self.motors[v.row], now)
         for i, k in self._dead_motors:
             self.motors[i, k : k + 1] = 0.0
+
+
+def _ordinary_messages(
+    vehicles: Sequence[Vehicle], est: Estimator, offboard: OffboardSetpoints, gates: Sequence[CommandGate]
+) -> OrdinaryMessages:
+    """Return the reader of ordinary poses and setpoints. gates: one for each vehicle, or none"""
+    ids = [v.system_id for v in vehicles]
+    return OrdinaryMessages(
+        integers(np.array(ids, np.int64)),
+        est.vision_input,
+        offboard,
+        SEEDS,
+        [link for link in LINK_RATES if all(role_on_link(link, own, own) is Role.PROGRAM for own in ids)],
+        [gate.authority.passes_program_setpoint for gate in gates],
+    )

@@ -9,6 +9,7 @@ from typing import Any
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.param_table import Params
 from arena.autopilot.vehicle import Vehicle
+from arena.kernels.offboard_setpoints import OffboardSetpoints
 from arena.vehicle_models import vehicle_model
 
 
@@ -28,7 +29,9 @@ def load_params(vehicles: list[Any]) -> tuple[Params, list[str]]:
     return params, problems
 
 
-def make_vehicles(settings: Mapping[str, Any], params: Params, est: Estimator) -> list[Vehicle]:
+def make_vehicles(
+    settings: Mapping[str, Any], params: Params, est: Estimator, offboard: OffboardSetpoints
+) -> list[Vehicle]:
     """Create a `Vehicle` for each entry of the list `vehicles` in the settings, in the same order."""
     return [
         Vehicle(
@@ -37,6 +40,7 @@ def make_vehicles(settings: Mapping[str, Any], params: Params, est: Estimator) -
             x["id"],
             params,
             est,
+            offboard,
             mav_type=vehicle_model(x["profile"]).mav_type(len(x["profile"]["rotors"])),
             rotors=len(x["profile"]["rotors"]),
             heading=math.radians(settings.get("heading_deg", 0.0)),

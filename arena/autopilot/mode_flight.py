@@ -11,7 +11,7 @@ from arena.autopilot.commander_inputs import CommanderInputs
 from arena.autopilot.control.controllers import PositionControl
 from arena.autopilot.control.flight_tasks import FlightTask, stop_motors
 from arena.autopilot.control.manual_tasks import ManualState, ManualTask
-from arena.autopilot.control.setpoints import Level, OffboardSetpoint, Setpoints
+from arena.autopilot.control.setpoints import Level, Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.flight_modes import MANUAL_MODES, Mode
 from arena.autopilot.navigation.auto_modes import AutoModes
@@ -41,12 +41,10 @@ class ModeFlight:
         self.auto = AutoModes(params, est, vehicles, dt)
         self._tasks = [FlightTask(i) for i in range(vehicles)]
         self._manual = [ManualTask(i) for i in range(vehicles)]
-        self._followed: list[OffboardSetpoint | None] = [None] * vehicles  # that `sp` contains
 
     def stop(self, v: Vehicle) -> None:
         """Remove the setpoint of a disarmed vehicle."""
         self.sp.clear(v.row)
-        self._followed[v.row] = None
         self._tasks[v.row].mode = self._manual[v.row].mode = None
         self.auto.leave(v, armed=False)
 
@@ -56,7 +54,6 @@ class ModeFlight:
         if newly_armed:
             v.set_home_to_current_position()
             task.mode = self._manual[i].mode = None
-        followed, self._followed[i] = self._followed[i], None
         manual = c.mode in MANUAL_MODES
         if not manual:
             self._manual[i].mode = None
@@ -72,10 +69,7 @@ class ModeFlight:
             self._fly_by_hand(v, s)
         elif c.mode is Mode.OFFBOARD:
             task.mode = None
-            setpoint = v.offboard_setpoint
-            if setpoint is not None and setpoint is not followed:
-                self.sp.follow(i, setpoint)
-            self._followed[i] = setpoint
+            v.offboard.copy(i)
         elif c.mode is Mode.TERMINATE:
             stop_motors(self.sp, i)
         else:

@@ -14,11 +14,12 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from arena.autopilot.actuator_tests import ActuatorTests
 from arena.autopilot.commander import CRITICAL, WARNING, Commander
 from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams
-from arena.autopilot.control.setpoints import OffboardSetpoint
-from arena.autopilot.estimation.estimator import Estimator, VisionSample
+from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.flight_modes import Mode
 from arena.autopilot.injected_failures import InjectedFailures
 from arena.autopilot.manual_control import ManualControl
@@ -27,11 +28,14 @@ from arena.autopilot.navigation.mission_store import MissionStore
 from arena.autopilot.navigation.orbit import Orbit, OrbitRequest, orbit_of
 from arena.autopilot.param_table import Params
 from arena.geometry import yaw_from_quat
+from arena.kernels.arrays import array, integers, view
+from arena.kernels.offboard_setpoints import OffboardSetpoints
 
 LANDED_STATE_ON_GROUND = 1  # MAV_LANDED_STATE
 _NEVER = -1e9
 _ORIGIN_ALTITUDE_M = (-12_000.0, 100_000.0)  # limits of PX4
 _REPORT_EVERY_REFUSED = 100
+_POSITION_OR_VELOCITY = 3  # bits of `OffboardSetpoints.contents`
 Point = tuple[float, float, float]
 
 
@@ -56,7 +60,7 @@ class Vehicle:
     system_id: MAVLink system id (MAV_SYS_ID)
     mav_type: MAV_TYPE of the heartbeats
     rotors: number of rotors
-    now: time of the last datagram [s]
+    now: time of the datagram that is processed [s]
     booted: True after the commander has run once; before, commands are rejected
     inputs, commander_params: inputs of the commander's last run
     aligned, ready_to_arm, landed_state: results of the commander's last run; landed_state is a MAV_LANDED_STATE
@@ -65,8 +69,8 @@ class Vehicle:
     flights: number of times the vehicle was armed by a client
     leg_target_n: point to which a mission, a return or a reposition flies now [m] [NED], None if there is none
     actuator_tests: motors that a client turns while the vehicle is disarmed
-    vision: newest sample of external vision that is not fused yet
-    offboard_setpoint, offboard_setpoint_at: newest offboard setpoint and its time [s]
+    vision_input: receives poses of external vision, of all vehicles
+    offboard: newest offboard setpoints of all vehicles
     takeoff_target_d: height requested by NAV_TAKEOFF [m] [NED down], NaN for MIS_TAKEOFF_ALT
     origin: place and direction of the local frame on Earth, None if not set
     heading: direction of the local frame's north, clockwise from true north [rad]
@@ -76,7 +80,7 @@ class Vehicle:
     orbit: circle that the vehicle flies in HOLD, None if it flies none
     is_inside_fence: function that returns whether points [m] [NED] are inside the geofence
     gcs_heartbeat_at: time of the last ground station heartbeat on any link [s]
-    counts: number of received and of refused messages, by kind
+    counts: number of refused messages, by kind
     """
 
     def __init__(
@@ -86,6 +90,7 @@ class Vehicle:
         system_id: int,
         params: Params,
         estimator: Estimator,
+        offboard: OffboardSetpoints,
         *,
         mav_type: int = 2,
         rotors: int = 4,
@@ -106,10 +111,11 @@ class Vehicle:
         self.flights = 0
         self.leg_target_n: Point | None = None
         self.actuator_tests = ActuatorTests()
-        self.vision: VisionSample | None = None
-        self._last_vision: VisionSample | None = None
-        self.offboard_setpoint: OffboardSetpoint | None = None
-        self.offboard_setpoint_at = _NEVER
+        self.vision_input, self.offboard = estimator.vision_input, offboard
+        self._offboard_at, self._offboard_contents = (
+            view(array(offboard.received_at)),
+            integers(np.asarray(offboard.contents)),
+        )
         self.takeoff_target_d = math.nan
         self.origin: Origin | None = None
         self.home_n: list[float] | None = None
@@ -287,6 +293,7 @@ class Vehicle:
         p: FAILURE_UNIT, FAILURE_TYPE and instance
         """
         result = self.failures.inject(p, enabled=bool(self.params["SYS_FAILURE_EN"][self.row]))
+        self.vision_input.failed[self.row] = self.failures.vision
         if result == 0:
             self.commander.report(
                 WARNING, f"Failure injected: unit {p[0]:.0f}, type {p[1]:.0f}, instance {p[2]:.0f}"
@@ -296,13 +303,14 @@ class Vehicle:
     # -- streams from outside --------------------------------------------------------------------------------
 
     @property
-    def offboard_needs_position(self) -> bool:
-        """True if the newest offboard setpoint contains a position or velocity."""
-        return self.offboard_setpoint is not None and self.offboard_setpoint.needs_position
+    def offboard_setpoint_at(self) -> float:
+        """Time of the newest offboard setpoint [s]."""
+        return self._offboard_at[self.row]
 
-    def set_offboard_setpoint(self, setpoint: OffboardSetpoint, now: float) -> None:
-        """Store an offboard setpoint. now: time of its arrival [s]."""
-        self.offboard_setpoint, self.offboard_setpoint_at = setpoint, now
+    @property
+    def offboard_needs_position(self) -> bool:
+        """True if the newest offboard setpoint contains a position or velocity, and so needs a valid position estimate."""
+        return self._offboard_contents[self.row] & _POSITION_OR_VELOCITY != 0
 
     def refuse_offboard_setpoint(self, reason: str) -> None:
         """Count a refused offboard setpoint. Report the 1st, 101st, 201st ... refusal to the user.
@@ -313,18 +321,8 @@ class Vehicle:
         if reason and self.counts["refused setpoint"] % _REPORT_EVERY_REFUSED == 1:
             self.commander.report(CRITICAL, f"Setpoint ignored: {reason}")
 
-    def set_vision(self, sample: VisionSample | None) -> None:
-        """Store a sample of external vision for the next fusion.
-
-        In flight a pose identical to the last one is dropped. Two measurements are never identical, so the
-        source must be frozen.
-
-        sample: None for a refused sample, which is only counted
-        """
-        last = self._last_vision
-        if sample and self.inputs.flying and last and (sample.p_n, sample.q_nb) == (last.p_n, last.q_nb):
-            self.counts["vision repeated"] += 1
-            return
-        self.counts["vision" if sample else "vision refused"] += 1
-        if sample:
-            self.vision = self._last_vision = sample
+    def received_counts(self) -> Counter[str]:
+        """Return the numbers of received poses and of refused messages, by kind."""
+        accepted, refused, repeated = np.asarray(self.vision_input.counts)[self.row].tolist()
+        poses = {"vision": accepted, "vision refused": refused, "vision repeated": repeated}
+        return Counter(poses) + self.counts

@@ -48,6 +48,16 @@ def flags(array: NDArray[np.bool_]) -> Flags:
     return cast("Flags", memoryview(array))  # type: ignore[arg-type]
 
 
+def new_integers(*shape: int) -> Integers:
+    """Return a view of a new int64 array with a given shape, filled with 0."""
+    return integers(np.zeros(shape, np.int64))
+
+
+def new_flags(*shape: int) -> Flags:
+    """Return a view of a new bool array with a given shape, filled with False."""
+    return flags(np.zeros(shape, bool))
+
+
 def array(values: Floats) -> Array:
     """Return the numpy array that a memoryview shows.
 

@@ -12,8 +12,10 @@ cdef class FrameParser:
     cpdef object search(self, bytes data, object wanted, long sysid, long compid)
     @cython.locals(magic=long, length=long, flags=long, payload=Py_ssize_t, end=Py_ssize_t, sysid=long, compid=long, msgid=long, target_sys=long, target_comp=long, place=tuple, system=long, component=long)
     cpdef tuple frame_at(self, bytes data, Py_ssize_t at, Py_ssize_t size)
-    @cython.locals(start=Py_ssize_t, at=Py_ssize_t, expected=long)
+    @cython.locals(at=Py_ssize_t)
     cpdef bint crc_fits(self, bytes data, tuple frame) except -1
+
+cpdef long checksum(bytes data, Py_ssize_t start, Py_ssize_t end, bytes seed) except -1
 
 @cython.locals(end=Py_ssize_t)
 cpdef bint plausible(bytes data, tuple frame, bint clean, Py_ssize_t size) except -1

@@ -113,9 +113,13 @@ class FrameParser:
 
         The message must be in the table of seeds (CRC_EXTRA).
         """
-        start, at = frame[0], frame[2] + frame[3]
-        expected = _crc(self.seeds[frame[6]], _crc(data[start + 1 : at]))
-        return expected == data[at] + (data[at + 1] << 8)
+        at = frame[2] + frame[3]
+        return checksum(data, frame[0] + 1, at, self.seeds[frame[6]]) == data[at] + (data[at + 1] << 8)
+
+
+def checksum(data: bytes, start: int, end: int, seed: bytes) -> int:
+    """Compute the CRC of data[start:end], followed by the seed byte of the message."""
+    return _crc(seed, _crc(data[start:end]))
 
 
 def plausible(data: bytes, frame: Fields, clean: bool, size: int) -> bool:

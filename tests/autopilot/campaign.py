@@ -24,6 +24,7 @@ from flight import Flight
 from fuzzing import KINDS, Fuzz, read, v2
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.autopilot.vehicle import Vehicle
 from arena.builtin_parameters import SPECS
 
 LIMITS = {"MPC_XY_VEL_MAX": 3.0, "MPC_Z_VEL_MAX_UP": 2.0, "MPC_Z_VEL_MAX_DN": 1.5, "MPC_TILTMAX_AIR": 35.0}
@@ -103,12 +104,12 @@ class Noisy(Flight):
             link = interface.links[self.fuzz.rng.choice(("router", "router", "vision", "panic"))]
             answers, refusals = (
                 len(link.queue),
-                vehicle.counts["refused setpoint"] + vehicle.counts["vision refused"],
+                _refused(vehicle),
             )
             self.pilots.receive(0, link.name, frame)
             tally.sent[name] += 1
             tally.answered[name] += len(link.queue) > answers
-            refused = vehicle.counts["refused setpoint"] + vehicle.counts["vision refused"] > refusals
+            refused = _refused(vehicle) > refusals
             tally.refused[name] += refused or any(_refuses(data) for data in link.queue[answers:])
 
     def prepare(self, mode: str, height: float = 1.5) -> None:
@@ -235,6 +236,11 @@ def check(flight: Noisy) -> None:
         messages.clear()
 
 
+def _refused(vehicle: Vehicle) -> int:
+    counts = vehicle.received_counts()
+    return counts["refused setpoint"] + counts["vision refused"]
+
+
 def _check_said(m: Any) -> None:
     assert m.get_type() != "BAD_DATA"
     if m.get_type() in (
@@ -252,7 +258,7 @@ def weight(flight: Noisy) -> int:
     """Return the size [bytes] of the state that received messages can grow."""
     kept: list[Any] = []
     for v, x in zip(flight.pilots.vehicles, flight.pilots.interfaces, strict=True):
-        kept += [v.missions, v.commander, v.counts, v.offboard_setpoint, v.vision]
+        kept += [v.missions, v.commander, v.counts]
         kept += [x.mission_protocol, x.param_server, x.counts]
         kept += [(link.queue, link.codec.counts) for link in x.links.values()]
     return len(pickle.dumps(kept))
@@ -354,11 +360,8 @@ def _setpoints(flight: Noisy, messages: int, names: tuple[str, ...], hold: Any, 
         for _ in range(rng.choice((1, 5, 25, 150))):
             flight._step()
             hold(flight)
-        flight.pilots.vehicles[
-            0
-        ].offboard_setpoint_at = (
-            flight.now
-        )  # refused setpoints do not keep OFFBOARD; that is tested elsewhere
+        # Refused setpoints do not keep OFFBOARD; that is tested elsewhere.
+        flight.pilots.vehicles[0].offboard.received_at[0] = flight.now
         check(flight)
     return flight.tally
 

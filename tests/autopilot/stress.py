@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot import Autopilots
-from arena.autopilot.estimation.estimator import VisionSample
 from arena.autopilot.estimation.prediction_period import samples_per_prediction
-from arena.autopilot.mavlink.offboard_setpoints import from_position_target
 from arena.geometry import quat_conj, quat_exp, quat_from_euler, quat_log, quat_multiply
+from arena.kernels.arrays import array
 from arena.sim.world import World
 
 Array = NDArray[np.float64]
+Pose = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...], float]
 Fault = Callable[[Array, Array], tuple[Array, Array]]
 
 APART_M = 12.0
@@ -246,9 +246,10 @@ class StressFlight:
         self.rng = np.random.default_rng(seed)
         self.home = self.world.truth().p_n.copy()
         self.motors = np.zeros((v, 4))
+        self.claimed = np.ones(v)  # variances in the messages, as a share of the true ones
         self.faults: list[Fault] = [lambda p, q: (p, q)] * v
         self._exposure = self.rng.uniform(0.0, 1.0 / VISION_HZ, v)
-        self._on_the_way: list[deque[tuple[float, VisionSample]]] = [deque() for _ in stresses]
+        self._on_the_way: list[deque[tuple[float, Pose]]] = [deque() for _ in stresses]
         self._gap_phase = self.rng.uniform(0.0, 4.0, v)
         self.v_n = np.zeros((v, 3))
         self._raw = np.zeros((v, 3)), np.zeros((v, 3)), self.world.truth().accel_b.copy()
@@ -293,7 +294,7 @@ class StressFlight:
         self._expose()
         for i, queue in enumerate(self._on_the_way):
             while queue and queue[0][0] <= self.now:
-                self.pilots.vehicles[i].set_vision(queue.popleft()[1])
+                self.est.vision_input.receive(i, *queue.popleft()[1])
         self.motors = self.pilots.step(self.now, self._sense())
 
     def run(self, seconds: float, each: Callable[[StressFlight], None] | None = None) -> None:
@@ -306,12 +307,9 @@ class StressFlight:
     def setpoint(self, i: int, p_n: Any, yaw: float = 0.0) -> None:
         """Set a position setpoint, relative to the start of the vehicle [m] [NED]."""
         vectors = (*(self.home[i] + p_n).tolist(), 0, 0, 0, 0, 0, 0)
-        m = mavlink.MAVLink_set_position_target_local_ned_message(
-            0, i + 1, 1, 1, 0b100111111000, *vectors, yaw, 0
-        )
-        setpoint = from_position_target(m, [1.0, 0.0, 0.0, 0.0])
-        assert not isinstance(setpoint, str)
-        self.pilots.vehicles[i].set_offboard_setpoint(setpoint, self.now)
+        offboard = self.pilots.vehicles[i].offboard
+        array(offboard.target)[:] = (*vectors, yaw, 0.0)
+        assert offboard.set_local_target(i, 0b100111111000, 1, self.now) is None
 
     def take_off(self, height_m: float = 4.0) -> None:
         """Take off until all vehicles hover in OFFBOARD."""
@@ -372,8 +370,9 @@ class StressFlight:
             p = p + self.rng.normal(0.0, s.noise_m, 3)
             q = quat_multiply(q / np.linalg.norm(q), quat_exp(self.rng.normal(0.0, sigma, 3)))
             p, q = self.faults[i](p, q)
-            vision = VisionSample(tuple(p.tolist()), tuple(q.tolist()), (s.noise_m**2,) * 3, sigma**2)
-            self._on_the_way[i].append((t + s.delay_ms * 1e-3, vision))
+            var_p, var_yaw = float(self.claimed[i]) * s.noise_m**2, float(self.claimed[i]) * sigma**2
+            pose = (tuple(p.tolist()), tuple(q.tolist()), (var_p,) * 3, var_yaw)
+            self._on_the_way[i].append((t + s.delay_ms * 1e-3, pose))
         self._keep()
 
     def _hidden(self, i: int, t: float) -> bool:

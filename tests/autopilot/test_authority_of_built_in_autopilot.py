@@ -84,13 +84,17 @@ def test_setpoint_of_a_ground_station_does_not_mix_with_those_of_the_program(fli
     message = mavlink.MAVLink_set_position_target_local_ned_message(
         0, target, 1, 1, 0b100111111000, *away, 0, 0
     )
-    before = flight.pilots.vehicles[0].offboard_setpoint
+    flight.run(0.1)
+    before = flight.pilots.vehicles[0].offboard_setpoint_at
+    assert before < flight.now
     flight.pilots.receive(0, link, message.pack(station))
-    assert flight.pilots.vehicles[0].offboard_setpoint is before
+    assert flight.pilots.vehicles[0].offboard_setpoint_at == before
 
 
 def test_setpoint_after_land_all_is_refused(flight):
     land_all(flight)
-    before = flight.pilots.vehicles[0].offboard_setpoint
+    flight.run(0.1)
+    before = flight.pilots.vehicles[0].offboard_setpoint_at
+    assert before < flight.now
     flight.setpoint(0, (3.0, 0.0, -3.0))
-    assert flight.pilots.vehicles[0].offboard_setpoint is before
+    assert flight.pilots.vehicles[0].offboard_setpoint_at == before

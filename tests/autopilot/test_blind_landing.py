@@ -17,7 +17,7 @@ from flight import PROFILE
 from pymavlink.dialects.v20 import common as mavlink
 from scenarios import Lane, Scenarios, Wait
 
-from arena.autopilot.estimation.estimator import Estimator, VisionSample
+from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.estimation.land_detector import LandDetector
 from arena.autopilot.param_table import Params
 from arena.constants import GRAVITY_M_S2
@@ -272,7 +272,8 @@ def standing(params: Params | None = None) -> tuple[Estimator, Callable[[float, 
         for _ in range(round(seconds / 0.004)):
             est.predict(np.array([[0.0, 0.0, -GRAVITY_M_S2]]), np.zeros((1, 3)))
             if poses and steps % 4 == 0:
-                est.fuse_vision(0, VisionSample((north, 0.0, 0.0), q, (1e-6,) * 3, 1e-6), 0.004 * steps)
+                est.vision_input.receive(0, (north, 0.0, 0.0), q, (1e-6,) * 3, 1e-6)
+                est.fuse_vision(0.004 * steps)
             steps += 1
         return 0.004 * steps
 

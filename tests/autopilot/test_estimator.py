@@ -19,19 +19,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pymavlink.dialects.v20 import common as mavlink
 from stress import AS_ARENA, FAULTS, STRESSES, Fate, Log, Stress, StressFlight, judge, misled, together
 
-from arena.autopilot.estimation.estimator import Estimator, VisionSample
-from arena.autopilot.mavlink.external_vision import from_odometry
+from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.param_table import Params
-from arena.autopilot.vehicle import Vehicle
 from arena.constants import GRAVITY_M_S2
 from arena.kernels.arrays import array, floats
 from arena.kernels.error_covariance import ErrorCovariance
-from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_frame import parse_frames
-from arena.wire.mavlink_records import Odometry
 
 MISLED = [Stress(name=name, matched=False) for name in FAULTS]
 LATE = [Stress(name=name, matched=False, noaid_s=5.0) for name in ("0.5 m north", "frozen")]
@@ -40,31 +34,27 @@ LATE = [Stress(name=name, matched=False, noaid_s=5.0) for name in ("0.5 m north"
 BREAKS = ("none", "late", "overconfident", "rates of the end")
 
 
-def break_filter(est: Estimator, first: int) -> None:
+def break_filter(flight: StressFlight, first: int) -> None:
     """Put one mistake into each of the vehicles from row `first` + 1 on.
 
     1: a pose is taken as received at the step. 2: half the noise is assumed. 3: the rates at the end of a period hold for all of it.
     """
-    fuse, predict, claimed = est.fuse_vision, est.predict, np.ones(len(est.p_n))
-    claimed[first + 2] = 0.25
+    est, predict = flight.est, flight.est.predict
+    flight.claimed[first + 2] = 0.25
     est._delay_s[first + 1] -= 0.5 * est.dt
-
-    def fuse_overconfident(i, sample, now):
-        var_p, var_yaw = (np.multiply(var, claimed[i]) for var in (sample.var_p, sample.var_yaw))
-        fuse(i, sample._replace(var_p=tuple(var_p.tolist()), var_yaw=float(var_yaw)), now)
 
     def predict_by_the_end(accel_b, gyro_b):
         est.omega_b[first + 3] = gyro_b[first + 3] - est.gyro_bias[first + 3]
         predict(accel_b, gyro_b)
 
-    est.fuse_vision, est.predict = fuse_overconfident, predict_by_the_end
+    est.predict = predict_by_the_end
 
 
 @pytest.fixture(scope="module")
 def hard_flight() -> tuple[StressFlight, Log]:
     """Ten sound filters and four of BREAKS in one hard flight."""
     flight = StressFlight([*STRESSES, *AS_ARENA, *(Stress(name=name, delay_ms=5.0) for name in BREAKS)])
-    break_filter(flight.est, len(STRESSES) + len(AS_ARENA))
+    break_filter(flight, len(STRESSES) + len(AS_ARENA))
     flight.take_off()
     flight.run(3.0, StressFlight.hard)
     return flight, flight.log(8.0, StressFlight.hard)
@@ -147,7 +137,8 @@ def hovering() -> Estimator:
 
 
 def see(est: Estimator, now: float, north: float) -> None:
-    est.fuse_vision(0, VisionSample((north, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (1e-6,) * 3, 1e-6), now)
+    est.vision_input.receive(0, (north, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (1e-6,) * 3, 1e-6)
+    est.fuse_vision(now)
 
 
 @pytest.mark.parametrize(("comes_back", "followed"), [(False, False), (True, True)])
@@ -160,32 +151,6 @@ def test_rejected_jump_stays_rejected_until_the_pose_returns(comes_back, followe
             see(est, now, 0.0 if comes_back and k > 250 else 0.8)
     assert bool(now - est.last_xy[0] < 0.1) is followed
     assert abs(est.p_n[0, 0]) < 0.05
-
-
-def test_repeated_pose_is_dropped_in_flight_only():
-    vehicle = Vehicle(0, "uav1", 1, Params(1), Estimator(Params(1), 1, 0.004))
-    pose = VisionSample((1.0, 2.0, -3.0), (1.0, 0.0, 0.0, 0.0), (1e-6,) * 3, 1e-6)
-    for flying, wanted in ((False, pose), (True, None)):
-        vehicle.inputs.flying = flying
-        vehicle.vision = None
-        vehicle.set_vision(pose)
-        vehicle.vision = None
-        vehicle.set_vision(pose)
-        assert vehicle.vision == wanted
-    assert vehicle.counts["vision repeated"] == 2
-
-
-def test_timestamp_of_a_pose_is_ignored():
-    none = [math.nan] * 21
-    poses = []
-    for stamp in (0, 1_000_000, 2**60):
-        said = mavlink.MAVLink_odometry_message(
-            stamp, 1, 12, 1, 2, 3, [1, 0, 0, 0], *none[:6], none, none, 0, 2, 0
-        )
-        data = Codec(1, 197).pack(said)
-        poses.append(from_odometry(Odometry.read(data, parse_frames(data).frames[0])))
-    assert poses[0] is not None
-    assert poses[0] == poses[1] == poses[2]
 
 
 def test_bounds_accept_a_sound_series_and_reject_a_wrong_one():

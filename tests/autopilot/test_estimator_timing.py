@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from arena.autopilot.estimation.estimator import Estimator, VisionSample
+from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.estimation.prediction_period import samples_per_prediction
 from arena.autopilot.param_table import Params
 from arena.builtin_parameters import SPECS
@@ -29,7 +29,8 @@ def predict(est: Estimator, accel_north: float = 0.0) -> None:
 
 def see(est: Estimator, now: float, north: float) -> None:
     """Fuse a pose with a noise of 1 mm and 1 mrad."""
-    est.fuse_vision(0, VisionSample((north, 0.0, 0.0), LEVEL, (1e-6,) * 3, 1e-6), now)
+    est.vision_input.receive(0, (north, 0.0, 0.0), LEVEL, (1e-6,) * 3, 1e-6)
+    est.fuse_vision(now)
 
 
 @pytest.mark.parametrize("hz", [50, 250, 1000])

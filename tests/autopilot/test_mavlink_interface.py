@@ -46,8 +46,9 @@ def shared() -> Flight:
 def flight(shared: Flight) -> Iterator[Flight]:
     """The shared flight: disarmed, in HOLD, without origin, home and setpoint."""
     vehicle = shared.pilots.vehicles[0]
-    vehicle.origin = vehicle.home_n = vehicle.offboard_setpoint = None
-    vehicle.offboard_setpoint_at = -1e9
+    vehicle.origin = vehicle.home_n = None
+    vehicle.offboard.level[0] = vehicle.offboard.contents[0] = 0
+    vehicle.offboard.received_at[0] = -1e9
     shared.run(0.02)  # the streams read the changes
     shared.received[0].clear()
     yield shared

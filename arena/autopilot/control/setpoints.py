@@ -1,24 +1,20 @@
-"""Setpoints of the controllers: arrays over all vehicles, and the setpoint of one vehicle in OFFBOARD.
+"""Setpoints of the controllers: arrays over all vehicles.
 
 NaN means that a value is not given.
 """
 
 from __future__ import annotations
 
-import math
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from arena.kernels.arrays import integers, view
-from arena.kernels.setpoint_rows import SetpointRows
+from arena.kernels.offboard_setpoints import OffboardSetpoints
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
-Triple = tuple[float, float, float]
-_NAN = math.nan
 
 
 class Level(IntEnum):
@@ -28,37 +24,6 @@ class Level(IntEnum):
     RATE = 1  # omega_b and thrust
     ATTITUDE = 2  # q_nb and thrust
     POSITION = 3  # position, velocity and acceleration; axes with NaN are not controlled
-
-
-class OffboardSetpoint(NamedTuple):
-    """Setpoint for one vehicle, received by MAVLink from a program that uses OFFBOARD mode.
-
-    level: controller that receives the setpoint. POSITION uses p_n, v_n, a_n, yaw, yaw_rate; ATTITUDE uses q_nb, yaw_rate,
-        thrust; RATE uses omega_b, thrust
-    p_n, v_n, a_n: position [m], velocity [m/s], acceleration [m/s2] [NED]
-    yaw, yaw_rate: heading [rad] and its rate [rad/s]
-    q_nb: attitude [-] wxyz
-    omega_b: body rates [rad/s] [FRD]
-    thrust: collective thrust 0..1
-    """
-
-    level: Level
-    p_n: Triple = (_NAN, _NAN, _NAN)
-    v_n: Triple = (_NAN, _NAN, _NAN)
-    a_n: Triple = (_NAN, _NAN, _NAN)
-    yaw: float = _NAN
-    yaw_rate: float = _NAN
-    q_nb: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    omega_b: Triple = (0.0, 0.0, 0.0)
-    thrust: float = 0.0
-
-    @property
-    def needs_position(self) -> bool:
-        """True if the setpoint contains a position or velocity, and so needs a valid position estimate."""
-        if self.level is not Level.POSITION:
-            return False
-        (x, y, z), (vx, vy, vz), known = self.p_n, self.v_n, math.isfinite
-        return known(x) or known(y) or known(z) or known(vx) or known(vy) or known(vz)
 
 
 class Setpoints:
@@ -85,7 +50,14 @@ class Setpoints:
         self.q_nb, self.omega_b = np.tile([1.0, 0.0, 0.0, 0.0], (v, 1)), np.zeros((v, 3))
         self.thrust = np.zeros(v)
         self.yaw_rate_ff = np.zeros(v)
-        self._rows = SetpointRows(
+
+    def offboard_setpoints(self, q_nb: Array) -> OffboardSetpoints:
+        """Return a new store of received setpoints. It copies the setpoint of a vehicle in OFFBOARD into these arrays.
+
+        q_nb: estimated attitudes [-] wxyz (V, 4)
+        """
+        store = OffboardSetpoints(view(q_nb))
+        store.write_setpoints_to(
             integers(self.level),
             view(self.p_n),
             view(self.v_n),
@@ -97,6 +69,7 @@ class Setpoints:
             view(self.thrust),
             view(self.yaw_rate_ff),
         )
+        return store
 
     def has_level(self, level: Level) -> Bool:
         """Return a mask (V,) of the vehicles whose setpoint has this level, for example `Level.RATE` (body rates)."""
@@ -108,13 +81,6 @@ class Setpoints:
         self.p_n[i] = self.v_n[i] = self.a_n[i] = np.nan
         self.yaw[i] = self.yaw_rate[i] = np.nan
         self.thrust[i] = self.yaw_rate_ff[i] = 0.0
-
-    def follow(self, i: int, o: OffboardSetpoint) -> None:
-        """Write an offboard setpoint of vehicle i."""
-        level = o.level.value
-        self._rows.set_position(i, level, o.p_n, o.v_n, o.a_n, o.yaw, o.yaw_rate)
-        ff = o.yaw_rate if level == Level.ATTITUDE.value else 0.0
-        self._rows.set_attitude(i, o.q_nb, o.omega_b, o.thrust, ff)
 
     def set_position(
         self,

@@ -21,7 +21,6 @@ and timeouts have PX4's names and meaning.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,17 +30,17 @@ from arena.autopilot.param_table import Params
 from arena.builtin_parameters import SPECS
 from arena.constants import GRAVITY_M_S2
 from arena.geometry import matrix_from_quat, quat_from_euler, quat_normalize, yaw_from_quat
-from arena.kernels.arrays import array, floats, view
+from arena.kernels.arrays import array, view
 from arena.kernels.barometer_offset import BarometerOffset
 from arena.kernels.error_covariance import ErrorCovariance
 from arena.kernels.estimate_validity import EstimateValidity
 from arena.kernels.strapdown import Strapdown
 from arena.kernels.vision_fusion import VisionFusion
+from arena.kernels.vision_input import VisionInput
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 Index = NDArray[np.intp]
-Triple = tuple[float, float, float]
 
 _FORCE_MEAN_S = 0.2  # time constant of the mean specific force
 _BARO_AFTER_S = 0.5  # from the last height of vision until the barometer is fused
@@ -52,21 +51,6 @@ _VELOCITY_VARIANCE = 0.16  # limit of a valid velocity [m2/s2]
 _VALID_VARIANCE = np.repeat(
     (0.25, _VELOCITY_VARIANCE, 0.01), 3
 )  # limits of a valid position [m2], velocity [m2/s2] and attitude [rad2]
-
-
-class VisionSample(NamedTuple):
-    """Pose measured by external vision.
-
-    p_n: position [m] [NED]
-    q_nb: attitude [-] wxyz, NaN if not given
-    var_p: variance of the position [m2], 0 if the sender gives none
-    var_yaw: variance of the heading [rad2], 0 if the sender gives none
-    """
-
-    p_n: Triple
-    q_nb: tuple[float, float, float, float]
-    var_p: Triple
-    var_yaw: float
 
 
 class Estimator:
@@ -89,6 +73,7 @@ class Estimator:
     rejected, reset_counter: number of rejected samples, and number of realignments (V,)
     at_rest: True while the vehicle stands on the ground with idle motors, set by the caller. Only such a
         vehicle aligns again with poses that the gate rejects for EKF2_NOAID_TOUT (V,)
+    vision_input: poses of external vision, from their arrival to their fusion
     """
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
@@ -113,6 +98,7 @@ class Estimator:
         self.cov = array(self._covariance.cov)
         self._ctrl, self.rejected = np.zeros(v, int), np.zeros(v, int)
         self._vision = vision = VisionFusion(state, self._covariance, self._ctrl, self.rejected)
+        self.vision_input = VisionInput(vision, self.at_rest)
         self._delay_s, self._rejected_since = array(vision.delay_s), array(vision.rejected_since)
         self.test_ratio, self._gate_var = array(vision.test_ratio), array(vision.gate_var)
         self.innovation, self.innovation_var = array(vision.innovation), array(vision.innovation_var)
@@ -139,7 +125,6 @@ class Estimator:
         self.last_baro = array(validity.last_baro)  # time of the last fusion [s]
         self.last_baro[:] = _NEVER
         self._timeout_s = array(validity.timeout_s)
-        self._pose = floats(1, 11)
         self._height = np.zeros((1, 15))  # derivatives of the position D by the error state
         self._height[0, 2] = 1.0
         self._read_params()
@@ -156,6 +141,10 @@ class Estimator:
         variances = p.columns("EKF2_EVP_NOISE", "EKF2_EVA_NOISE") ** 2
         array(self._vision.least_variance)[:] = variances[:, (0, 0, 0, 1)]
         array(self._vision.gate_squared)[:] = p.columns("EKF2_EVP_GATE", "EKF2_HDG_GATE") ** 2
+        vision = self.vision_input
+        array(vision.align_after_s)[:] = self._timeout_s
+        np.asarray(vision.ignores_variances)[:] = p["EKF2_EV_NOISE_MD"] != 0
+        array(vision.offset_b)[:] = p.columns("EKF2_EV_POS_X", "EKF2_EV_POS_Y", "EKF2_EV_POS_Z")
         array(self.law.bias_limit)[:] = p["EKF2_ABL_LIM"]
         # Velocity, attitude and both biases. As in PX4, each prediction adds (noise * period)^2.
         noise = p.columns("EKF2_ACC_NOISE", "EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_ACC_B_NOISE").repeat(
@@ -234,26 +223,20 @@ class Estimator:
 
     # -- correction ------------------------------------------------------------------------------------------
 
-    def fuse_vision(self, i: int, sample: VisionSample, now: float) -> None:
-        """Fuse one sample of external vision of vehicle i, received in this IMU period.
+    def fuse_vision(self, now: float) -> None:
+        """Fuse the poses that have arrived in this IMU period, or align the estimates with them.
 
-        The age of a sample is EKF2_EV_DELAY, as PX4 assumes for samples that are stamped on arrival.
+        The age of a pose is EKF2_EV_DELAY, as PX4 assumes for poses that are stamped on arrival.
 
         now: time since boot [s]
         """
-        p_n, q_nb, var_p, var_yaw = sample
-        if self.aligned[i] and self.at_rest[i] and math.isfinite(q_nb[0]):
-            self._realign_after_rejections(i, now)
-        if self.aligned[i]:
-            for k, x in enumerate((*p_n, *q_nb, *var_p, var_yaw)):
-                self._pose[0, k] = x
-            self._vision.fuse(i, self._pose, 0, now)
-        else:
-            self._align(np.array([i]), np.array([p_n]), np.array([q_nb]), now)
-
-    def _realign_after_rejections(self, i: int, now: float) -> None:
-        if now - self._rejected_since[i] >= self._timeout_s[i]:
-            self.realign(np.array([i]))
+        if self._version != self.params.version:
+            self._read_params()
+        for i in self.vision_input.fuse(now):
+            idx, pose = np.array([i]), array(self.vision_input.prepared)[i : i + 1]
+            if self.aligned[i]:
+                self.realign(idx)
+            self._align(idx, pose[:, :3], pose[:, 3:7], now)
 
     def fuse_baro(self, baro_alt_m: Array, now: float) -> None:
         """Fuse the barometer if vision gives no height; otherwise estimate the offset of the barometer.

@@ -17,28 +17,28 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.authority import MESSAGES, CommandGate, Role, role_on_link
 from arena.autopilot.commander import CRITICAL, WARNING
-from arena.autopilot.control.setpoints import OffboardSetpoint
 from arena.autopilot.mavlink import (
     command_handlers,
     file_server,
     log_server,
     mission_protocol,
-    offboard_setpoints,
     param_protocol,
     streams,
 )
 from arena.autopilot.mavlink.event_server import EventServer, marked
-from arena.autopilot.mavlink.external_vision import from_odometry, from_vision_estimate
+from arena.autopilot.mavlink.external_vision import receive_vision_estimate
 from arena.autopilot.mavlink.file_server import FileServer
 from arena.autopilot.mavlink.link import MavlinkLink
 from arena.autopilot.mavlink.log_server import LogServer
+from arena.autopilot.mavlink.offboard_setpoints import receive_setpoint
 from arena.autopilot.mavlink.telemetry import Telemetry
 from arena.autopilot.mavlink.telemetry_packer import FREQUENT
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.mavlink.vehicle_files import VehicleFiles
 from arena.autopilot.stored_logs import LogLibrary
 from arena.autopilot.vehicle import Vehicle
-from arena.wire import mavlink_records, px4_messages
+from arena.kernels.ordinary_messages import ODOMETRY, SET_POSITION_TARGET, OrdinaryMessages
+from arena.wire import px4_messages
 from arena.wire.age_limits import MANUAL_INPUTS, SETPOINTS
 from arena.wire.mavlink_frame import Frame
 from arena.wire.px4_mode import split_mode
@@ -53,6 +53,7 @@ class MavlinkInterface:
     The links are `router`, `vision`, `panic` and `ground` (see `MavlinkLink`).
 
     telemetry: streams of all vehicles, and the state that their messages contain
+    ordinary: reads poses and setpoints
     gate: decides who may command the vehicle; None obeys every sender, as PX4 does
     on_text: called with severity (MAV_SEVERITY) and text of each message for the user
     library: the stored logs of all vehicles, None if none are written
@@ -63,12 +64,13 @@ class MavlinkInterface:
         self,
         vehicle: Vehicle,
         telemetry: Telemetry,
+        ordinary: OrdinaryMessages,
         gate: CommandGate | None = None,
         on_text: Callable[[int, str], None] = lambda severity, text: None,
         library: LogLibrary | None = None,
         boot_unix_s: float = 0.0,
     ) -> None:
-        self.vehicle, self._telemetry, self.gate = vehicle, telemetry, gate
+        self.vehicle, self._telemetry, self._ordinary, self.gate = vehicle, telemetry, ordinary, gate
         self._on_text = on_text
         self.counts: Counter[str] = Counter()
         self.mission_protocol = mission_protocol.MissionProtocol(vehicle.missions, tuple(streams.LINK_RATES))
@@ -87,7 +89,7 @@ class MavlinkInterface:
         link_name: link on which it arrived
         now: time since boot [s]
         """
-        link = self.links[link_name]
+        link, data = self.links[link_name], bytes(data)
         self.vehicle.now = now
         for frame in link.codec.frames(data):
             if link.waiting:
@@ -126,21 +128,20 @@ class MavlinkInterface:
         return True
 
     def _receive_fast(self, data: bytes, frame: Frame) -> None:
-        """Process an ODOMETRY or SET_POSITION_TARGET_LOCAL_NED, which arrive many times a second.
+        """Process an ODOMETRY or SET_POSITION_TARGET_LOCAL_NED in a datagram that is not ordinary.
 
-        They are decoded without pymavlink, whose message objects are slow to create. As for all messages, one that
-        addresses another vehicle or was sent by this vehicle is only counted.
+        As for all messages, one that addresses another vehicle or was sent by this vehicle is only counted.
         """
-        vehicle = self.vehicle
-        if frame.target_sys not in (0, vehicle.system_id) or frame.target_comp not in (0, 1):
+        vehicle, reader = self.vehicle, self._ordinary
+        own, row = vehicle.system_id, vehicle.row
+        if frame.target_sys not in (0, own) or frame.target_comp not in (0, 1):
             self.counts["other target"] += 1
-        elif frame.sysid == vehicle.system_id and frame.compid == 1:
+        elif frame.sysid == own and frame.compid == 1:
             self.counts["own echo"] += 1
-        elif frame.msgid == mavlink_records.ODOMETRY:
-            vehicle.set_vision(from_odometry(mavlink_records.Odometry.read(data, frame)))
+        elif frame.msgid == ODOMETRY:
+            reader.read_pose(row, data, frame.payload, frame.size)
         else:
-            target = mavlink_records.PositionTarget.read(data, frame)
-            self._set_setpoint(offboard_setpoints.from_position_target(target, vehicle.q_nb()))
+            self._finish_setpoint(reader.read_setpoint(row, data, frame.payload, frame.size, vehicle.now))
 
     def _receive_message(self, link: MavlinkLink, m: Any) -> None:
         self._wake()
@@ -164,12 +165,11 @@ class MavlinkInterface:
     def _is_own(self, m: Any) -> bool:
         return bool(m.get_srcSystem() == self.vehicle.system_id and m.get_srcComponent() == 1)
 
-    def _set_setpoint(self, found: OffboardSetpoint | str) -> None:
-        if isinstance(found, str):
-            self.vehicle.refuse_offboard_setpoint(found)
+    def _finish_setpoint(self, refusal: str | None) -> None:
+        """Report a refused setpoint to the user. refusal: the reason, None if the setpoint was stored"""
+        if refusal is not None:
+            self.vehicle.refuse_offboard_setpoint(refusal)
             self._wake()
-        else:
-            self.vehicle.set_offboard_setpoint(found, self.vehicle.now)
 
     def _on_heartbeat(self, link: MavlinkLink, m: Any) -> None:
         if m.type == mavlink.MAV_TYPE_GCS:
@@ -184,16 +184,11 @@ class MavlinkInterface:
             sticks = sticks_from_manual_control(m.x, m.y, m.z, m.r)
             self.vehicle.manual_control.receive("joystick", self.vehicle.now, sticks)
 
-    def _on_global_target(self, link: MavlinkLink, m: Any) -> None:
-        v = self.vehicle
-        home_d = v.home_n[2] if v.home_n else None
-        self._set_setpoint(offboard_setpoints.from_global_target(m, v.local_from_global, home_d, v.heading))
-
-    def _on_attitude_target(self, link: MavlinkLink, m: Any) -> None:
-        self._set_setpoint(offboard_setpoints.from_attitude_target(m))
+    def _on_setpoint(self, link: MavlinkLink, m: Any) -> None:
+        self._finish_setpoint(receive_setpoint(m, self.vehicle))
 
     def _on_vision_estimate(self, link: MavlinkLink, m: Any) -> None:
-        self.vehicle.set_vision(from_vision_estimate(m))
+        receive_vision_estimate(m, self.vehicle.vision_input, self.vehicle.row)
 
     def _on_origin(self, link: MavlinkLink, m: Any) -> None:
         """Set the origin of the local frame from SET_GPS_GLOBAL_ORIGIN, if its values are valid.
@@ -366,7 +361,7 @@ class MavlinkInterface:
         """Return the numbers of received and refused messages by kind, over all links."""
         found: dict[str, int] = {}  # adding Counters is slow
         for counts in (
-            self.vehicle.counts,
+            self.vehicle.received_counts(),
             self.counts,
             *(link.codec.counts for link in self.links.values()),
         ):
@@ -376,15 +371,15 @@ class MavlinkInterface:
         return Counter(found)
 
 
-_DECODED_FAST = (mavlink_records.ODOMETRY, mavlink_records.SET_POSITION_TARGET)
+_DECODED_FAST = (ODOMETRY, SET_POSITION_TARGET)
 _MISSION_COMPONENTS = (0, 1, mavlink.MAV_COMP_ID_MISSIONPLANNER)
 _HANDLERS: dict[int, Callable[[MavlinkInterface, MavlinkLink, Any], None]] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: MavlinkInterface._on_heartbeat,
     mavlink.MAVLINK_MSG_ID_COMMAND_LONG: MavlinkInterface._on_command,
     mavlink.MAVLINK_MSG_ID_COMMAND_INT: MavlinkInterface._on_command,
     mavlink.MAVLINK_MSG_ID_SET_MODE: MavlinkInterface._on_set_mode,
-    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: MavlinkInterface._on_global_target,
-    mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: MavlinkInterface._on_attitude_target,
+    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: MavlinkInterface._on_setpoint,
+    mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: MavlinkInterface._on_setpoint,
     mavlink.MAVLINK_MSG_ID_VISION_POSITION_ESTIMATE: MavlinkInterface._on_vision_estimate,
     mavlink.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN: MavlinkInterface._on_origin,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: MavlinkInterface._on_timesync,

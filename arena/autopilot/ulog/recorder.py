@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from arena import __version__
 from arena.autopilot.commander import Commander
-from arena.autopilot.control.setpoints import Level, OffboardSetpoint
-from arena.autopilot.estimation.estimator import VisionSample
 from arena.autopilot.ulog.flight_state import FlightState
 from arena.autopilot.ulog.layout import Layout
 from arena.autopilot.ulog.message_formats import FORMATS
@@ -221,11 +219,9 @@ class UlogRecorder:
         if v.home_n is not None and (v.home_n, v.home_yaw, v.origin) != self._home[i]:
             self._home[i] = (list(v.home_n), v.home_yaw, v.origin)
             self._record_home(i, v.home_n, v.home_yaw)
-        if v.offboard_setpoint is not None and v.offboard_setpoint_at >= self._offboard_at[i] + (
-            _OFFBOARD_PERIOD_S
-        ):
+        if v.offboard_setpoint_at >= self._offboard_at[i] + _OFFBOARD_PERIOD_S:
             self._offboard_at[i] = v.offboard_setpoint_at
-            self._pass_on(i, _offboard_record(v.offboard_setpoint, now))
+            self._pass_on(i, _offboard_record(v.offboard.contents[i], now))
 
     def _record_parameters(self) -> None:
         """Record the parameters that have changed since the last call."""
@@ -242,14 +238,17 @@ class UlogRecorder:
 
     # -- on arrival ------------------------------------------------------------------------------------------
 
-    def record_vision(self, i: int, sample: VisionSample, now: float) -> None:
-        """Record a sample of external vision of vehicle i, at most every 0.03 s.
+    def record_vision(self, rows: Sequence[int], poses: Array, now: float) -> None:
+        """Record the new poses of external vision, of each vehicle at most every 0.03 s.
 
+        rows: vehicles with a new pose
+        poses: poses of all vehicles, see `VisionInput` (V, 11)
         now: time since boot [s]
         """
-        if self._open[i] and now >= self._vision_at[i] + _VISION_PERIOD_S - 1e-6:
-            self._vision_at[i] = now
-            self._pass_on(i, _vision_record(sample, now))
+        for i in rows:
+            if self._open[i] and now >= self._vision_at[i] + _VISION_PERIOD_S - 1e-6:
+                self._vision_at[i] = now
+                self._pass_on(i, _vision_record(poses[i].tolist(), now))
 
     def record_text(self, i: int, severity: int, text: str) -> None:
         """Record a text of vehicle i that is sent to the user as STATUSTEXT.
@@ -309,21 +308,21 @@ def _definitions() -> bytes:
     return b"".join(ulog.topic_format(topic, FORMATS[topic]) for topic in TOPICS)
 
 
-def _vision_record(sample: VisionSample, now: float) -> bytes:
-    """Return a log record of `vehicle_visual_odometry`, in NED, without velocity."""
+def _vision_record(pose: list[float], now: float) -> bytes:
+    """Return a log record of `vehicle_visual_odometry`, in NED, without velocity.
+
+    pose: position [m] [NED], attitude wxyz, variances of position [m2] and heading [rad2] (11,)
+    """
     now_us = round(1e6 * now)
-    variances = (*sample.var_p, *(sample.var_yaw,) * 3, *_NAN3)
-    ned, unknown, quality = 1, 0, 100
-    values = (*sample.p_n, *sample.q_nb, *_NAN3, *_NAN3, *variances, ned, unknown, 0, quality)
-    return _VISION.pack((now_us, now_us, *values))
+    var_yaw, ned, unknown, quality = pose[10], 1, 0, 100
+    variances = (*pose[7:10], var_yaw, var_yaw, var_yaw, *_NAN3)
+    return _VISION.pack((now_us, now_us, *pose[:7], *_NAN3, *_NAN3, *variances, ned, unknown, 0, quality))
 
 
-def _offboard_record(setpoint: OffboardSetpoint, now: float) -> bytes:
-    """Return a log record of `offboard_control_mode`."""
-    is_position = setpoint.level is Level.POSITION
-    given = [
-        is_position and any(map(math.isfinite, values))
-        for values in (setpoint.p_n, setpoint.v_n, setpoint.a_n)
-    ]
-    attitude, rate = setpoint.level is Level.ATTITUDE, setpoint.level is Level.RATE
-    return _OFFBOARD.pack((round(1e6 * now), *given, attitude, rate, False, False))
+def _offboard_record(contents: int, now: float) -> bytes:
+    """Return a log record of `offboard_control_mode`.
+
+    contents: what the setpoint contains, see `OffboardSetpoints`
+    """
+    given = [bool(contents >> bit & 1) for bit in range(5)]
+    return _OFFBOARD.pack((round(1e6 * now), *given, False, False))
