@@ -1,6 +1,6 @@
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from arena.kernels.arrays import Floats, Integers
+from arena.kernels.arrays import Floats
 from arena.kernels.ordinary_datagrams import OrdinaryDatagrams
 from arena.kernels.socket_waits import SocketWaits
 
@@ -12,8 +12,7 @@ class DatagramLoop:
         ordinary: OrdinaryDatagrams,
         waits: SocketWaits,
         poll: int,
-        fds: Integers,
-        index_of_fd: Integers,
+        fds: Sequence[int],
         on_other: Callable[[int, tuple[str, int], memoryview, float], None],
         on_late: Callable[[int, tuple[str, int], memoryview, float], None],
         on_event: Callable[[int], None],

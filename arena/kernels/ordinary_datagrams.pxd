@@ -2,6 +2,7 @@
 cimport cython
 
 cdef long _V1, _V2, _SIGNED, _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE, _AUTOPILOT, _NO_VEHICLE, _Z
+cdef long _SETPOINT, _POSITION, _NOT_FROM_AUTOPILOT, _NOT_FROM_CLIENT, _MAX_SENDERS, _SEED_SHIFT, _TARGET_SHIFT
 
 @cython.final
 cdef class OrdinaryDatagrams:
@@ -9,10 +10,10 @@ cdef class OrdinaryDatagrams:
     cdef readonly list receivers
     cdef readonly long[::1] versions
     cdef public long from_vehicles, to_clients, from_clients, to_vehicles, bytes_in
-    cdef object _passes_setpoint
-    cdef long[::1] _kinds, _seeds, _targets, _ids, _link_of, _remote, _client_of, _next_client
+    cdef list _passes_setpoint
+    cdef long[::1] _messages, _ids, _link_of, _remote, _client_of, _next_client
     cdef long[::1] _owner, _address, _senders, _receiver_counts, _z_bits, _is_vehicle
-    cdef long _sysid, _compid, _msgid, _target, _payload, _length
+    cdef long _sysid, _compid, _kind, _target, _payload, _length
     cpdef long take_z_bits(self, Py_ssize_t v) except? -2
     @cython.locals(v=long, client=long)
     cpdef long find(self, long socket, long sender, const unsigned char[::1] data, long start, long end, double now) except? -2
@@ -22,7 +23,7 @@ cdef class OrdinaryDatagrams:
     cdef long _from_client(self, long client, const unsigned char[::1] data, long start, long end, double now) except? -2
     @cython.locals(sender=long, first=long, known=long, i=long)
     cdef bint _knows_sender(self, long client) except -1
-    @cython.locals(magic=long, signature=long, crc_at=long, crc=long, target=long)
+    @cython.locals(magic=long, signature=long, msgid=long, crc_at=long, message=long, crc=long, target=long)
     cdef long _read_frame(self, const unsigned char[::1] data, long at, long end) except? -2
     @cython.locals(crc=long, byte=long, i=long)
     cdef long _crc(self, const unsigned char[::1] data, long start, long end, long seed) except? -2

@@ -8,6 +8,7 @@ broken frames) are not: `arena.mavlink_router.router` routes them. `arena.wire.m
 from __future__ import annotations
 
 from array import array
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -17,25 +18,31 @@ if TYPE_CHECKING:
 
     Buffer = bytes | bytearray | memoryview
 
-SETPOINT, POSITION, NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT, KNOWN = 1, 2, 4, 8, 16
+SETPOINT, POSITION, NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT = 1, 2, 4, 8
 """Properties of a message. SETPOINT: the authority over the vehicle is asked. POSITION: it is LOCAL_POSITION_NED.
-NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT: a datagram that contains it is not ordinary. KNOWN: it is in the table of messages."""
+NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT: a datagram that contains it is not ordinary."""
 MAX_SENDERS, MAX_RECEIVERS = 32, 256
 """Size of the tables: senders behind one address, and receivers of one set."""
 NOT_ORDINARY = -1
+# the same numbers with C types, see the .pxd file
+_SETPOINT, _POSITION, _MAX_SENDERS = SETPOINT, POSITION, MAX_SENDERS
+_NOT_FROM_AUTOPILOT, _NOT_FROM_CLIENT = NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT
 _V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
 _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13
 _AUTOPILOT = 1
 _NO_VEHICLE = -1
+# an entry of the table of messages contains the properties, CRC_EXTRA and 1 + the offset of target_system
+_SEED_SHIFT, _TARGET_SHIFT = 8, 16
 _Z = 12  # payload offset of z in LOCAL_POSITION_NED
 
 
-def _integers(count: int, value: int = 0) -> Integers:
-    """Return a new array of integers, made without numpy.
+def _tables(*sizes: int) -> list[Integers]:
+    """Return arrays of -1 that lie side by side, because a datagram is routed faster if it needs few pages of memory.
 
-    numpy would double the memory of the router's process.
+    They are made without numpy, which would double the memory of the router's process.
     """
-    return memoryview(array("l", [value]) * count)
+    memory, starts = memoryview(array("l", [-1]) * sum(sizes)), accumulate(sizes, initial=0)
+    return [memory[start : start + size] for start, size in zip(starts, sizes, strict=False)]
 
 
 def address_number(host: str, port: int) -> int:
@@ -61,7 +68,7 @@ class OrdinaryDatagrams:
         ids: Sequence[int],
         links: Collection[tuple[int, int]],
         clients: Sequence[tuple[int, int, int]],
-        passes_setpoint: Callable[[int, float], bool],
+        passes_setpoint: Sequence[Callable[[float], bool]],
         max_bytes: int,
     ) -> None:
         """Create the tables for known messages, vehicles and clients.
@@ -70,43 +77,34 @@ class OrdinaryDatagrams:
         ids: MAVLink system id of each vehicle
         links: (socket, number of the autopilot's address) of each vehicle
         clients: (first socket, vehicle, number of the address) of each client
-        passes_setpoint: (vehicle, monotonic time [s]) -> whether a program's setpoint may be sent to the vehicle now
+        passes_setpoint: for each vehicle, monotonic time [s] -> whether a program's setpoint may be sent to it now
         max_bytes: a longer datagram is not ordinary
         """
-        count, vehicles = max(messages) + 1, len(ids)
+        vehicles = len(ids)
         sockets = 1 + max([socket for socket, _ in links] + [socket for socket, _, _ in clients], default=0)
-        self.max_bytes, self._passes_setpoint = max_bytes, passes_setpoint
-        self._kinds, self._seeds = _integers(count), _integers(count)
-        self._targets = _integers(count, -1)
+        self.max_bytes, self._passes_setpoint = max_bytes, list(passes_setpoint)
+        (
+            self._ids, self._remote, self._receiver_counts, self.versions, self._z_bits, self._link_of,
+            self._client_of, self._next_client, self._owner, self._address, self._is_vehicle,
+            self._senders, self._messages,
+        ) = _tables(
+            vehicles, vehicles, 2 * vehicles, 2 * vehicles, vehicles, sockets,
+            sockets, len(clients), len(clients), len(clients), 256,
+            len(clients) * MAX_SENDERS, 1 + max(messages),
+        )  # fmt: skip
         for number, (kind, seed, target) in messages.items():
-            self._kinds[number], self._seeds[number], self._targets[number] = kind | KNOWN, seed, target
-        self._ids, self._is_vehicle = memoryview(array("l", ids)), _integers(256)
-        for system in ids:
+            self._messages[number] = kind | seed << _SEED_SHIFT | (target + 1) << _TARGET_SHIFT
+        for v, ((socket, address), system) in enumerate(zip(links, ids, strict=True)):
+            self._ids[v], self._remote[v], self._link_of[socket] = system, address, v
             self._is_vehicle[system] = 1
-        self._link_of, self._remote = (
-            _integers(sockets, _NO_VEHICLE),
-            _integers(vehicles),
-        )
-        for v, (socket, address) in enumerate(links):
-            self._link_of[socket], self._remote[v] = v, address
-        self._client_of, self._next_client = (
-            _integers(sockets, -1),
-            _integers(len(clients), -1),
-        )
-        self._owner, self._address = (
-            _integers(len(clients)),
-            _integers(len(clients)),
-        )
         for k, (socket, v, address) in enumerate(clients):
             self._owner[k], self._address[k] = v, address
             self._next_client[k], self._client_of[socket] = self._client_of[socket], k
-        self._senders = _integers(len(clients) * MAX_SENDERS, -1)
+        for number in range(2 * vehicles):
+            self._receiver_counts[number] = self.versions[number] = 0
         self.receivers: list[tuple[Any, ...]] = [() for _ in range(2 * vehicles)]
-        self._receiver_counts = _integers(2 * vehicles)
-        self.versions = _integers(2 * vehicles)
         self.from_vehicles = self.to_clients = self.from_clients = self.to_vehicles = self.bytes_in = 0
-        self._z_bits = _integers(vehicles, -1)
-        self._sysid = self._compid = self._msgid = self._target = self._payload = self._length = 0
+        self._sysid = self._compid = self._kind = self._target = self._payload = self._length = 0
 
     def set_receivers(self, number: int, receivers: tuple[Any, ...]) -> None:
         """Replace the receivers of a vehicle's telemetry, or of the messages to its autopilot.
@@ -161,10 +159,10 @@ class OrdinaryDatagrams:
             at = self._read_frame(data, at, end)
             if at < 0 or self._sysid != self._ids[v] or self._target != 0:
                 return NOT_ORDINARY
-            kind = self._kinds[self._msgid]
-            if self._compid == _AUTOPILOT and kind & NOT_FROM_AUTOPILOT:
+            kind = self._kind
+            if self._compid == _AUTOPILOT and kind & _NOT_FROM_AUTOPILOT:
                 return NOT_ORDINARY
-            if self._compid == _AUTOPILOT and kind & POSITION:
+            if self._compid == _AUTOPILOT and kind & _POSITION:
                 z = self._number_at(data, _Z)
             frames += 1
         if z >= 0:
@@ -182,12 +180,12 @@ class OrdinaryDatagrams:
                 return NOT_ORDINARY
             if self._compid == _AUTOPILOT and self._is_vehicle[self._sysid] == 1:
                 return NOT_ORDINARY
-            kind = self._kinds[self._msgid]
-            if kind & NOT_FROM_CLIENT or not self._knows_sender(client):
+            kind = self._kind
+            if kind & _NOT_FROM_CLIENT or not self._knows_sender(client):
                 return NOT_ORDINARY
-            setpoint = setpoint or kind & SETPOINT != 0
+            setpoint = setpoint or kind & _SETPOINT != 0
             frames += 1
-        if setpoint and not self._passes_setpoint(v, now):
+        if setpoint and not self._passes_setpoint[v](now):
             return NOT_ORDINARY
         self.from_clients += frames
         self.to_vehicles += frames
@@ -195,8 +193,8 @@ class OrdinaryDatagrams:
         return len(self._ids) + v
 
     def _knows_sender(self, client: int) -> bool:
-        sender, first = self._sysid * 256 + self._compid, client * MAX_SENDERS
-        for i in range(first, first + MAX_SENDERS):
+        sender, first = self._sysid * 256 + self._compid, client * _MAX_SENDERS
+        for i in range(first, first + _MAX_SENDERS):
             known = self._senders[i]
             if known == sender:
                 return True
@@ -213,25 +211,23 @@ class OrdinaryDatagrams:
             signature = _SIGNATURE if data[at + 2] == _SIGNED else 0
             self._payload = at + _V2_HEAD
             self._sysid, self._compid = data[at + 5], data[at + 6]
-            self._msgid = data[at + 7] + 256 * data[at + 8] + 65536 * data[at + 9]
+            msgid = data[at + 7] + 256 * data[at + 8] + 65536 * data[at + 9]
         elif magic == _V1 and at + _V1_HEAD + _CRC <= end:
             self._payload = at + _V1_HEAD
-            self._sysid, self._compid, self._msgid = data[at + 3], data[at + 4], data[at + 5]
+            self._sysid, self._compid, msgid = data[at + 3], data[at + 4], data[at + 5]
         else:
             return -1
         self._length = data[at + 1]
         crc_at = self._payload + self._length
-        if (
-            crc_at + _CRC + signature > end
-            or self._msgid >= len(self._kinds)
-            or self._kinds[self._msgid] == 0
-        ):
+        if crc_at + _CRC + signature > end or msgid >= len(self._messages) or self._messages[msgid] < 0:
             return -1
-        crc = self._crc(data, at + 1, crc_at, self._seeds[self._msgid])
+        message = self._messages[msgid]
+        crc = self._crc(data, at + 1, crc_at, message >> _SEED_SHIFT & 0xFF)
         if data[crc_at] != crc & 0xFF or data[crc_at + 1] != crc >> 8:
             return -1
-        target = self._targets[self._msgid]
+        target = (message >> _TARGET_SHIFT) - 1
         self._target = data[self._payload + target] if 0 <= target < self._length else 0
+        self._kind = message & 0xFF
         return crc_at + _CRC + signature
 
     def _crc(self, data: Buffer, start: int, end: int, seed: int) -> int:

@@ -9,6 +9,6 @@ cdef class SocketWaits:
     cdef long[::1] _reported
     cdef long _poll
     cdef double _now, _last, _world_now, _last_world
-    cpdef void before_poll(self, double now) except *
+    cpdef long before_poll(self, double now) except -1
     cpdef bint may_be_old(self, Py_ssize_t i, double now) except -1
     cpdef bint is_old(self, Py_ssize_t i, double now) except -1

@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     from arena.kernels.arrays import Floats
 
 
-def _times(count: int, value: float) -> Floats:
-    return cast("Floats", memoryview(array("d", [value]) * count))
-
-
 class SocketWaits:
     """Record of the time at which each of N sockets was last empty.
 
@@ -32,23 +28,26 @@ class SocketWaits:
         self, sockets: int, limited: Collection[int], limit_s: float, world_s: Floats, now: float
     ) -> None:
         self.world_s, self.limit_s = world_s, limit_s
-        self.limited = memoryview(array("l", [i in limited for i in range(sockets)]))
-        self.empty_at, self.empty_world_s = _times(sockets, now), _times(sockets, world_s[0])
-        self._reported = memoryview(
-            array("l", [-1]) * sockets
-        )  # number of the last poll that reported the socket
+        times: Floats = cast("Floats", memoryview(array("d", [now]) * (2 * sockets)))
+        self.empty_at, self.empty_world_s = times[:sockets], times[sockets:]
+        # reported: number of the last poll that reported the socket
+        numbers = memoryview(array("l", [-1]) * (2 * sockets))
+        self.limited, self._reported = numbers[:sockets], numbers[sockets:]
+        for i in range(sockets):
+            self.limited[i], self.empty_world_s[i] = i in limited, world_s[0]
         self._poll = 0
         self._now = self._last = now
         self._world_now = self._last_world = world_s[0]
 
-    def before_poll(self, now: float) -> None:
-        """Store the time at which the next poll of the sockets begins.
+    def before_poll(self, now: float) -> int:
+        """Store the time at which the next poll of the sockets begins. Return the number of this poll.
 
         now: monotonic [s].
         """
         self._poll += 1
         self._last, self._last_world = self._now, self._world_now
         self._now, self._world_now = now, self.world_s[0]
+        return self._poll
 
     def may_be_old(self, i: int, now: float) -> bool:
         """Store that the poll found datagrams in socket i. Return whether they may have waited longer than `limit_s`.

@@ -51,13 +51,15 @@ class CommandFilter:
             self._replies.append((reply, ((endpoint.socket, endpoint.address),)))
         return False
 
-    def passes_setpoint(self, vehicle: int, now: float) -> bool:
-        """Return whether a user program may send a setpoint to a vehicle now. If False, `allows` must decide.
+    def setpoint_test(self, vehicle: int) -> Callable[[float], bool]:
+        """Return the function that decides whether a user program may send a setpoint to a vehicle now.
 
-        vehicle: system id. now: monotonic [s].
+        The function gets the time (monotonic [s]). If it returns False, `allows` must decide.
+        vehicle: system id.
         """
-        gate = self._gates[vehicle]
-        return gate.authority.passes_program_setpoint(self._time(gate, now))
+        gate, sim_now = self._gates[vehicle], self._sim_now
+        passes = gate.authority.passes_program_setpoint
+        return (lambda now: passes(sim_now())) if gate.simulated and sim_now is not None else passes
 
     def take_replies(self) -> list[Out]:
         """Return the replies to clients whose commands were refused since the last call."""

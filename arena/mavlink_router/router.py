@@ -87,7 +87,7 @@ class Router:
         self._vehicles = [self._open(i, vehicle) for i, vehicle in enumerate(table.vehicles)]
         self._ids = frozenset(v.vehicle.id for v in self._vehicles)
         self._sets = VehicleSets(self._vehicles)
-        self.shortcut = Shortcut(kernel, self._vehicles, self.commands.passes_setpoint)
+        self.shortcut = Shortcut(kernel, self._vehicles, self.commands.setpoint_test)
 
     @property
     def sockets(self) -> list[Address]:

@@ -6,7 +6,6 @@ import contextlib
 import math
 import select
 import time
-from array import array
 from typing import TYPE_CHECKING, Any
 
 from arena.clock import SimTime
@@ -15,6 +14,7 @@ from arena.kernels import INTERPRETED
 from arena.mavlink_router.backlog import Backlog
 from arena.mavlink_router.endpoints import Out
 from arena.mavlink_router.ground_station import GroundStation
+from arena.mavlink_router.loopback_sending import send_unfragmented
 from arena.mavlink_router.reports import report_changes, report_ready
 from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
@@ -40,6 +40,7 @@ class RouterShell:
         sim_now = self._world_time.now if self._world_time is not None else None
         self._process, self._router = process, Router(table, sim_now)
         self._sockets = [listen_udp(address, "the router") for address in self._router.sockets]
+        send_unfragmented(self._sockets)
         self._sendto = [s.sendto for s in self._sockets]
         self._receive = {s.fileno(): (s.recvfrom_into, key) for key, s in enumerate(self._sockets)}
         self._poll = select.epoll()
@@ -115,16 +116,11 @@ class RouterShell:
         """
         from arena.kernels.datagram_loop import DatagramLoop
 
-        fds = [s.fileno() for s in self._sockets]
-        index_of_fd = array("l", [-1]) * (max(fds) + 1)
-        for key, fd in enumerate(fds):
-            index_of_fd[fd] = key
         return DatagramLoop(
             self._router.shortcut.ordinary,
             self._backlog.waits,
             self._poll.fileno(),
-            memoryview(array("l", fds)),
-            memoryview(index_of_fd),
+            [s.fileno() for s in self._sockets],
             self._on_other_datagram,
             self._on_late_datagram,
             self._on_event,
@@ -249,8 +245,10 @@ class RouterShell:
         self._send(out)
 
     def _is_over(self, orphaned: bool, now: float) -> bool:
+        if not orphaned:
+            return False
         over = [
-            policy.over(orphaned=orphaned, any_armed=bool(self._router.armed(simulated=simulated)), now=now)
+            policy.over(orphaned=True, any_armed=bool(self._router.armed(simulated=simulated)), now=now)
             for simulated, policy in self._shutdown
         ]
         return all(over)

@@ -38,14 +38,14 @@ class Shortcut:
     The router keeps the receivers and senders up to date.
 
     kernel: finds the receivers.  vehicles: all vehicles of the router, with their clients
-    passes_setpoint: (MAVLink system id, monotonic time [s]) -> whether a program's setpoint may be sent to the vehicle now
+    setpoint_test: MAVLink system id -> function that decides whether a program's setpoint may be sent to the vehicle now
     """
 
     def __init__(
         self,
         kernel: type[OrdinaryDatagrams],
         vehicles: Sequence[VehicleRoutes],
-        passes_setpoint: Callable[[int, float], bool],
+        setpoint_test: Callable[[int], Callable[[float], bool]],
     ) -> None:
         clients = [(i, endpoint) for i, v in enumerate(vehicles) for endpoint in v.clients.values()]
         # the kernel gets the ground station links as further vehicles, which have no clients
@@ -65,7 +65,7 @@ class Shortcut:
             ids,
             [(link.socket, number_of[link.remote]) for _, link in links],
             [(endpoint.socket, i, number_of[endpoint.address]) for i, endpoint in clients],
-            lambda v, now: passes_setpoint(ids[v], now),
+            [setpoint_test(system) for system in ids],
             MAX_DATAGRAM_BYTES,
         )
         for v in vehicles:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import select
 import socket
+import threading
 import time
 
 import pytest
@@ -144,11 +145,31 @@ def test_a_long_datagram_is_split_into_ethernet_frames(running):
 
 
 def test_a_turn_ends_at_its_time_although_nothing_arrives(running):
-    began = time.monotonic()
-    running.shell.turn(0.05)
-    assert time.monotonic() - began >= 0.05
+    for _ in range(3):
+        began = time.monotonic()
+        running.shell.turn(0.05)
+        assert time.monotonic() - began >= 0.05
     running.shell.turn(0.0)
     assert not select.select([running.program], [], [], 0)[0]
+
+
+def test_other_threads_run_while_the_router_waits(running):
+    """The compiled loop keeps the interpreter lock only if there is no other thread."""
+    ran_at, over = [], threading.Event()
+
+    def run():
+        while not over.wait(0.01):
+            ran_at.append(time.monotonic())
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    running.shell.turn(0.0)
+    began = time.monotonic()
+    running.shell.turn(1.0)
+    ended = time.monotonic()
+    over.set()
+    thread.join()
+    assert [at for at in ran_at if began < at < ended - 0.5]
 
 
 @needs_compiled
