@@ -27,4 +27,4 @@ cpdef bint may_contain(bytes data, unsigned char first, unsigned char second) ex
 cpdef bytes pack(bytes payload, long msgid, bytes seed, long seq, long sysid, long compid)
 
 @cython.locals(k=Py_ssize_t, part=long, crc=long)
-cpdef long checksum(unsigned char[::1] data, Py_ssize_t begin, Py_ssize_t end) except -1
+cpdef long crc_of_buffer(unsigned char[::1] data, Py_ssize_t begin, Py_ssize_t end) except -1

@@ -166,7 +166,7 @@ def pack(payload: bytes, msgid: int, seed: bytes, seq: int, sysid: int, compid: 
     return b"\xfd" + body + _pack_crc(_crc(body + seed))
 
 
-def checksum(data: memoryview, begin: int, end: int) -> int:
+def crc_of_buffer(data: memoryview, begin: int, end: int) -> int:
     """Return the CRC of the bytes begin .. end - 1 of a buffer, as fastcrc's `mcrf4xx` computes it for bytes.
 
     A frame that is written into a buffer needs no copy for it. The formula is that of `crc_accumulate` in MAVLink's C library.

@@ -156,7 +156,7 @@ class PayloadWriter:
         frame[HEAD + 7], frame[HEAD + 8] = self.number & 0xFF, (self.number >> 8) & 0xFF
         frame[HEAD + 9] = self.number >> 16
         frame[end] = self.seed[0]
-        crc = mavlink_framing.checksum(frame, HEAD + 1, end + 1)
+        crc = mavlink_framing.crc_of_buffer(frame, HEAD + 1, end + 1)
         frame[end], frame[end + 1] = crc & 0xFF, crc >> 8
         self.end = end
         return end + 2 - HEAD

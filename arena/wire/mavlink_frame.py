@@ -84,7 +84,7 @@ def search_frames(data: Buffer, wanted: Container[int], sysid: int, compid: int)
 
     wanted: message ids of the frames to return.  sysid, compid: system and component of the sender
     """
-    return _parser.search(data if type(data) is bytes else bytes(data), wanted, sysid, compid)
+    return PARSER.search(data if type(data) is bytes else bytes(data), wanted, sysid, compid)
 
 
 class Stream:
