@@ -30,7 +30,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 from typing import Literal, NamedTuple, cast, get_args
 
 from arena.errors import InputError
@@ -246,7 +246,7 @@ def _all_delays() -> tuple[FailsafeDelay, ...]:
 
 
 def _rows(name: str) -> csv.DictReader[str]:
-    return csv.DictReader(files(__package__).joinpath(name).read_text(encoding="utf-8").splitlines())
+    return csv.DictReader(Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines())
 
 
 def _minor(text: str) -> int:

@@ -22,7 +22,7 @@ import csv
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
-from importlib.resources import files
+from pathlib import Path
 from typing import NamedTuple
 
 from arena.errors import InputError
@@ -229,7 +229,7 @@ def _number_table(pairs: list[str]) -> dict[float, float]:
 
 
 def _read() -> tuple[Change, ...]:
-    text = files(__package__).joinpath("parameter_changes.csv").read_text(encoding="utf-8")
+    text = Path(__file__).with_name("parameter_changes.csv").read_text(encoding="utf-8")
     return tuple(
         Change(
             old=name,

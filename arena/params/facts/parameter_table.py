@@ -9,10 +9,10 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -130,20 +130,12 @@ def parameters(version: Version | str) -> Mapping[str, Parameter]:
     return _parameters(_table(version))
 
 
-@cache
 def parameter(name: str, version: Version | str) -> Parameter:
     """Return the definition of one parameter in a PX4 version.
 
-    Only the rows of this parameter are parsed, because the whole table has thousands of rows.
-
     Raises InputError for a version that is not in the table, KeyError for a parameter that the version does not have.
     """
-    at = list(provenance()).index(_table(version))
-    rows = [line for line in _parts()[1] if line.startswith(f"{name},")]
-    for row, since, until in _spans_of(rows):
-        if since <= at <= until:
-            return _parameter(row)
-    raise KeyError(name)
+    return parameters(version)[name]
 
 
 def defaults(version: Version | str) -> Mapping[str, float]:
@@ -186,12 +178,33 @@ def provenance() -> Mapping[str, Provenance]:
     return MappingProxyType({name: Provenance(text, mark == "=") for name, mark, text in heads})
 
 
+class _Parameters(Mapping[str, Parameter]):
+    """The parameters of one PX4 version. The rows of a name are parsed at its first use, because the table has thousands of rows."""
+
+    def __init__(self, table: str) -> None:
+        self._at = list(provenance()).index(table)
+        self._found: dict[str, Parameter | None] = {}
+
+    def __getitem__(self, name: str) -> Parameter:
+        if name not in self._found:
+            spans = _spans_of(_lines().get(name, []))
+            rows = (row for row, since, until in spans if since <= self._at <= until)
+            self._found[name] = next(map(_parameter, rows), None)
+        parameter = self._found[name]
+        if parameter is None:
+            raise KeyError(name)
+        return parameter
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name in _lines() if name in self)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
 @cache
 def _parameters(table: str) -> Mapping[str, Parameter]:
-    at = list(provenance()).index(table)
-    return MappingProxyType(
-        {row[0]: _parameter(row) for row, since, until in _spans() if since <= at <= until}
-    )
+    return _Parameters(table)
 
 
 def _parameter(row: list[str]) -> Parameter:
@@ -204,23 +217,24 @@ def _parameter(row: list[str]) -> Parameter:
 
 
 @cache
-def _spans() -> tuple[tuple[list[str], int, int], ...]:
-    """Return each row of px4_parameters.csv as (columns, first PX4 version, last PX4 version).
+def _lines() -> Mapping[str, list[str]]:
+    """Return {parameter name: its lines of px4_parameters.csv}. A name has several lines if its definition has changed."""
+    lines: dict[str, list[str]] = {}
+    for line in _parts()[1][1:]:
+        lines.setdefault(line[: line.index(",")], []).append(line)
+    return lines
 
-    A version is its index in `provenance()`.
-    """
-    return _spans_of(_parts()[1][1:])
 
-
-def _spans_of(rows: list[str]) -> tuple[tuple[list[str], int, int], ...]:
+def _spans_of(lines: list[str]) -> tuple[tuple[list[str], int, int], ...]:
+    """Return each of these lines as (columns, first PX4 version, last PX4 version). A version is its index in `provenance()`."""
     places = {name: place for place, name in enumerate(provenance())}
-    return tuple((row, places[row[7]], places[row[8]]) for row in csv.reader(rows))
+    return tuple((row, places[row[7]], places[row[8]]) for row in csv.reader(lines))
 
 
 @cache
 def _parts() -> tuple[list[str], list[str]]:
     """Return the comment lines and the table lines of px4_parameters.csv. The comments name PX4's tags."""
-    lines = files(__package__).joinpath(CSV).read_text(encoding="utf-8").splitlines()
+    lines = Path(__file__).with_name(CSV).read_text(encoding="utf-8").splitlines()
     head = next(place for place, line in enumerate(lines) if not line.startswith("#"))
     return lines[:head], lines[head:]
 
