@@ -21,7 +21,7 @@ from arena.autopilot.failsafe_rules import (
     home_or_land,
 )
 from arena.autopilot.flight_modes import MANUAL_MODES, POSITION_MODES, THRUST_MODES, Mode
-from arena.autopilot.manual_control import NO_MANUAL_CONTROL, NOTHING_RECEIVED
+from arena.autopilot.manual_control import NO_MANUAL_CONTROL
 from arena.autopilot.manual_mode_rules import (
     missing_for_manual,
     possible_mode,
@@ -156,8 +156,6 @@ class Commander:
 
     def update(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Detect the take-off, run the failsafe checks, and disarm after the landing."""
-        if self.armed and self._is_calm(s, params):
-            return
         self._run_gesture(s, params)
         if not self.armed:
             if s.manual_control and not self._mode_was_requested:
@@ -173,32 +171,6 @@ class Commander:
         self._run_pending(s)
         self._check_sticks(s, params)
         self._auto_disarm(s, params)
-
-    def _is_calm(self, s: CommanderInputs, params: CommanderParams) -> bool:
-        """Return whether `update` would change nothing for an armed vehicle, which is true in nearly every step of a flight.
-
-        Each line is the reason why one rule, named behind it, does nothing and keeps its state. A value that is NaN is not calm.
-        """
-        return (
-            self.took_off  # take-off
-            and not s.landed
-            and self._landed_since is None  # _auto_disarm
-            and s.tilt_rad <= params.fd_fail_rad
-            and self._tilted_since is None  # _check_attitude
-            and s.position_ok  # _check_position
-            and not s.fence
-            and not self._fence  # _check_fence
-            and s.battery > params.bat_low_thr
-            and s.battery > params.bat_crit_thr
-            and s.battery > params.bat_emergen_thr  # _check_battery
-            and (self.mode is not Mode.OFFBOARD or s.offboard_age <= params.com_of_loss_t)  # _check_offboard
-            and not params.nav_dll_act  # _check_data_link
-            and s.manual is NOTHING_RECEIVED  # _run_gesture and _check_sticks: no gesture, no speed
-            and params.stick_speed >= 0.0
-            and self.mode not in MANUAL_MODES
-            and not self._had_manual_control  # _check_manual_control
-            and self._pending is None  # _run_pending
-        )
 
     def _run_gesture(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Arm or disarm if the pilot has made the stick gesture: throttle low, and yaw right (arm) or left (disarm).

@@ -2,7 +2,8 @@
 cimport cython
 from libc cimport math
 
-from arena.kernels cimport limits, mavlink_framing, rotations
+from arena.kernels cimport limits, payload_writer, rotations
+from arena.kernels.payload_writer cimport PayloadWriter
 
 cdef Py_ssize_t _TIME_MS, _TIME_US, _TIME_US_32, _TIME_NS, _RPY, _Q, _OMEGA, _P, _V
 cdef Py_ssize_t _POSE_COVARIANCE, _VELOCITY_COVARIANCE, _RESETS, _ACCEL, _GYRO, _MAG, _PRESSURE, _BARO_ALT
@@ -10,36 +11,12 @@ cdef Py_ssize_t _LAT, _LON, _ALT_MM, _RELATIVE_MM, _VELOCITY_CM_S, _HEADING_CDEG
 cdef Py_ssize_t _HEADING_DEG, _THROTTLE, _HEIGHTS, _Q_SP, _OMEGA_SP, _THRUST, _SETPOINT, _IGNORED, _SERVOS
 cdef Py_ssize_t _VOLTAGE, _CURRENT, _REMAINING, _INPUTS, _ARMED, _LAT0, _LON0, _ALT0, _HEADING, _HOME_D
 cdef Py_ssize_t _PRESENT, _HEALTH, _PRESENT_LOST, _HEALTH_LOST
-cdef Py_ssize_t _POSITION, _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64
+cdef Py_ssize_t _POSITION
 cdef Py_ssize_t _ESC_COUNTER, _ESC_FIRST, _ESC_COUNT, _ESC_ONLINE, _ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT, _ESCS
-cdef Py_ssize_t HEAD, _PAYLOAD
 cdef double _DEG, _NAN, _FULL_SPEED_RPM
 
 cpdef (double, double) global_position(double north, double east, double heading, double lat0, double lon0, double earth_m)
 cpdef double rounded(double x) except? -1.0
-
-@cython.final
-cdef class PayloadWriter:
-    cdef readonly long number
-    cdef readonly bytes seed
-    cdef readonly bint by_escs
-    cdef readonly Py_ssize_t size, end
-    cdef readonly unsigned char[::1] frame
-    cdef readonly long[:, ::1] fields
-    cdef readonly double[:, ::1] ranges
-    cdef unsigned char[::1] u8
-    cdef signed char[::1] i8
-    cdef unsigned short[::1] u16
-    cdef short[::1] i16
-    cdef unsigned int[::1] u32
-    cdef int[::1] i32
-    cdef unsigned long long[::1] u64
-    cdef long long[::1] i64
-    cdef float[::1] f32
-    @cython.locals(k=Py_ssize_t, size=Py_ssize_t, end=Py_ssize_t, crc=long, frame="unsigned char[::1]")
-    cpdef Py_ssize_t write(self, double[::1] values, long seq, long sysid, long compid) except -1
-    @cython.locals(whole=long)
-    cdef void _store(self, double value, Py_ssize_t kind, Py_ssize_t at) except *
 
 @cython.final
 cdef class TelemetryPacking:

@@ -372,7 +372,7 @@ def serve(make_autopilots: MakeAutopilots, argv: list[str] | None = None) -> Non
     argv: command line; it names the JSON configuration (slice) of the process
     """
     context = ProcessContext.enter(argv)
-    run(context, context.settings, make_autopilots, _open_links)
+    run(context, context.settings, make_autopilots, _udp_links)
 
 
 def run(
@@ -395,11 +395,5 @@ def run(
         loop.close()
 
 
-def _open_links(
-    context: ProcessContext,
-    settings: Mapping[str, Any],
-    budget_s: float,
-    watch: SocketWatch,
-    clock: ClockServer,
-) -> VehicleLinks:
+def _udp_links(_: ProcessContext, settings: Mapping[str, Any], budget_s: float, *__: object) -> VehicleLinks:
     return VehicleLinks(settings["vehicles"], budget_s=budget_s)

@@ -287,22 +287,23 @@ def test_quantity_of_another_size_than_its_fields_is_refused(monkeypatch):
 @needs_compiled
 def test_compiled_and_interpreted_kernel_pack_the_same_bytes(rig):
     """Also with values beyond the range of their fields. The sign of NaN has no meaning, so no estimate is NaN."""
-    source = interpreted_modules("telemetry_packing")["telemetry_packing"]
+    modules = interpreted_modules("payload_writer", "telemetry_packing")
     compiled = rig.packer.law
     for scale in (1.0, 1e6, 1e300, math.inf, math.nan):
         rig.state.battery_a[1] = rig.state.accel_b[0] = scale
         if not math.isnan(scale):
             rig.est.p_n[1] = rig.est.v_n[2] = scale
         rig.begin(rig.packer)
-        same = _interpreted_copy(source, compiled)
+        same = _interpreted_copy(modules, compiled)
         for i in range(VEHICLES):
             assert compiled.pack(i, list(FREQUENT), 3, i + 1, 1) == same.pack(i, list(FREQUENT), 3, i + 1, 1)
 
 
-def _interpreted_copy(source: Any, packing: Any) -> Any:
-    """Return a packing of the interpreted module with the same inputs."""
+def _interpreted_copy(modules: Any, packing: Any) -> Any:
+    """Return a packing of the interpreted modules with the same inputs."""
+    source, writer = modules["telemetry_packing"], modules["payload_writer"].PayloadWriter
     writers = [
-        source.PayloadWriter(w.number, w.size, w.seed, memoryview(w.fields), memoryview(w.ranges), w.by_escs)
+        writer(w.number, w.size, w.seed, memoryview(w.fields), memoryview(w.ranges), w.by_escs)
         for w in packing.writers.values()
     ]
     constants = list(packing.values[source.VALUES :])

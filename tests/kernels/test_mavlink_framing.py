@@ -7,6 +7,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from fastcrc import crc16
 from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -124,6 +125,16 @@ def test_payload_is_packed_as_by_pymavlink(module: ModuleType) -> None:
             seed = bytes([message.crc_extra])
             packed = module.pack(payload, message.id, seed, sender.seq, sender.srcSystem, sender.srcComponent)
             assert packed == _packed_by_pymavlink(message, payload, sender)
+
+
+@pytest.mark.parametrize("module", VERSIONS)
+def test_crc_of_a_buffer_is_that_of_fastcrc(module: ModuleType) -> None:
+    rng = random.Random(5)
+    for size in (0, 1, 2, *(rng.randrange(300) for _ in range(200))):
+        data = bytearray(rng.randbytes(size + 20))
+        begin = rng.randrange(20)
+        expected = crc16.mcrf4xx(bytes(data[begin : begin + size]))
+        assert module.crc_of_buffer(memoryview(data), begin, begin + size) == expected
 
 
 def _packed_by_pymavlink(message: Any, payload: bytes, sender: Any) -> bytes:

@@ -21,14 +21,13 @@ from arena.autopilot.mavlink.telemetry_state import boot_ms
 from arena.autopilot.vehicle import Vehicle
 from arena.geometry import EARTH_M
 from arena.kernels.arrays import array, flags, integers, view
+from arena.kernels.payload_writer import KINDS, PayloadWriter
 from arena.kernels.telemetry_packing import (
     COLUMNS,
-    KINDS,
     PLACE,
     SIZES,
     STATUS,
     VALUES,
-    PayloadWriter,
     TelemetryPacking,
 )
 from arena.wire.mavlink_frame import SEEDS
