@@ -110,7 +110,7 @@ class Lateness:
         return self._on_late_frame(offset, late, now, flying)
 
     def _offset(self) -> float:
-        """Estimated offset (receiver's clock minus server's clock) [s].
+        """Return the estimated offset (receiver's clock minus server's clock) [s].
 
         This is the middle between the lower and the upper limit. Without a lower limit, it is the upper
         limit.

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from fake_autopilot import FakeAutopilot
 from served import Connection, LossyLink, Served, UdpPort
 
@@ -40,7 +41,7 @@ class BuiltIn:
         settings = next(s for s in make_plan(load_arena(file)).slices.values() if s["name"] == "world")
         self.world = World(settings)
         self.pilots = Autopilots(settings, self.world.period_s)
-        self.motors: Any = [[0.0] * 4] * vehicles
+        self.motors: Any = np.zeros((vehicles, 4))
         self._systems = [v["id"] for v in settings["vehicles"]]
         self._sent: list[list[bytes]] = [[] for _ in self._systems]
         self._began = time.monotonic()
