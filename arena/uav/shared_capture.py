@@ -76,11 +76,12 @@ class SharedClient:
             newest: dict[str, CapturedPose] = {}
             for frame in reversed(frames):
                 for pose in frame.poses:
-                    newest.setdefault(pose.body, pose)
+                    if pose.body in self._poses:
+                        newest.setdefault(pose.body, pose)
                 if len(newest) == len(self._poses):
                     break
             for body, pose in newest.items():
-                for poses in self._poses.get(body, ()):
+                for poses in self._poses[body]:
                     poses.receive(body, pose.p_n, pose.q_nb, now)
 
 
