@@ -22,21 +22,21 @@ vehicles:
 GROUND_STATION = """
 import socket
 with socket.socket(type=socket.SOCK_DGRAM) as sock:
-    sock.bind(("0.0.0.0", 14550))
+    sock.bind(("{address}", 14550))
     while sock.recv(65535):
         pass
 """
 
 
 @pytest.fixture
-def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def path(tmp_path: Path, hangar: Hangar, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Give a folder of PATH with the stand-ins, and a ROS 2 workspace with the packages."""
     folder, index = tmp_path / "bin", tmp_path / "ros/share/ament_index/resource_index/packages"
     for each in (folder, index):
         each.mkdir(parents=True)
     for name in ("mavros", "ros2bag"):
         (index / name).touch()
-    (tmp_path / "ground_station.py").write_text(GROUND_STATION)
+    (tmp_path / "ground_station.py").write_text(GROUND_STATION.format(address=hangar.address))
     scripts = {"ros2": PROGRAMS / "ros2_stand_in.py", "QGroundControl": tmp_path / "ground_station.py"}
     for name, script in scripts.items():
         (folder / name).write_text(f'#!/bin/sh\nexec {sys.executable} {script} "$@"\n')
