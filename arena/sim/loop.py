@@ -40,6 +40,7 @@ from arena.wire.truth_page import TruthWriter
 
 _CHECK_S = 0.1  # between two checks of the supervisor and of new events
 _STATS_S = 1.0
+_FULL_SEARCH_S = 60.0  # between two searches for garbage among all objects
 _DRAIN_SHARE = 0.3  # largest share of a period's wall time for reading the links
 _MAX_WAIT_S = 0.1
 _MILLI_S = 1e-3
@@ -153,7 +154,7 @@ class Loop:
     def _serve(self) -> None:
         now = time.monotonic()
         pacer = Pacer(period_s=self._world.period_s, speed=self._speed, now=now)
-        next_check, next_stats = now, now + _STATS_S
+        next_check, next_stats, next_search = now, now + _STATS_S, now + _FULL_SEARCH_S
         while not self._must_stop():
             now = self._wait(pacer)
             if not self._is_over():
@@ -171,7 +172,11 @@ class Loop:
                 next_stats = now + _STATS_S
                 self._context.stats(self._stats(pacer))
                 self._log_pace(pacer)
+                if now >= next_search:
+                    next_search = now + _FULL_SEARCH_S
+                    gc.unfreeze()
                 gc.collect()
+                gc.freeze()  # so that the next search looks only at new objects
         self._check(now)
         self._context.stats(self._stats(pacer))
 
