@@ -9,7 +9,7 @@ from arena.transport import MAX_DATAGRAM_BYTES, Address
 
 
 def read_singly(source: socket.socket, limit: int) -> list[tuple[bytes, Address]]:
-    """Do what `read_datagrams` does with one system call per datagram, and one more that finds the socket empty.
+    """Read waiting datagrams as `read_datagrams` does, but with one system call per datagram.
 
     The socket must not block.
     """

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 
+from arena.mavlink_router.datagrams import MAX_DATAGRAM_BYTES
 from arena.transport import Address
 from arena.wire.mavlink_frame import Buffer
 
 MAX_HELD_S = 0.1
 """Longest time for which a datagram is held [s, simulation time], for programs that also read their socket while they sleep."""
-MAX_JOINED_BYTES = 1472  # the largest UDP payload of one Ethernet frame, as of all datagrams of the router
 
 Place = tuple[int, Address]
 """Index of the router's socket to send from, and the address to send to."""
@@ -50,14 +50,14 @@ class HeldTelemetry:
         if name is None:
             return False
         held = self._held.get(place)
-        if not join or name not in self._asleep or len(data) > MAX_JOINED_BYTES:
+        if not join or name not in self._asleep or len(data) > MAX_DATAGRAM_BYTES:
             if held is not None:
                 self.flush(place)
             return False
         if held is None:
             self._since = self._since if self._held else now
             self._held[place] = bytearray(data)
-        elif len(held) + len(data) > MAX_JOINED_BYTES:
+        elif len(held) + len(data) > MAX_DATAGRAM_BYTES:
             self.flush(place)
             self._held[place] = bytearray(data)
         else:

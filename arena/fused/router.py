@@ -139,7 +139,7 @@ class FusedRouter:
         for text in self.faults.apply(self._impaired.apply) if faults else ():
             self._process.event(text)
         if self._impaired.active:
-            self._send(self._impaired.release(now, now), now)
+            self._send(self._impaired.release(now, now), now, join=False)
         self.held.step(now)
         report_changes(self._process, self._router)
         if now >= self._next_tick:
@@ -173,7 +173,7 @@ class FusedRouter:
 
     def _route(self, key: int, sender: Address, data: Buffer, now: float) -> None:
         if self._impaired.active:
-            self._send(self._impaired.on_datagram(key, sender, data, now, now), now)
+            self._send(self._impaired.on_datagram(key, sender, data, now, now), now, join=False)
         else:
             # A program reads measurements from datagrams of their own, so they are not joined with telemetry.
             self._send(self._router.on_datagram(key, sender, data, now), now, join=key not in self._in_calls)

@@ -116,3 +116,21 @@ def test_program_reaches_the_autopilot_on_the_router_link(station, routed):
         program.sendto(data, (HOST, 24018))
         router.drain(1.0)
     assert inbox == [(0, "router", data)]
+
+
+def test_telemetry_is_not_joined_while_a_fault_impairs_a_link(routed):
+    """Measurements of relative sensors need datagrams of their own, and a fault delays these, too."""
+    router, _ = routed
+    router.hold_for_sleepers({"uav1": "uav1"}, {"uav1"})
+    whole = router._router
+    router._impaired = SimpleNamespace(
+        active=True,
+        on_datagram=lambda key, sender, data, now, sim_now: whole.on_datagram(key, sender, data, now),
+    )
+    attitude = packed(mavlink.MAVLink_attitude_message(5, 0.1, 0, 0, 0, 0, 0), 1, 1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program:
+        program.bind((HOST, 16001))
+        program.settimeout(60.0)
+        for _ in range(2):
+            router.from_vehicle(0, attitude, 1.0)
+            assert program.recv(1000) == attitude

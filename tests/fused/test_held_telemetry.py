@@ -5,7 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.fused.held_telemetry import MAX_HELD_S, MAX_JOINED_BYTES, HeldTelemetry
+from arena.fused.held_telemetry import MAX_HELD_S, HeldTelemetry
+from arena.mavlink_router.datagrams import MAX_DATAGRAM_BYTES
 
 ONE, TWO, TOOL = (3, ("127.0.0.1", 16001)), (7, ("127.0.0.1", 16002)), (3, ("127.0.0.1", 40000))
 
@@ -96,6 +97,6 @@ def test_each_receiver_gets_the_same_bytes_in_the_same_order(actions):
     it.held.close()
     received = {}
     for key, data, to in it.sent:
-        assert len(data) <= MAX_JOINED_BYTES
+        assert len(data) <= MAX_DATAGRAM_BYTES
         received[key, to] = received.get((key, to), b"") + data
     assert received == wanted
