@@ -34,6 +34,7 @@ FLAGS = ["-O3", "-g0", "-w", "-ffp-contract=off"]
 DIRECTIVES = {
     "language_level": 3,
     "annotation_typing": False,
+    "auto_pickle": False,  # nobody pickles a kernel, and the code for it takes a quarter of the compile time
     "infer_types": True,
     "wraparound": False,
     "show_performance_hints": False,
