@@ -192,6 +192,26 @@ def test_worker_has_a_session_of_its_own(forks: ForkClient):
     assert sessions[0] not in (os.getsid(0), 0)
 
 
+def own_cores(_: int) -> set[int]:
+    return os.sched_getaffinity(0)
+
+
+def test_as_many_workers_as_cores_keep_to_one_core_each():
+    everywhere, found = os.sched_getaffinity(0), dict[int, Any]()
+    run_all(range(len(everywhere)), own_cores, jobs=len(everywhere), on_end=found.__setitem__)
+    assert sorted(map(list, found.values())) == sorted([core] for core in everywhere)
+
+
+def test_fewer_workers_use_all_cores_and_so_does_a_forked_one(forks: ForkClient):
+    everywhere, found = os.sched_getaffinity(0), dict[int, Any]()
+    if len(everywhere) == 1:
+        pytest.skip("this machine has one core")
+    run_all([0, 1, 2], own_cores, jobs=1, on_end=found.__setitem__)
+    assert list(found.values()) == [everywhere] * 3
+    run_all([0], os.sched_getaffinity, jobs=8, on_end=found.__setitem__, forks=forks)
+    assert found[0] == everywhere
+
+
 def test_worker_ends_when_the_runner_dies(tmp_path: Path):
     task = f"import os, time; open({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid())); time.sleep(600)"
     code = (

@@ -22,10 +22,11 @@ def main() -> int:
     runner = os.getppid()
     with Connection(int(os.environ.pop(CHANNEL_VARIABLE))) as answer:
         set_title("arena:flight")
+        task, work, cores = answer.recv()
+        os.sched_setaffinity(0, cores)  # also of the fork server
         forks = ForkClient()  # its copy of this process leaves this function by an exception
         arena_up.use(forks)
         try:
-            task, work = answer.recv()
             carry_out(answer, runner, task, work)
         finally:
             forks.close()

@@ -1,5 +1,8 @@
 """Worker processes that carry out tasks in parallel, such as the flights of `arena smoke` and `arena campaign`.
 
+If there are as many workers as CPU cores, each worker keeps to one core, with all processes of its arena: they mostly run in turns,
+and find warm caches there.
+
 Each worker has its own session, so Ctrl-C in the terminal reaches only this process, the runner. At the first Ctrl-C
 the runner asks every worker to land and end its arena, at the second to end the arena at once. If a worker or the
 runner is killed, the arenas end as well.
@@ -52,6 +55,7 @@ class Lost:
 @dataclass(kw_only=True)
 class _Worker(Generic[T]):
     task: T
+    cores: set[int]
     process: BaseProcess | ForkedChild
     answer: Connection
 
@@ -82,11 +86,15 @@ def run_all(
     Raises KeyboardInterrupt after Ctrl-C, when all workers have ended.
     """
     waiting, workers = list(tasks), list[_Worker[T]]()
+    everywhere = sorted(os.sched_getaffinity(0))
+    keeps_to_one = min(jobs, len(tasks)) >= len(everywhere)
     with collected_stops() as stops:
         asked = 0
         while workers or (waiting and not stops):
             while waiting and len(workers) < jobs and not stops:
-                workers.append(_begin(waiting.pop(0), work, forks))
+                taken = [core for worker in workers for core in worker.cores]
+                cores = {min(everywhere, key=taken.count)} if keeps_to_one else set(everywhere)
+                workers.append(_begin(waiting.pop(0), work, cores, forks))
             for worker in _ended(workers):
                 workers.remove(worker)
                 if (result := _result(worker)) is not None:
@@ -119,22 +127,22 @@ def collected_stops() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _begin(task: T, work: Callable[[T], R], forks: ForkClient | None) -> _Worker[T]:
+def _begin(task: T, work: Callable[[T], R], cores: set[int], forks: ForkClient | None) -> _Worker[T]:
     """Start a worker process for one task: with the fork server, or else as a fork of this process.
 
     A forked worker need not import the modules again.
     """
-    if forks is not None and (forked := _fork(task, work, forks)) is not None:
+    if forks is not None and (forked := _fork(task, work, cores, forks)) is not None:
         return forked
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(theirs, os.getpid(), task, work))
+    process = context.Process(target=_work, args=(theirs, os.getpid(), task, work, cores))
     process.start()
     theirs.close()
-    return _Worker(task=task, process=process, answer=ours)
+    return _Worker(task=task, cores=cores, process=process, answer=ours)
 
 
-def _fork(task: T, work: Callable[[T], R], forks: ForkClient) -> _Worker[T] | None:
+def _fork(task: T, work: Callable[[T], R], cores: set[int], forks: ForkClient) -> _Worker[T] | None:
     """Request a worker from the fork server and send it its task. Return None if no worker is started."""
     argv, cwd = [sys.executable, "-m", _MODULE], os.getcwd()  # noqa: PTH109
     if not forks.wait_until_ready() or not forks.serves(argv, is_program=False, cwd=cwd):
@@ -155,13 +163,17 @@ def _fork(task: T, work: Callable[[T], R], forks: ForkClient) -> _Worker[T] | No
         answer.close()
         return None
     with contextlib.suppress(OSError):  # it has ended already: it is lost
-        answer.send((task, work))
-    return _Worker(task=task, process=ForkedChild(pid), answer=answer)
+        answer.send((task, work, cores))
+    return _Worker(task=task, cores=cores, process=ForkedChild(pid), answer=answer)
 
 
-def _work(answer: Connection, runner: int, task: T, work: Callable[[T], R]) -> None:
-    """Carry out a task, such as one flight, in a worker process that was forked from the runner."""
+def _work(answer: Connection, runner: int, task: T, work: Callable[[T], R], cores: set[int]) -> None:
+    """Carry out a task, such as one flight, in a worker process that was forked from the runner.
+
+    cores: CPU cores that the worker and its children use.
+    """
     os.setsid()
+    os.sched_setaffinity(0, cores)
     carry_out(answer, runner, task, work)
 
 
