@@ -37,7 +37,7 @@ cdef class TelemetryPacking:
     cdef long _parts(self, Py_ssize_t i, PayloadWriter writer) except -1
     @cython.locals(count=double, total=double, amperes=double, command=double, exists=bint, k=Py_ssize_t)
     cdef void _compute_escs(self, Py_ssize_t i, Py_ssize_t first) except *
-    @cython.locals(part=Py_ssize_t, number=long, writer=PayloadWriter, size=Py_ssize_t, end=Py_ssize_t, k=Py_ssize_t)
+    @cython.locals(part=Py_ssize_t, number=long, writer=PayloadWriter, size=Py_ssize_t, end=Py_ssize_t)
     cpdef bytes pack(self, Py_ssize_t i, list message_ids, long seq, long sysid, long compid)
     @cython.locals(k=Py_ssize_t)
     cdef void _compute(self, Py_ssize_t i) except *

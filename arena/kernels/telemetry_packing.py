@@ -213,8 +213,7 @@ class TelemetryPacking:
                 if writer.by_escs:
                     self._compute_escs(i, part * _ESCS)
                 size = writer.write(self.values, seq, sysid, compid)
-                for k in range(size):
-                    self._datagram[end + k] = writer.frame[payload_writer.HEAD + k]
+                payload_writer.copy(writer.frame, payload_writer.HEAD, size, self._datagram, end)
                 end += size
                 seq = (seq + 1) % 256
         return self._bytes[:end].tobytes()
