@@ -36,6 +36,7 @@ DIRECTIVES = {
     "annotation_typing": False,
     "infer_types": True,
     "wraparound": False,
+    "initializedcheck": False,  # an array that is not set has the size 0, so the check of the index finds it
     "show_performance_hints": False,
 }
 
