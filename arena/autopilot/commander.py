@@ -32,6 +32,8 @@ from arena.autopilot.manual_mode_rules import (
 EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
 
 
+_MODES_BY_ESTIMATE = frozenset({Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED})
+"""Manual modes between which a vehicle changes when the estimate becomes valid or invalid."""
 _REQUESTABLE = {*MANUAL_MODES, *POSITION_MODES, Mode.OFFBOARD}
 
 
@@ -191,8 +193,7 @@ class Commander:
 
         ALTCTL and STABILIZED change back to the selected mode when the estimate is valid again.
         """
-        flies = self.mode in (Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED)
-        if flies and self.intended in (Mode.POSCTL, Mode.ALTCTL):
+        if self.mode in _MODES_BY_ESTIMATE and self.intended in (Mode.POSCTL, Mode.ALTCTL):
             possible = possible_mode(self.intended, s, params)
             if possible is self.intended and self.mode is not possible:
                 self._enter(possible, "")
