@@ -6,9 +6,6 @@ from arena.kernels cimport limits, mavlink_framing
 
 cdef Py_ssize_t HEAD, _PAYLOAD, _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64
 
-@cython.locals(k=Py_ssize_t)
-cpdef void copy(unsigned char[::1] source, Py_ssize_t begin, Py_ssize_t size, unsigned char[::1] to, Py_ssize_t at) except *
-
 @cython.final
 cdef class PayloadWriter:
     cdef readonly long number

@@ -18,12 +18,6 @@ HEAD, _PAYLOAD = 6, 16
 _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64 = range(8)  # positions in KINDS
 
 
-def copy(source: memoryview, begin: int, size: int, to: memoryview, at: int) -> None:
-    """Copy some bytes of one buffer to another one. begin, at: offsets of the first byte in `source` and in `to`"""
-    for k in range(size):
-        to[at + k] = source[begin + k]
-
-
 class PayloadWriter:
     """Writer of the frames of one MAVLink message type, always into the same buffer.
 

@@ -12,7 +12,7 @@ cdef Py_ssize_t _HEADING_DEG, _THROTTLE, _HEIGHTS, _Q_SP, _OMEGA_SP, _THRUST, _S
 cdef Py_ssize_t _VOLTAGE, _CURRENT, _REMAINING, _INPUTS, _ARMED, _LAT0, _LON0, _ALT0, _HEADING, _HOME_D
 cdef Py_ssize_t _PRESENT, _HEALTH, _PRESENT_LOST, _HEALTH_LOST
 cdef Py_ssize_t _POSITION
-cdef Py_ssize_t _ESC_COUNTER, _ESC_FIRST, _ESC_COUNT, _ESC_ONLINE, _ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT, _ESCS
+cdef Py_ssize_t _ESC_COUNTER, _ESC_FIRST, _ESC_COUNT, _ESC_ONLINE, _ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT, _ESCS, _HEAD
 cdef double _DEG, _NAN, _FULL_SPEED_RPM
 
 cpdef (double, double) global_position(double north, double east, double heading, double lat0, double lon0, double earth_m)
