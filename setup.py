@@ -37,6 +37,7 @@ DIRECTIVES = {
     "auto_pickle": False,  # nobody pickles a kernel, and the code for it takes a quarter of the compile time
     "infer_types": True,
     "wraparound": False,
+    "initializedcheck": False,  # an array that is not set has the size 0, so the check of the index finds it
     "show_performance_hints": False,
 }
 

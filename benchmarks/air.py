@@ -42,7 +42,7 @@ def main() -> None:
         z
     ) in below:  # the first vehicle hovers at the origin; the others, without thrust, are places in its wind
         places = np.stack([np.zeros_like(aside), aside, np.full_like(aside, z)], axis=1)
-        rows.append(model.wind(np.vstack([np.zeros(3), places]), axis, thrust)[1:, 2])
+        rows.append(model.wind(np.vstack([np.zeros(3), places]), axis, lambda: thrust)[1:, 2])
     wind_n = np.array(rows)
     filled = left.contourf(aside, -below, wind_n, levels=np.arange(0.0, 6.1, 0.5), cmap="Blues")
     figure.colorbar(filled, ax=left, label="wind at a vehicle below [m/s]")

@@ -282,11 +282,12 @@ class Autopilots:
         self.land.update(now, self.est, self.thrust, climbing, self._climb.sink)
         self.takeoff.update(now, self._armed_since, self.land.landed, climbing)
         self._sense(now)
-        offboard = np.array([v.commander.mode is Mode.OFFBOARD for v in self.vehicles])
-        for v in self.vehicles:
+        mode = Mode.OFFBOARD
+        offboard = np.array([v.commander.mode is mode for v in self.vehicles])
+        for v, interface in zip(self.vehicles, self.interfaces, strict=True):
             self._decide_one(v)
             self._telemetry.update(v)
-            self.interfaces[v.row].wake_if_changed()
+            interface.wake_if_changed()
         self.cascade.position.speed_up[:] = self.takeoff.climb_rate_limit(now, offboard)
         self.armed[:] = [v.commander.armed for v in self.vehicles]
         self._armed_since[:] = [v.commander.armed_since for v in self.vehicles]

@@ -32,6 +32,8 @@ from arena.autopilot.manual_mode_rules import (
 EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
 
 
+_MODES_BY_ESTIMATE = frozenset({Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED})
+"""Manual modes between which a vehicle changes when the estimate becomes valid or invalid."""
 _REQUESTABLE = {*MANUAL_MODES, *POSITION_MODES, Mode.OFFBOARD}
 
 
@@ -191,8 +193,7 @@ class Commander:
 
         ALTCTL and STABILIZED change back to the selected mode when the estimate is valid again.
         """
-        flies = self.mode in (Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED)
-        if flies and self.intended in (Mode.POSCTL, Mode.ALTCTL):
+        if self.mode in _MODES_BY_ESTIMATE and self.intended in (Mode.POSCTL, Mode.ALTCTL):
             possible = possible_mode(self.intended, s, params)
             if possible is self.intended and self.mode is not possible:
                 self._enter(possible, "")
@@ -228,8 +229,9 @@ class Commander:
         In OFFBOARD the loss counts as lost offboard control, as in PX4. COM_OBL_RC_ACT 6 (terminate) and 7
         (disarm) are run at once. Its other actions need a position, so the vehicle descends instead.
         """
-        needs = self.mode in POSITION_MODES or (self.mode is Mode.OFFBOARD and s.offboard_needs_position)
-        if needs and not s.position_ok and self.mode is not Mode.POSCTL:
+        if s.position_ok or self.mode is Mode.POSCTL:
+            return
+        if self.mode in POSITION_MODES or (self.mode is Mode.OFFBOARD and s.offboard_needs_position):
             what = "position" if not s.xy_valid else "heading" if not s.yaw_valid else "height"
             why = f"external vision lost, no valid {what}"
             if self.mode is Mode.OFFBOARD and params.com_obl_rc_act == 7:
@@ -272,7 +274,7 @@ class Commander:
             self._act_after_hold(reaction, s, params, "geofence")
 
     def _check_offboard(self, s: CommanderInputs, params: CommanderParams) -> None:
-        if self.mode is not Mode.OFFBOARD or s.offboard_age <= params.com_of_loss_t:
+        if s.offboard_age <= params.com_of_loss_t or self.mode is not Mode.OFFBOARD:
             return
         action = {3: home_or_land(s), 5: Mode.HOLD, 6: Mode.TERMINATE}.get(params.com_obl_rc_act, Mode.LAND)
         if params.com_obl_rc_act in MANUAL_ACTIONS and s.manual_control:

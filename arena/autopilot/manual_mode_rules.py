@@ -58,7 +58,7 @@ def sticks_take_over(
     failsafe: reason of the active failsafe, "" for none
     in_delay: the vehicle holds for COM_FAIL_ACT_T before its failsafe acts
     """
-    if mode in MANUAL_MODES or mode is Mode.TERMINATE or s.manual.speed <= params.stick_speed:
+    if s.manual.speed <= params.stick_speed or mode in MANUAL_MODES or mode is Mode.TERMINATE:
         return False
     bit = _OVERRIDES_OFFBOARD if mode is Mode.OFFBOARD else _OVERRIDES_AUTO
     waits_for_pilot = params.com_fail_act_t > 0.1 or failsafe.startswith("offboard control lost")

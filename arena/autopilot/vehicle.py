@@ -32,6 +32,7 @@ from arena.kernels.arrays import array, integers, view
 from arena.kernels.offboard_setpoints import OffboardSetpoints
 
 LANDED_STATE_ON_GROUND = 1  # MAV_LANDED_STATE
+_LANDING_MODES = frozenset({Mode.LAND, Mode.DESCEND})
 _NEVER = -1e9
 _ORIGIN_ALTITUDE_M = (-12_000.0, 100_000.0)  # limits of PX4
 _REPORT_EVERY_REFUSED = 100
@@ -146,7 +147,7 @@ class Vehicle:
         elif not s.flying:
             self.landed_state = 3
         else:
-            self.landed_state = 4 if c.mode in (Mode.LAND, Mode.DESCEND) else 2
+            self.landed_state = 4 if c.mode in _LANDING_MODES else 2
         if before == LANDED_STATE_ON_GROUND != self.landed_state:
             self.took_off_at = s.now
 

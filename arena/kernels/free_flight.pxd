@@ -23,12 +23,10 @@ cdef class FreeFlight:
     @cython.locals(size=double, scale=double)
     cdef void _move(self, Py_ssize_t i) except *
     cdef void _set_air(self, Py_ssize_t i) except *
-    cdef double _to_body(self, Py_ssize_t i, Py_ssize_t k, double north, double east, double down) except? -1.0
-    cdef (double, double, double) _world_from_body(self, Py_ssize_t i, (double, double, double) v)
-    cdef (double, double, double) _body_from_world(self, Py_ssize_t i, (double, double, double) v)
-    cdef double _row_times(self, Py_ssize_t i, Py_ssize_t k, (double, double, double) v) except? -1.0
-    cdef double _column_times(self, Py_ssize_t i, Py_ssize_t k, (double, double, double) v) except? -1.0
     cdef void _set_matrix(self, Py_ssize_t i) except *
 
-cdef (double, double, double) cross((double, double, double) a, (double, double, double) b)
+cdef (double, double, double, double, double, double, double, double, double) matrix_of(double[:, :, ::1] matrices, Py_ssize_t i)
+cdef (double, double, double) rotated((double, double, double, double, double, double, double, double, double) r, (double, double, double) v) noexcept
+cdef (double, double, double) rotated_back((double, double, double, double, double, double, double, double, double) r, (double, double, double) v) noexcept
+cdef (double, double, double) cross((double, double, double) a, (double, double, double) b) noexcept
 cdef double sine_share(double rate, double h)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from arena.kernels.arrays import Floats
 
     Triple = tuple[float, float, float]
+    Nine = tuple[float, float, float, float, float, float, float, float, float]
 
 _G = GRAVITY_M_S2
 _MOST_SPEED = 100.0  # pybullet's limit of each component of the velocities [m/s], [rad/s]
@@ -91,8 +92,10 @@ class FreeFlight:
             h, speed, before = self.step_s, self.speed_w, self.v_n
             north, east = (speed[i, 1] - before[i, 0]) / h, (speed[i, 0] - before[i, 1]) / h
             down = (-speed[i, 2] - before[i, 2]) / h - _G
-            for k in range(3):
-                self.accel_b[i, k] += self._to_body(i, k, north, east, down)
+            x, y, z = rotated_back(matrix_of(self.r_nb, i), (north, east, down))
+            self.accel_b[i, 0] += x
+            self.accel_b[i, 1] += y
+            self.accel_b[i, 2] += z
             self.publish(i)
             self._set_air(i)
 
@@ -113,8 +116,9 @@ class FreeFlight:
             sign = 1.0 if k == 0 else -1.0  # FRD from FLU
             self.r_nb[i, 0, k], self.r_nb[i, 1, k] = sign * r[i, 1, k], sign * r[i, 0, k]
             self.r_nb[i, 2, k] = -sign * r[i, 2, k]
-        for k in range(3):
-            self.omega_b[i, k] = self._to_body(i, k, rate[i, 1], rate[i, 0], -rate[i, 2])
+        self.omega_b[i, 0], self.omega_b[i, 1], self.omega_b[i, 2] = rotated_back(
+            matrix_of(self.r_nb, i), (rate[i, 1], rate[i, 0], -rate[i, 2])
+        )
         x, y, z, w = self.quat[i, 0], self.quat[i, 1], self.quat[i, 2], self.quat[i, 3]
         self.q_nb[i, 0], self.q_nb[i, 1] = _HALF_ROOT * (w + z), _HALF_ROOT * (x + y)
         self.q_nb[i, 2], self.q_nb[i, 3] = _HALF_ROOT * (x - y), _HALF_ROOT * (w - z)
@@ -124,39 +128,38 @@ class FreeFlight:
 
         The wrench and the velocities are rotated to the world and back, as in pybullet. This changes only the rounding.
         """
-        m, f, t = self.mass[i], self.force_b, self.torque_b
-        push = self._world_from_body(i, (f[i, 0], -f[i, 1], -f[i, 2]))
-        push = self._body_from_world(i, (push[0], push[1], push[2] - _G * m))
-        twist = self._world_from_body(i, (t[i, 0], -t[i, 1], -t[i, 2]))
-        twist = self._body_from_world(i, twist)
-        turn = self._body_from_world(i, (self.rate_w[i, 0], self.rate_w[i, 1], self.rate_w[i, 2]))
-        move = self._body_from_world(i, (self.speed_w[i, 0], self.speed_w[i, 1], self.speed_w[i, 2]))
+        m, f, t, r = self.mass[i], self.force_b, self.torque_b, matrix_of(self._r_wf, i)
+        push = rotated(r, (f[i, 0], -f[i, 1], -f[i, 2]))
+        push = rotated_back(r, (push[0], push[1], push[2] - _G * m))
+        twist = rotated_back(r, rotated(r, (t[i, 0], -t[i, 1], -t[i, 2])))
+        turn = rotated_back(r, (self.rate_w[i, 0], self.rate_w[i, 1], self.rate_w[i, 2]))
+        move = rotated_back(r, (self.speed_w[i, 0], self.speed_w[i, 1], self.speed_w[i, 2]))
         jx, jy, jz = self.inertia[i, 0], self.inertia[i, 1], self.inertia[i, 2]
         gyro = cross(turn, (jx * turn[0], jy * turn[1], jz * turn[2]))
-        self._add(
-            i, self.rate_w, ((twist[0] - gyro[0]) / jx, (twist[1] - gyro[1]) / jy, (twist[2] - gyro[2]) / jz)
+        spin_up = rotated(
+            r, ((twist[0] - gyro[0]) / jx, (twist[1] - gyro[1]) / jy, (twist[2] - gyro[2]) / jz)
         )
+        self._add(i, self.rate_w, spin_up)
         swing, per_mass = cross(turn, move), 1.0 / m
-        self._add(
-            i,
-            self.speed_w,
+        speed_up = rotated(
+            r,
             (
                 (push[0] - m * swing[0]) * per_mass + swing[0],
                 (push[1] - m * swing[1]) * per_mass + swing[1],
                 (push[2] - m * swing[2]) * per_mass + swing[2],
             ),
         )
+        self._add(i, self.speed_w, speed_up)
 
     def _add(self, i: int, velocity: Floats, accel: Triple) -> None:
         """Apply an acceleration to the velocity of body i for the duration of one step.
 
         velocity: velocities or angular velocities of all bodies, in the world with z up (V, 3)
-        accel: acceleration or angular acceleration in body axes FLU
+        accel: acceleration or angular acceleration, in the same axes
         """
-        change = self._world_from_body(i, accel)
-        velocity[i, 0] = limits.within(velocity[i, 0] + change[0] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
-        velocity[i, 1] = limits.within(velocity[i, 1] + change[1] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
-        velocity[i, 2] = limits.within(velocity[i, 2] + change[2] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
+        velocity[i, 0] = limits.within(velocity[i, 0] + accel[0] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
+        velocity[i, 1] = limits.within(velocity[i, 1] + accel[1] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
+        velocity[i, 2] = limits.within(velocity[i, 2] + accel[2] * self.step_s, -_MOST_SPEED, _MOST_SPEED)
 
     def _move(self, i: int) -> None:
         """Move and rotate body i for one step at its velocity and angular velocity."""
@@ -179,26 +182,10 @@ class FreeFlight:
     def _set_air(self, i: int) -> None:
         """Compute the velocity of body i relative to the air, in body axes."""
         v, wind = self.v_n, self.wind_n
-        north, east, down = v[i, 0] - wind[i, 0], v[i, 1] - wind[i, 1], v[i, 2] - wind[i, 2]
-        for k in range(3):
-            self.air_b[i, k] = self._to_body(i, k, north, east, down)
-
-    def _to_body(self, i: int, k: int, north: float, east: float, down: float) -> float:
-        """Return element k of a NED vector that is rotated to the body axes (FRD) of body i."""
-        return self.r_nb[i, 0, k] * north + self.r_nb[i, 1, k] * east + self.r_nb[i, 2, k] * down
-
-    def _world_from_body(self, i: int, v: Triple) -> Triple:
-        return self._row_times(i, 0, v), self._row_times(i, 1, v), self._row_times(i, 2, v)
-
-    def _body_from_world(self, i: int, v: Triple) -> Triple:
-        return self._column_times(i, 0, v), self._column_times(i, 1, v), self._column_times(i, 2, v)
-
-    def _row_times(self, i: int, k: int, v: Triple) -> float:
-        """Return the product of row k of the rotation matrix of body i and a vector."""
-        return self._r_wf[i, k, 0] * v[0] + self._r_wf[i, k, 1] * v[1] + self._r_wf[i, k, 2] * v[2]
-
-    def _column_times(self, i: int, k: int, v: Triple) -> float:
-        return self._r_wf[i, 0, k] * v[0] + self._r_wf[i, 1, k] * v[1] + self._r_wf[i, 2, k] * v[2]
+        self.air_b[i, 0], self.air_b[i, 1], self.air_b[i, 2] = rotated_back(
+            matrix_of(self.r_nb, i),
+            (v[i, 0] - wind[i, 0], v[i, 1] - wind[i, 1], v[i, 2] - wind[i, 2]),
+        )
 
     def _set_matrix(self, i: int) -> None:
         """Compute the rotation matrix of body i from its quaternion."""
@@ -208,6 +195,40 @@ class FreeFlight:
         r[i, 0, 0], r[i, 0, 1], r[i, 0, 2] = 1.0 - (y * ys + z * zs), x * ys - w * zs, x * zs + w * ys
         r[i, 1, 0], r[i, 1, 1], r[i, 1, 2] = x * ys + w * zs, 1.0 - (x * xs + z * zs), y * zs - w * xs
         r[i, 2, 0], r[i, 2, 1], r[i, 2, 2] = x * zs - w * ys, y * zs + w * xs, 1.0 - (x * xs + y * ys)
+
+
+def matrix_of(matrices: Floats, i: int) -> Nine:
+    """Return the elements of matrix i, row after row. They are read once for several vectors. matrices: (V, 3, 3)"""
+    m = matrices
+    return (
+        m[i, 0, 0],
+        m[i, 0, 1],
+        m[i, 0, 2],
+        m[i, 1, 0],
+        m[i, 1, 1],
+        m[i, 1, 2],
+        m[i, 2, 0],
+        m[i, 2, 1],
+        m[i, 2, 2],
+    )
+
+
+def rotated(r: Nine, v: Triple) -> Triple:
+    """Return the product of a rotation matrix and a vector."""
+    return (
+        r[0] * v[0] + r[1] * v[1] + r[2] * v[2],
+        r[3] * v[0] + r[4] * v[1] + r[5] * v[2],
+        r[6] * v[0] + r[7] * v[1] + r[8] * v[2],
+    )
+
+
+def rotated_back(r: Nine, v: Triple) -> Triple:
+    """Return the product of the transpose of a rotation matrix and a vector."""
+    return (
+        r[0] * v[0] + r[3] * v[1] + r[6] * v[2],
+        r[1] * v[0] + r[4] * v[1] + r[7] * v[2],
+        r[2] * v[0] + r[5] * v[1] + r[8] * v[2],
+    )
 
 
 def cross(a: Triple, b: Triple) -> Triple:

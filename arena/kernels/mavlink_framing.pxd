@@ -26,5 +26,10 @@ cpdef bint may_contain(bytes data, unsigned char first, unsigned char second) ex
 @cython.locals(size=Py_ssize_t, head=bytes, body=bytes)
 cpdef bytes pack(bytes payload, long msgid, bytes seed, long seq, long sysid, long compid)
 
-@cython.locals(k=Py_ssize_t, part=long, crc=long)
+cdef unsigned short[:, ::1] _crcs
+
+@cython.locals(part=long)
+cdef long _next_crc(long crc, long byte) except -1
+
+@cython.locals(k=Py_ssize_t, first=long, second=long, crc=long)
 cpdef long crc_of_buffer(unsigned char[::1] data, Py_ssize_t begin, Py_ssize_t end) except -1

@@ -17,7 +17,7 @@ cdef class Strapdown:
     cdef readonly double[:, :, ::1] r_nb, ring_p, ring_q
     cdef void _turn(self, Py_ssize_t i) except *
     cdef double _mean_rate(self, Py_ssize_t i, Py_ssize_t axis) except? -1.0
-    cdef double _force_n(self, Py_ssize_t i, Py_ssize_t k) except? -1.0
+    cdef (double, double, double) _force_n(self, Py_ssize_t i)
     cdef void _set_attitude(self, Py_ssize_t i, (double, double, double, double) q) except *
     cdef void _move(self, Py_ssize_t i) except *
     @cython.locals(periods=double, part=double, whole=Py_ssize_t, size=Py_ssize_t, newer=Py_ssize_t, older=Py_ssize_t)

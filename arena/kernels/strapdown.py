@@ -76,14 +76,14 @@ class Strapdown:
             self.force_b[i, k] = accel - self.accel_bias[i, k]
         x, y, z = self._mean_rate(i, 0), self._mean_rate(i, 1), self._mean_rate(i, 2)
         turn = rotations.from_rotation_vector(x * self.dt, y * self.dt, z * self.dt)
-        for k in range(3):
-            self.a_n[i, k] = 0.5 * self._force_n(i, k)
-        q = self.q_nb
+        before, q = self._force_n(i), self.q_nb
         self._set_attitude(
             i, rotations.normalized(rotations.product((q[i, 0], q[i, 1], q[i, 2], q[i, 3]), turn))
         )
-        for k in range(3):
-            self.a_n[i, k] += 0.5 * self._force_n(i, k)
+        after = self._force_n(i)
+        self.a_n[i, 0] = 0.5 * before[0] + 0.5 * after[0]
+        self.a_n[i, 1] = 0.5 * before[1] + 0.5 * after[1]
+        self.a_n[i, 2] = 0.5 * before[2] + 0.5 * after[2]
 
     def _mean_rate(self, i: int, axis: int) -> float:
         """Return the mean body rate of the last period about one axis [rad/s].
@@ -94,10 +94,14 @@ class Strapdown:
         self.omega_b[i, axis] = after
         return 0.5 * (before + after)
 
-    def _force_n(self, i: int, k: int) -> float:
-        """Return one element of the specific force, rotated to NED by the present attitude [m/s2]."""
-        r, force = self.r_nb, self.force_b
-        return r[i, k, 0] * force[i, 0] + r[i, k, 1] * force[i, 1] + r[i, k, 2] * force[i, 2]
+    def _force_n(self, i: int) -> rotations.Vector:
+        """Return the specific force, rotated to NED by the present attitude [m/s2]."""
+        r, x, y, z = self.r_nb, self.force_b[i, 0], self.force_b[i, 1], self.force_b[i, 2]
+        return (
+            r[i, 0, 0] * x + r[i, 0, 1] * y + r[i, 0, 2] * z,
+            r[i, 1, 0] * x + r[i, 1, 1] * y + r[i, 1, 2] * z,
+            r[i, 2, 0] * x + r[i, 2, 1] * y + r[i, 2, 2] * z,
+        )
 
     def _set_attitude(self, i: int, q: rotations.Quaternion) -> None:
         self.q_nb[i, 0], self.q_nb[i, 1], self.q_nb[i, 2], self.q_nb[i, 3] = q

@@ -7,7 +7,9 @@ cdef double _NEVER, _CATCH_UP_S, _ROUNDING_S
 cdef class StreamSchedule:
     cdef readonly long[::1] ids
     cdef readonly double[:, ::1] interval_s, due_s
+    cdef readonly long[:, ::1] order
     cdef readonly double[::1] next_s
+    @cython.locals(place=Py_ssize_t)
     cpdef void set_interval(self, Py_ssize_t link, Py_ssize_t column, double interval_s, double first_s) except *
     cpdef bint is_due(self, Py_ssize_t link, double now) except -1
     @cython.locals(first=double)
@@ -15,7 +17,10 @@ cdef class StreamSchedule:
     @cython.locals(due=bint)
     cpdef bint is_column_due(self, Py_ssize_t column, double now) except -1
     cpdef bint is_stream_due(self, Py_ssize_t link, Py_ssize_t column, double now) except -1
-    @cython.locals(earliest=Py_ssize_t, column=Py_ssize_t)
-    cpdef Py_ssize_t first(self, Py_ssize_t link) except -1
+    @cython.locals(column=Py_ssize_t)
+    cpdef Py_ssize_t due_column(self, Py_ssize_t link, Py_ssize_t place, double now) except -2
     @cython.locals(due=list, column=Py_ssize_t, again=double)
     cpdef list take_due(self, Py_ssize_t link, double now)
+    @cython.locals(order="long[:, ::1]", column=Py_ssize_t)
+    cdef void _set_due(self, Py_ssize_t link, Py_ssize_t place, double due_s) except *
+    cdef bint _is_before(self, Py_ssize_t link, Py_ssize_t a, Py_ssize_t b) except -1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from arena.kernels.arrays import floats
+from arena.kernels.arrays import floats, new_integers
 
 if TYPE_CHECKING:
     from arena.kernels.arrays import Integers
@@ -22,6 +22,7 @@ class StreamSchedule:
     ids: message ids in ascending order; one column of the arrays for each (S,)
     interval_s: period of each stream [s], 0 for a message that is not streamed (L, S)
     due_s: time of the next message [s], infinite for a message that is not streamed (L, S)
+    order: columns of the messages of each link, the earliest first; of equal times the smaller id first (L, S)
     next_s: the earliest of these times of each link [s] (L,)
     """
 
@@ -29,6 +30,10 @@ class StreamSchedule:
         self.ids = ids
         self.interval_s = floats(links, len(ids))
         self.due_s, self.next_s = floats(links, len(ids), fill=_NEVER), floats(links, fill=_NEVER)
+        self.order = new_integers(links, len(ids))
+        for link in range(links):
+            for column in range(len(ids)):
+                self.order[link, column] = column
 
     def set_interval(self, link: int, column: int, interval_s: float, first_s: float) -> None:
         """Set the period of a message stream [s]; 0 stops the stream.
@@ -36,8 +41,10 @@ class StreamSchedule:
         first_s: time of the first message [s]
         """
         self.interval_s[link, column] = interval_s
-        self.due_s[link, column] = first_s if interval_s > 0.0 else _NEVER
-        self.next_s[link] = self.due_s[link, self.first(link)]
+        place = 0
+        while self.order[link, place] != column:
+            place += 1
+        self._set_due(link, place, first_s if interval_s > 0.0 else _NEVER)
 
     def is_due(self, link: int, now: float) -> bool:
         """Return whether any message of a link must be sent at `now` [s]."""
@@ -61,16 +68,15 @@ class StreamSchedule:
             due = due or self.is_stream_due(link, column, now)
         return due
 
-    def first(self, link: int) -> int:
-        """Return the column (index in `ids`) of the message that the link must send first.
+    def due_column(self, link: int, place: int, now: float) -> int:
+        """Return the column (index in `ids`) of a message that a link must send at `now` [s]; -1 if fewer are due.
 
-        Of two messages with equal times it is the one with the smaller id.
+        place: index of the message in the order of sending
         """
-        earliest = 0
-        for column in range(1, len(self.ids)):
-            if self.due_s[link, column] < self.due_s[link, earliest]:
-                earliest = column
-        return earliest
+        if place == len(self.ids):
+            return -1
+        column = self.order[link, place]
+        return column if self.is_stream_due(link, column, now) else -1
 
     def take_due(self, link: int, now: float) -> list[int]:
         """Return the columns (indices in `ids`) of the messages that are due at `now` [s], and set their next times.
@@ -78,11 +84,32 @@ class StreamSchedule:
         The earliest is first.
         """
         due = []
-        column = self.first(link)
-        while self.due_s[link, column] <= now + _ROUNDING_S:
+        column = self.due_column(link, 0, now)
+        while column >= 0:
             due.append(column)
             again = self.due_s[link, column] + self.interval_s[link, column]
-            self.due_s[link, column] = max(again, now - _CATCH_UP_S)
-            column = self.first(link)
-        self.next_s[link] = self.due_s[link, column]
+            self._set_due(link, 0, max(again, now - _CATCH_UP_S))
+            column = self.due_column(link, 0, now)
         return due
+
+    def _set_due(self, link: int, place: int, due_s: float) -> None:
+        """Set the time of the next message of a stream [s], and move the stream to its place in the order.
+
+        place: index of the stream in the order before the change
+        """
+        order, column = self.order, self.order[link, place]
+        self.due_s[link, column] = due_s
+        while place > 0 and self._is_before(link, column, order[link, place - 1]):
+            order[link, place] = order[link, place - 1]
+            place -= 1
+        while place + 1 < len(self.ids) and self._is_before(link, order[link, place + 1], column):
+            order[link, place] = order[link, place + 1]
+            place += 1
+        order[link, place] = column
+        self.next_s[link] = self.due_s[link, order[link, 0]]
+
+    def _is_before(self, link: int, a: int, b: int) -> bool:
+        """Return whether a link must send the message of column a before the message of column b."""
+        return self.due_s[link, a] < self.due_s[link, b] or (
+            self.due_s[link, a] == self.due_s[link, b] and a < b
+        )

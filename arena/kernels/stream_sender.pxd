@@ -18,7 +18,7 @@ cdef class StreamSender:
     @cython.locals(found=list, count=Py_ssize_t, datagram=bytes)
     cpdef list step(self, double now)
     cpdef bint has_content(self, Py_ssize_t i, Py_ssize_t column) except -1
-    @cython.locals(count=Py_ssize_t, schedule=StreamSchedule, rare=bint, row=Py_ssize_t)
+    @cython.locals(count=Py_ssize_t, schedule=StreamSchedule, row=Py_ssize_t, place=Py_ssize_t, column=Py_ssize_t)
     cdef bint _has_rare(self, Py_ssize_t i, double now) except -1
     @cython.locals(due=list, column=Py_ssize_t, first=long)
     cdef bytes _datagram(self, Py_ssize_t i, Py_ssize_t row, double now)

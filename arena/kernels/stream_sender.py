@@ -85,11 +85,12 @@ class StreamSender:
         """Return whether a due message of vehicle i must be built by Python code, because this kernel cannot build it."""
         count, schedule = len(self.links), self.schedule
         for row in range(i * count, (i + 1) * count):
-            if schedule.is_due(row, now):
-                for column in range(len(self.packed)):
-                    rare = not self.packed[column] and not self.silent[i, column]
-                    if rare and schedule.is_stream_due(row, column, now):
-                        return True
+            place, column = 0, schedule.due_column(row, 0, now)
+            while column >= 0:
+                if not self.packed[column] and not self.silent[i, column]:
+                    return True
+                place += 1
+                column = schedule.due_column(row, place, now)
         return False
 
     def _datagram(self, i: int, row: int, now: float) -> bytes:

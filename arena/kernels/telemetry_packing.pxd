@@ -12,7 +12,7 @@ cdef Py_ssize_t _HEADING_DEG, _THROTTLE, _HEIGHTS, _Q_SP, _OMEGA_SP, _THRUST, _S
 cdef Py_ssize_t _VOLTAGE, _CURRENT, _REMAINING, _INPUTS, _ARMED, _LAT0, _LON0, _ALT0, _HEADING, _HOME_D
 cdef Py_ssize_t _PRESENT, _HEALTH, _PRESENT_LOST, _HEALTH_LOST
 cdef Py_ssize_t _POSITION
-cdef Py_ssize_t _ESC_COUNTER, _ESC_FIRST, _ESC_COUNT, _ESC_ONLINE, _ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT, _ESCS
+cdef Py_ssize_t _ESC_COUNTER, _ESC_FIRST, _ESC_COUNT, _ESC_ONLINE, _ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT, _ESCS, _HEAD
 cdef double _DEG, _NAN, _FULL_SPEED_RPM
 
 cpdef (double, double) global_position(double north, double east, double heading, double lat0, double lon0, double earth_m)
@@ -37,7 +37,7 @@ cdef class TelemetryPacking:
     cdef long _parts(self, Py_ssize_t i, PayloadWriter writer) except -1
     @cython.locals(count=double, total=double, amperes=double, command=double, exists=bint, k=Py_ssize_t)
     cdef void _compute_escs(self, Py_ssize_t i, Py_ssize_t first) except *
-    @cython.locals(part=Py_ssize_t, number=long, writer=PayloadWriter, size=Py_ssize_t, end=Py_ssize_t, k=Py_ssize_t)
+    @cython.locals(part=Py_ssize_t, number=long, writer=PayloadWriter, size=Py_ssize_t, end=Py_ssize_t)
     cpdef bytes pack(self, Py_ssize_t i, list message_ids, long seq, long sysid, long compid)
     @cython.locals(k=Py_ssize_t)
     cdef void _compute(self, Py_ssize_t i) except *

@@ -68,6 +68,7 @@ _HEALTH, _HEALTH_LOST = COLUMNS["health"], COLUMNS["health_lost"]
 _ESC_COUNTER, _ESC_FIRST = COLUMNS["esc_counter"], COLUMNS["esc_first"]
 _ESC_COUNT, _ESC_ONLINE = COLUMNS["esc_count"], COLUMNS["esc_online"]
 _ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT = COLUMNS["esc_rpm"], COLUMNS["esc_voltage"], COLUMNS["esc_current"]
+_HEAD = payload_writer.HEAD
 _ESCS = 4  # in one message
 _FULL_SPEED_RPM = 6000.0  # at motor command 1; PX4 SITL reports the same, because no rotor speed is simulated
 _POSITION = 3  # level of a setpoint, as in `cascade`
@@ -213,8 +214,7 @@ class TelemetryPacking:
                 if writer.by_escs:
                     self._compute_escs(i, part * _ESCS)
                 size = writer.write(self.values, seq, sysid, compid)
-                for k in range(size):
-                    self._datagram[end + k] = writer.frame[payload_writer.HEAD + k]
+                self._datagram[end : end + size] = writer.frame[_HEAD : _HEAD + size]
                 end += size
                 seq = (seq + 1) % 256
         return self._bytes[:end].tobytes()

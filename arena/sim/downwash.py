@@ -26,7 +26,7 @@ Not modelled: the delay of the wind, its turbulence, its unequal effect on the r
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,12 +60,12 @@ class Downwash:
         self._rotors_out2: Array = np.array([(each**2).sum(1).mean() for each in places])
         self.acts = len(profiles) > 1 and bool(self._speed_per_root.any())
 
-    def wind(self, p_n: Array, axis_n: Array, thrust: Array) -> Array:
+    def wind(self, p_n: Array, axis_n: Array, thrust: Callable[[], Array]) -> Array:
         """Return the wind at each vehicle from the rotors of the other vehicles [m/s] [NED] (V, 3).
 
         p_n: position of the body origins [m] [NED] (V, 3)
         axis_n: direction of the body's z axis [-] [NED] (V, 3)
-        thrust: thrust of each vehicle [N] (V,)
+        thrust: function that returns the thrust of each vehicle [N] (V,). It is called only if a jet reaches a vehicle
         """
         along = axis_n @ p_n.T  # (upper, lower)
         along -= along.diagonal()[:, None].copy()
@@ -73,13 +73,16 @@ class Downwash:
         apart2 = square[:, None] + square - 2.0 * (p_n @ p_n.T)
         aside2 = np.maximum(apart2 - along * along, 0.0) + self._rotors_out2
         half = _SPREAD * (along + (_ORIGIN * self._length)[:, None])
-        upper, lower = ((along > 0.0) & (aside2 < (_END * half) ** 2)).nonzero()
+        reached = (along > 0.0) & (aside2 < (_END * half) ** 2)
         wind_n = np.zeros_like(p_n)
-        if upper.size == 0:
+        if not reached.any():
             return wind_n
+        upper, lower = reached.nonzero()
         s, length = along[upper, lower], self._length[upper]
         shape = 1.0 / (1.0 + _SHAPE * aside2[upper, lower] / half[upper, lower] ** 2) ** 2 - _TAIL
-        speed = self._speed_per_root[upper] * np.sqrt(np.maximum(thrust[upper], 0.0)) / (s / length + _ORIGIN)
+        speed = (
+            self._speed_per_root[upper] * np.sqrt(np.maximum(thrust()[upper], 0.0)) / (s / length + _ORIGIN)
+        )
         speed *= shape * np.minimum(s / self._radius[upper], 1.0)
         np.add.at(wind_n, lower, speed[:, None] * axis_n[upper])
         return wind_n

@@ -444,3 +444,14 @@ def test_wrong_row_of_a_compiled_kernel_is_an_index_error() -> None:
     law.read_setpoints_from(short, short, short, modules["control_allocation"].floats(2))
     with pytest.raises(IndexError):
         law.step()
+
+
+@needs_compiled
+def test_array_that_is_not_set_is_an_index_error() -> None:
+    """A compiled kernel does not check whether an array is set: the check of the index finds it."""
+    store = compiled_modules("offboard_setpoints")["offboard_setpoints"].OffboardSetpoints(
+        memoryview(np.zeros((2, 4)))
+    )
+    store.level[0] = 3
+    with pytest.raises(IndexError):
+        store.copy(0)

@@ -55,7 +55,7 @@ def jets(**changes: Any) -> Downwash:
 def blown(p_n: Any, thrust: float = WEIGHT, axis: Any = (0.0, 0.0, 1.0), **changes: Any) -> Any:
     """Return the wind at a vehicle at p_n, below one at the origin (3,)."""
     places = np.array([[0.0, 0.0, 0.0], p_n])
-    return jets(**changes).wind(places, np.array([axis, (0.0, 0.0, 1.0)]), np.array([thrust, 0.0]))[1]
+    return jets(**changes).wind(places, np.array([axis, (0.0, 0.0, 1.0)]), lambda: np.array([thrust, 0.0]))[1]
 
 
 def test_downwash_on_the_axis_is_the_papers_jet() -> None:
@@ -78,7 +78,9 @@ def test_the_jet_keeps_the_momentum_of_the_thrust() -> None:
         speed = np.array(
             [
                 model.wind(
-                    np.array([[0, 0, 0], [x, 0, below]]), np.repeat(DOWN, 2, 0), np.array([WEIGHT, 0.0])
+                    np.array([[0, 0, 0], [x, 0, below]]),
+                    np.repeat(DOWN, 2, 0),
+                    lambda: np.array([WEIGHT, 0.0]),
                 )[1, 2]
                 for x in r
             ]

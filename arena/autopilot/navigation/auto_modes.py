@@ -55,10 +55,10 @@ class AutoModes:
         s.global_ok = v.origin is not None and s.xy_valid and s.z_valid
         s.home_ok = v.origin is not None and v.home_n is not None
         checked = self._checked[v.row]
-        home = tuple(v.home_n) if v.home_n else None
+        home = v.home_n
         key = (v.missions.version, v.origin, home, self.params.version)
         if key != checked.key:
-            self._check_lists(v, s, checked, home if home is None else (home[0], home[1], home[2]))
+            self._check_lists(v, s, checked, (home[0], home[1], home[2]) if home else None)
             checked.key = key
         s.mission_ok = v.missions.valid
         has_fence = checked.fence.home_n is not None or checked.fence.areas
