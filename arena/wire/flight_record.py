@@ -112,6 +112,11 @@ class MessageSchema:
     encoding: str
     text: str
 
+    @property
+    def data(self) -> bytes:
+        """Definition of the message as bytes."""
+        return self.text.encode()
+
 
 DATAGRAM = MessageSchema(name="mavlink.Datagram", encoding="", text="")
 TRUE_STATE = MessageSchema(
