@@ -73,6 +73,7 @@ class FlightRecorder:
         self._process = process
         self._vehicles = [_recorded(v) for v in settings["vehicles"]]
         self._watches = {v.name: VehicleWatch(v.id) for v in self._vehicles}
+        self._count = {name: watch.datagrams.count for name, watch in self._watches.items()}
         self._pose_counters = {
             v.body: self._watches[v.name].poses for v in self._vehicles if v.body is not None
         }
@@ -112,7 +113,7 @@ class FlightRecorder:
         time_s: time of reception by the run's clock [s].
         """
         self._has_received = True
-        if self._watches[vehicle].on_datagram(up, data, time_s):
+        if self._count[vehicle](up, data, time_s) and self._watches[vehicle].on_status(data):
             self._report_airborne(vehicle)
         self._left_out += self.behind
         for channels in self._channels[:1] if self.behind else self._channels:
