@@ -31,7 +31,7 @@ RAW = """
 from arena.recorder.__main__ import main
 from arena.recorder.channels import RawChannels
 from arena.recorder.flight_recorder import FlightRecorder
-FlightRecorder.__init__.__defaults__ = (lambda settings, vehicles, context: [RawChannels(vehicles, context)],)
+FlightRecorder.__init__.__defaults__ = (lambda settings, vehicles, channel: [RawChannels(vehicles, channel)],)
 raise SystemExit(main())
 """
 

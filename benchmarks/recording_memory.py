@@ -109,7 +109,7 @@ def run(vehicles: int, minutes: float, raw: bool) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder, process = Path(temporary), psutil.Process()
         configured = settings(vehicles, folder)
-        make = (lambda _, recorded, context: [RawChannels(recorded, context)]) if raw else make_channels
+        make = (lambda _, recorded, channel: [RawChannels(recorded, channel)]) if raw else make_channels
         recorder = FlightRecorder(ProcessContext("recorder", configured, None), 0.0, make, own_events=False)
         sent, printed_s, at_s = round(60.0 * minutes * vehicles * 175), -1.0, 0.0
         began, cpu = time.monotonic(), process.cpu_times()

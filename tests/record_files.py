@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from foxglove import Context
-
 from arena.recorder.channels import RawChannels, Recorded
 from arena.recorder.mcap_file import FLUSHES_PER_CHUNK, McapFile
 from arena.wire.flight_record import METADATA, SIMULATION_CLOCK, RecordedVehicle, pack_metadata
@@ -29,7 +27,6 @@ class RecordFile:
         clock: str = SIMULATION_CLOCK,
         max_waiting_bytes: int = 1 << 24,
     ) -> None:
-        context = Context()
         metadata = pack_metadata(
             name="lab",
             clock=clock,
@@ -38,7 +35,7 @@ class RecordFile:
             size_m=(8.0, 6.0, 3.0),
             vehicles=vehicles,
         )
-        self.file = McapFile(path, METADATA, metadata, context, max_waiting_bytes=max_waiting_bytes)
+        self.file = McapFile(path, METADATA, metadata, max_waiting_bytes=max_waiting_bytes)
         simulated = [v.name for v in vehicles if v.simulated]
         recorded = [
             Recorded(
@@ -46,7 +43,7 @@ class RecordFile:
             )
             for v in vehicles
         ]
-        self.channels = RawChannels(recorded, context)
+        self.channels = RawChannels(recorded, self.file.channel)
 
     def end_chunk(self) -> None:
         """End the chunk of the file."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import io
 import math
 from collections import defaultdict
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from foxglove import Context, open_mcap
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoder
 from mcap_ros2.decoder import DecoderFactory as Ros2Decoder
@@ -16,9 +16,12 @@ from pymavlink.dialects.v20 import common as mavlink
 from recorded_flights import OFFBOARD, stream
 
 from arena.geometry import quat_from_euler
+from arena.kernels.mcap_messages import MessageBuffer, MessageChannel
 from arena.mocap.client import CapturedFrame, Pose
 from arena.obstacles import Obstacle
 from arena.recorder.foxglove_channels import FoxgloveChannels, ViewedVehicle
+from arena.recorder.mcap_file import Log
+from arena.recorder.mcap_records import Definitions, IndexedFile, SchemaData
 from arena.recorder.viewer_scene import VehicleShape
 from arena.wire.truth_page import Truth
 
@@ -48,18 +51,22 @@ class ViewerRecord:
     """Channels for viewers that are recorded in memory. time_s, in `messages`: log time [s]."""
 
     def __init__(self, *vehicles: ViewedVehicle) -> None:
-        self.context = Context()
-        self._file = io.BytesIO()
-        self._writer = open_mcap(self._file, context=self.context)
+        self._definitions = Definitions()
+        self._buffer = MessageBuffer(self._definitions.define)
+        self._made: list[MessageChannel] = []
         self.channels = FoxgloveChannels(
-            vehicles or (UAV1,), self.context, size_m=SIZE_M, fence=FENCE, obstacles=OBSTACLES
+            vehicles or (UAV1,), self._channel, size_m=SIZE_M, fence=FENCE, obstacles=OBSTACLES
         )
 
-    @property
+    def _channel(self, topic: str, encoding: str, schema: SchemaData) -> Log:
+        self._made.append(MessageChannel(self._buffer, self._definitions.add(topic, encoding, schema)))
+        return self._made[-1].log
+
+    @cached_property
     def data(self) -> bytes:
-        """Return the MCAP file. No message can be recorded after this call."""
-        self._writer.close()
-        return self._file.getvalue()
+        """Return the MCAP file. Messages that are recorded after the first call are not in it."""
+        file = IndexedFile(self._definitions)
+        return file.begin("test", {}) + file.chunk(*self._buffer.take()) + file.end(self._made)
 
     def messages(self) -> dict[str, list[tuple[float, Any]]]:
         """Return (time_s, decoded message) of each message, by topic."""

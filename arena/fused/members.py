@@ -96,6 +96,8 @@ class Members:
         self._router.record = self._on_copy
         mocap = self._contexts["mocap"]
         self._clock, self._joined = clock, 0
+        self._served: list[_Forwarder] = []
+        self._next_tick = 0.0
         self._frames = FrameConverter(mocap.settings["bodies"])
         self._mocap = EmulatorShell(mocap, self._time.now(), self._on_frame)
         self._watch = watch
@@ -142,8 +144,9 @@ class Members:
                 self._router.from_vehicle(vehicle, data, now, link)
             elif link == "panic":
                 self._panic.send((message,))
-            elif vehicle in self._forwarders:
-                self._forwarders[vehicle].receive(data)
+            elif (forwarder := self._forwarders.get(vehicle)) is not None:
+                forwarder.receive(data)
+                self._served.append(forwarder)
         self._step(now)
 
     def _step(self, now: float) -> None:
@@ -155,8 +158,12 @@ class Members:
         while self._mocap.due <= now + _EARLY_S:
             self._mocap.advance(now, requests=self._watch.has_data(self._mocap.fileno()))
         frames = self._capture.poll(now)
-        for forwarder in self._forwarders.values():
-            forwarder.step(frames, now)
+        due = now >= self._next_tick
+        if due:
+            self._next_tick = now + TICK_S
+        for forwarder in self._forwarders.values() if frames or due else self._served:
+            forwarder.step(frames, now, due)
+        self._served.clear()
         if self._sensors is not None:
             self._sensors.step(now)
         self._router.step(now, faults=self._watch.has_data(self._router.faults.fileno()))
@@ -219,25 +226,26 @@ class _Forwarder:
         self._link = None if inbox is None else VisionLink(vehicle, inbox, remote)
         self._context = context
         self._shell = ForwarderShell(context, time, capture, self._link, wall=time.now())
-        self._next_tick, self._began = 0.0, wall_time.monotonic()
+        self._began = wall_time.monotonic()
 
     def receive(self, data: bytes) -> None:
         """Store a datagram from the built-in autopilot until `step` reads it."""
         if self._link is not None:
             self._link.waiting.append(data)
 
-    def step(self, frames: Sequence[CapturedFrame], now: float) -> None:
+    def step(self, frames: Sequence[CapturedFrame], now: float, due: bool) -> None:
         """Run the pose forwarder for one simulation step: send new poses, and read the autopilot's messages.
 
+        Without frames, stored datagrams and `due`, this does nothing.
+
         frames: motion-capture frames of this step, oldest first.  now: simulation time [s].
+        due: also send the messages that do not depend on poses, and report to the supervisor.
         """
-        due = now >= self._next_tick
         if frames:
             self._shell.forward(frames, now)
         if (frames or due) if self._link is None else self._link.waiting:
             self._shell.read_link(now)
         if due:
-            self._next_tick = now + TICK_S
             self._shell.tick(now, now)
             if self._link is None and not self._context.is_ready:
                 self._limit_wait()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from arena.mocap.client import CapturedFrame
@@ -76,16 +76,15 @@ class RecorderLink:
         """Return the file descriptor of the socket on which user programs send their references (wanted states)."""
         return self._copies.fileno()
 
-    def receive(self, references: bool = True) -> Iterator[tuple[str, bool, bytes]]:
-        """Yield (vehicle, up, data) for each datagram to record. up: True for a datagram to the vehicle.
+    def receive(self, references: bool = True) -> Sequence[tuple[str, bool, bytes]]:
+        """Return (vehicle, up, data) of each datagram to record. up: True for a datagram to the vehicle.
 
         The datagrams that the router has copied come first. references: read the socket, too
         """
         waiting, self._waiting = self._waiting, []
-        yield from waiting
         if references:
-            for vehicle, up, data, _ in self._copies.receive():
-                yield vehicle, up, data
+            waiting += [(vehicle, up, data) for vehicle, up, data, _ in self._copies.receive()]
+        return waiting
 
     def close(self) -> None:
         self._copies.close()

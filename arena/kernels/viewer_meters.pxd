@@ -2,6 +2,8 @@
 cimport cython
 from libc cimport math
 
+from arena.kernels.mavlink_framing cimport may_contain
+
 cdef double _NAN, _INFINITY, _EARLY_S, _PATH_PERIOD_S, _MIN_STEP_M, _LONGEST_NS
 cdef long _SEQUENCES, _MAX_JUMP
 
@@ -26,6 +28,12 @@ cdef class TrafficMeter:
     @cython.locals(missing=long)
     cpdef void sequence(self, long first, long last) except *
     cpdef list take(self, double period_s)
+
+cdef class DatagramCounter:
+    cdef (long, long) _messages
+    cdef readonly long down, up
+    cdef readonly double first_s
+    cpdef bint count(self, bint up, bytes data, double time_s) except -1
 
 cdef class GapMeter:
     cdef readonly double newest_s

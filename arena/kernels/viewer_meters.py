@@ -6,6 +6,8 @@ import math
 from math import dist
 from typing import TYPE_CHECKING
 
+from arena.kernels.mavlink_framing import may_contain
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from typing import Any
@@ -129,6 +131,33 @@ class TrafficMeter:
         counts = [self._down, self._up, self._down_bytes, self._up_bytes, self._lost]
         self._down = self._up = self._down_bytes = self._up_bytes = self._lost = 0
         return [count / period_s for count in counts]
+
+
+class DatagramCounter:
+    """Counter of one vehicle's datagrams that finds those with the state of the autopilot.
+
+    down, up: number of datagrams from the vehicle and of datagrams to it.
+    first_s: time of the first datagram from the vehicle [s], NaN before it.
+    """
+
+    def __init__(self, first: int, second: int) -> None:
+        """Create the counter. first, second: message ids below 256 to find in datagrams from the vehicle."""
+        self._messages = (first, second)
+        self.down = self.up = 0
+        self.first_s = _NAN
+
+    def count(self, up: bool, data: bytes, time_s: float) -> bool:
+        """Count a datagram. Return whether it is from the vehicle and may contain one of the two messages.
+
+        up: it was sent to the vehicle.  time_s: time of reception [s].
+        """
+        if up:
+            self.up += 1
+            return False
+        if self.down == 0:
+            self.first_s = time_s
+        self.down += 1
+        return may_contain(data, self._messages[0], self._messages[1])
 
 
 class GapMeter:

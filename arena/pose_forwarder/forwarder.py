@@ -26,7 +26,7 @@ from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT
 from arena.wire.mavlink_ids import FORWARDER_COMPONENT
 from arena.wire.mavlink_layout import decoder
-from arena.wire.mavlink_records import ODOMETRY, OdometryPacker
+from arena.wire.mavlink_records import odometry_frames
 from arena.wire.px4_mode import mode_words
 
 _NAN = math.nan
@@ -90,7 +90,7 @@ class Forwarder:
         self._covariance = [0.0] * 21
         for place, variance in zip(_DIAGONAL, (var_p,) * 3 + (var_a,) * 3, strict=True):
             self._covariance[place] = variance
-        self._odometry_packer = OdometryPacker(self._covariance)
+        self._odometry = odometry_frames(self._covariance, self.system, FORWARDER_COMPONENT)
         self._codec = Codec(self.system, FORWARDER_COMPONENT)
         self.autopilot = Autopilot()
         self.counts: Counter[str] = Counter()
@@ -143,11 +143,8 @@ class Forwarder:
             self.counts["held for the origin"] += 1
             return None
         self.poses, self.last_pose = self.poses + 1, now
-        return self._odometry(best, now)
-
-    def _odometry(self, pose: Pose, now: float) -> bytes:
-        payload = self._odometry_packer.payload(int(now * 1e6), pose.p_n, pose.q_nb, self._selection.resets)
-        return self._codec.frame(ODOMETRY, payload)
+        sequence = self._codec.take_sequence(1)
+        return self._odometry.frame(sequence, int(now * 1e6), best.p_n, best.q_nb, self._selection.resets)
 
     # -- the autopilot -------------------------------------------------------------------------------------------------
 

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from arena.kernels.viewer_meters import nanoseconds
 from arena.mocap.client import CapturedFrame
+from arena.recorder.mcap_file import MakeChannel
 from arena.wire.flight_record import (
     CAPTURED_FRAME,
     CDR_ENCODING,
@@ -21,7 +22,6 @@ from arena.wire.flight_record import (
     JSON_ENCODING,
     MAVLINK_ENCODING,
     TRUE_STATE,
-    MessageSchema,
     down_topic,
     pack_frame,
     pack_true_state,
@@ -29,9 +29,6 @@ from arena.wire.flight_record import (
     up_topic,
 )
 from arena.wire.truth_rows import TrueStates, as_lists
-
-if TYPE_CHECKING:
-    from foxglove import Context
 
 
 class RecordChannels(Protocol):
@@ -84,29 +81,24 @@ class Recorded:
     index: int | None
 
 
-class _Channel(Protocol):
-    def log(self, msg: bytes, log_time: int | None = None) -> None: ...
-
-
 class RawChannels:
     """Channels that store all received data unchanged. `arena.flight_log.recording` reads them.
 
-    vehicles: vehicles of the arena.  context: foxglove's context, to which files and WebSocket servers are connected.
+    vehicles: vehicles of the arena.  channel: creates a channel in the record.
     """
 
-    def __init__(self, vehicles: Sequence[Recorded], context: Context) -> None:
-        self._context = context  # foxglove closes the channels of a context that Python deletes
+    def __init__(self, vehicles: Sequence[Recorded], channel: MakeChannel) -> None:
         names = [v.name for v in vehicles]
-        down = {name: _channel(context, down_topic(name), MAVLINK_ENCODING, DATAGRAM).log for name in names}
-        up = {name: _channel(context, up_topic(name), MAVLINK_ENCODING, DATAGRAM).log for name in names}
+        down = {name: channel(down_topic(name), MAVLINK_ENCODING, DATAGRAM) for name in names}
+        up = {name: channel(up_topic(name), MAVLINK_ENCODING, DATAGRAM) for name in names}
         self._datagrams = down, up
         self._truth = [
-            (v.index, _channel(context, truth_topic(v.name), CDR_ENCODING, TRUE_STATE).log)
+            (v.index, channel(truth_topic(v.name), CDR_ENCODING, TRUE_STATE))
             for v in vehicles
             if v.index is not None
         ]
-        self._frames = _channel(context, FRAMES_TOPIC, CDR_ENCODING, CAPTURED_FRAME)
-        self._events = _channel(context, EVENTS_TOPIC, JSON_ENCODING, EVENT)
+        self._log_frame = channel(FRAMES_TOPIC, CDR_ENCODING, CAPTURED_FRAME)
+        self._log_event = channel(EVENTS_TOPIC, JSON_ENCODING, EVENT)
 
     def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
         self._datagrams[up][vehicle](data, nanoseconds(time_s))
@@ -114,7 +106,7 @@ class RawChannels:
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
         sent_s = float("nan") if frame.sent_s is None else frame.sent_s
         data = pack_frame(frame.number, frame.time_s, sent_s, simulated, frame.poses, frame.untracked)
-        self._frames.log(data, log_time=nanoseconds(time_s))
+        self._log_frame(data, nanoseconds(time_s))
 
     def on_truth(self, truth: TrueStates, time_s: float) -> None:
         log_time = nanoseconds(time_s)
@@ -124,12 +116,4 @@ class RawChannels:
             log(pack_true_state(p_n[index], v_n[index], q_nb[index], omega_b[index]), log_time)
 
     def on_event(self, line: bytes, fields: Mapping[str, Any], time_s: float) -> None:
-        self._events.log(line, log_time=nanoseconds(time_s))
-
-
-def _channel(context: Context, topic: str, encoding: str, schema: MessageSchema) -> _Channel:
-    from foxglove import Channel, Schema
-
-    described = Schema(name=schema.name, encoding=schema.encoding, data=schema.text.encode())
-    # `Channel.log` converts other types to bytes, and needs twice the time of `BaseChannel.log`, which takes bytes.
-    return Channel(topic, message_encoding=encoding, schema=described, context=context).base
+        self._log_event(line, nanoseconds(time_s))

@@ -19,7 +19,8 @@ from arena.process_context import ProcessContext
 from arena.recorder.channel_sets import make_channels
 from arena.recorder.channels import RawChannels, RecordChannels, Recorded
 from arena.recorder.event_tail import EventTail
-from arena.recorder.mcap_file import McapFile
+from arena.recorder.mcap_file import Log, MakeChannel, McapFile
+from arena.recorder.mcap_records import SchemaData
 from arena.recorder.run_clock import RunClock
 from arena.recorder.vehicle_watch import VehicleWatch
 from arena.wire.flight_record import (
@@ -33,8 +34,6 @@ from arena.wire.flight_record import (
 from arena.wire.truth_rows import TrueStates
 
 if TYPE_CHECKING:
-    from foxglove import Context
-
     from arena.recorder.foxglove_server import FoxgloveServer
 
 FLUSH_PERIOD_S = 0.5
@@ -45,7 +44,7 @@ SILENT_S = 60.0
 # Both clocks are read this often, and so many readings are kept: an event is read from the disk up to 1.5 s after its time.
 _CLOCK_PERIOD_S = 0.02
 _CLOCK_READINGS = 128
-MakeChannels = Callable[[Mapping[str, Any], Sequence[Recorded], "Context"], Sequence[RecordChannels]]
+MakeChannels = Callable[[Mapping[str, Any], Sequence[Recorded], MakeChannel], Sequence[RecordChannels]]
 
 
 class FlightRecorder:
@@ -55,7 +54,7 @@ class FlightRecorder:
 
     now_s: present time of the run's clock [s].
     own_events: record the events of the run, from its events.jsonl. A replay records those of the recorded flight instead.
-    make: makes the channels from the configuration, the vehicles and foxglove's context.
+    make: makes the channels from the configuration, the vehicles, and a function that creates a channel in the record.
     lost: number of datagrams that the kernel has discarded because the recorder was late.  unknown: number of datagrams of unknown
         senders.  behind: the recorder gets too little CPU time: only the first channels, the raw ones, get datagrams. The owner of
         the socket sets all three.
@@ -70,26 +69,24 @@ class FlightRecorder:
         *,
         own_events: bool = True,
     ) -> None:
-        from foxglove import Context
-
         settings = process.settings
         self._process = process
         self._vehicles = [_recorded(v) for v in settings["vehicles"]]
         self._watches = {v.name: VehicleWatch(v.id) for v in self._vehicles}
+        self._count = {name: watch.datagrams.count for name, watch in self._watches.items()}
         self._pose_counters = {
             v.body: self._watches[v.name].poses for v in self._vehicles if v.body is not None
         }
-        self._context = Context()
         folder = Path(settings["folder"])
-        self._file = McapFile(folder / FILE_NAME, METADATA, _metadata(settings, now_s), self._context)
-        self._channels = list(make(settings, self._vehicles, self._context))
+        self._file = McapFile(folder / FILE_NAME, METADATA, _metadata(settings, now_s))
+        self._server = self._open_viewers(folder)
+        self._channels = list(make(settings, self._vehicles, self._channel))
         self._events = EventTail(folder / "events.jsonl") if own_events else None
         self._clock = RunClock(now_s, time.monotonic(), _CLOCK_READINGS)
         self._last_event_s = -math.inf
         self._has_received, self._received_s, self._ticked_s = False, math.inf, 0.0
         self._next_reading = self._next_flush = self._next_report = 0.0
         self._failure = ""
-        self._server = self._open_viewers(folder)
         self.lost = self.unknown = self._left_out = 0
         self.behind = False
 
@@ -116,7 +113,7 @@ class FlightRecorder:
         time_s: time of reception by the run's clock [s].
         """
         self._has_received = True
-        if self._watches[vehicle].on_datagram(up, data, time_s):
+        if self._count[vehicle](up, data, time_s) and self._watches[vehicle].on_status(data):
             self._report_airborne(vehicle)
         self._left_out += self.behind
         for channels in self._channels[:1] if self.behind else self._channels:
@@ -216,10 +213,15 @@ class FlightRecorder:
 
         with suppress(OSError):
             write_layouts(self._process.settings, folder)
-        server = open_server(self._process.settings, self._context)
+        server = open_server(self._process.settings)
         if server is not None:
             self._process.event(server.failure or f"live view for Foxglove at {server.url}")
         return server
+
+    def _channel(self, topic: str, encoding: str, schema: SchemaData) -> Log:
+        """Create a channel in the record, which viewers also receive during the flight."""
+        log = self._file.channel(topic, encoding, schema)
+        return log if self._server is None else self._server.channel(topic, encoding, schema, log)
 
     def _record_events(self, lines: Sequence[bytes]) -> None:
         for line in lines:

@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from foxglove import Context
 from foxglove.messages import Log
 
 from arena.kernels.viewer_meters import GapMeter, Period, Throttle, count_poses, nanoseconds
 from arena.mocap.client import CapturedFrame
 from arena.obstacles import Obstacle
+from arena.recorder.mcap_file import MakeChannel
 from arena.recorder.viewer_log import fault_of_event, log_of_event
 from arena.recorder.viewer_output import Output
 from arena.recorder.viewer_scene import Box, VehicleShape, room_scene
@@ -49,7 +49,7 @@ class FoxgloveChannels:
 
     The methods are those of `RecordChannels`.
 
-    vehicles: vehicles of the arena.  context: foxglove's context, to which files and WebSocket servers are connected.
+    vehicles: vehicles of the arena.  channel: creates a channel in the record.
     size_m: size of the room, north, east, height [m].
     fence: smallest and largest north, east and height of the geofence [m]; None without a geofence.
     obstacles: fixed bodies in the room.
@@ -58,18 +58,17 @@ class FoxgloveChannels:
     def __init__(
         self,
         vehicles: Sequence[ViewedVehicle],
-        context: Context,
+        channel: MakeChannel,
         *,
         size_m: Sequence[float],
         fence: Box | None = None,
         obstacles: Sequence[Obstacle] = (),
     ) -> None:
-        self._context = context  # foxglove closes the channels of a context that Python deletes
         self._size_m, self._fence, self._obstacles = size_m, fence, obstacles
-        self._out = {content: Output(context, content) for content in ARENA_TOPICS}
+        self._out = {content: Output(channel, content) for content in ARENA_TOPICS}
         self._vehicles = {
             v.name: VehicleChannels(
-                context, v.name, v.id, v.shape, self._out[Content.TRANSFORMS], self._send_log
+                channel, v.name, v.id, v.shape, self._out[Content.TRANSFORMS], self._send_log
             )
             for v in vehicles
         }
@@ -123,7 +122,7 @@ class FoxgloveChannels:
             self._out[Content.FAULTS].send(pack_fault(*fault), time_s)
 
     def _send_log(self, log: Log, time_s: float) -> None:
-        self._out[Content.LOG].send(log, time_s)
+        self._out[Content.LOG].send(log.encode(), time_s)
 
     def _send_periodic(self, time_s: float) -> None:
         """Publish the periodic messages, such as rates and the 3D scene, at the begin of a period.
@@ -148,6 +147,6 @@ class FoxgloveChannels:
     def _send_scene(self, time_s: float) -> None:
         self._next_scene_s = time_s + SCENE_PERIOD_S
         room = room_scene(self._size_m, self._fence, time_s, self._obstacles)
-        self._out[Content.SCENE].send(room, time_s)
+        self._out[Content.SCENE].send(room.encode(), time_s)
         for vehicle in self._vehicles.values():
             vehicle.send_model(time_s)

@@ -9,8 +9,10 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
+from arena.recorder.mcap_file import Log
+from arena.recorder.mcap_records import SchemaData
+
 if TYPE_CHECKING:
-    from foxglove import Context
     from foxglove.websocket import WebSocketServer
 
 BACKLOG_MESSAGES = 1024
@@ -22,20 +24,18 @@ class FoxgloveServer:
 
     failure: the reason why the server could not start, else an empty text.
 
-    `failure`: why it could not start, else "".
-    context: the context whose channels are sent.  address, port: where clients connect.  name: name of the arena, shown by clients.
+    address, port: where clients connect.  name: name of the arena, shown by clients.
     simulation_clock: log times are simulation time, so that clients show this time instead of their own.
     """
 
-    def __init__(
-        self, context: Context, address: str, port: int, name: str, *, simulation_clock: bool
-    ) -> None:
-        from foxglove import start_server
+    def __init__(self, address: str, port: int, name: str, *, simulation_clock: bool) -> None:
+        from foxglove import Context, start_server
         from foxglove.websocket import Capability
 
         # foxglove-sdk logs an error for each message that waits for a client which has disconnected.
         logging.getLogger("foxglove").setLevel(logging.CRITICAL)
         self.failure = ""
+        self._context = Context()  # foxglove closes the channels of a context that Python deletes
         self.address = address
         self._server: WebSocketServer | None = None
         self._sends_time, self._next_time_s = simulation_clock, float("-inf")
@@ -44,7 +44,7 @@ class FoxgloveServer:
                 name=name,
                 host=address,
                 port=port,
-                context=context,
+                context=self._context,
                 capabilities=[Capability.Time] if simulation_clock else [],
                 message_backlog_size=BACKLOG_MESSAGES,
             )
@@ -60,6 +60,20 @@ class FoxgloveServer:
     def url(self) -> str:
         """WebSocket URL to which a viewer connects."""
         return f"ws://{self.address}:{self.port}"
+
+    def channel(self, topic: str, encoding: str, schema: SchemaData, log: Log) -> Log:
+        """Create a channel for viewers. Return a function that sends a message to viewers, and passes it to `log`."""
+        from foxglove import Channel, Schema
+
+        described = Schema(name=schema.name, encoding=schema.encoding, data=schema.data)
+        # `Channel.log` converts other types to bytes, and needs twice the time of `BaseChannel.log`, which takes bytes.
+        send = Channel(topic, message_encoding=encoding, schema=described, context=self._context).base.log
+
+        def log_both(data: bytes, log_time: int) -> None:
+            log(data, log_time)
+            send(data, log_time)
+
+        return log_both
 
     def pass_time(self, time_s: float) -> None:
         """Send the simulation time to the viewers, at most 30 times per second.

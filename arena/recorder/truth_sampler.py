@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from typing import Protocol
 
 from arena.wire.truth_rows import TrueStates
@@ -31,22 +31,26 @@ class TruthSampler:
         self._next: int | None = None
         self._offset_s, self._at_s = math.inf, 0.0
 
-    def due(self, now_s: float) -> Iterator[tuple[float, TrueStates]]:
-        """Yield (time, true states) for each sampling time since the last call.
+    def due(self, now_s: float) -> Sequence[tuple[float, TrueStates]]:
+        """Return (time, true states) for each sampling time since the last call.
 
         now_s: run's clock [s].
         """
         offset_s = 0.0 if self._simulation_clock else self._offset(now_s)
         if offset_s is None:
-            return
+            return ()
         last = math.floor((now_s + _EARLY_S) * self._rate_hz)
+        if self._next == last + 1:
+            return ()
         first = last if self._next is None else max(self._next, last - _MAX_SAMPLES)
         self._next = last + 1
+        found = []
         for number in range(first, last + 1):
             time_s = number / self._rate_hz
             truth = self._reader.at(time_s - offset_s) or (self._reader.newest() if number == last else None)
             if truth is not None:
-                yield time_s, truth
+                found.append((time_s, truth))
+        return found
 
     def _offset(self, now_s: float) -> float | None:
         """Return the difference Unix time minus simulation time [s].

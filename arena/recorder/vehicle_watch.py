@@ -6,8 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.kernels.mavlink_framing import may_contain
-from arena.kernels.viewer_meters import GapMeter
+from arena.kernels.viewer_meters import DatagramCounter, GapMeter
 from arena.wire.mavlink_frame import AUTOPILOT, parse_frames
 from arena.wire.mavlink_layout import decoder
 
@@ -22,36 +21,30 @@ class VehicleWatch:
 
     system_id: MAVLink system id of the vehicle.
     armed: armed flag of the last heartbeat; false before the first one.
-    down, up: number of datagrams from the vehicle and of datagrams to it.  poses: counter of its captured poses.
+    datagrams: counter of the datagrams. If its `count` returns True, call `on_status`.  poses: counter of its captured poses.
     airborne_unix_s: Unix time of the first take-off [s]; None before.
     """
 
     def __init__(self, system_id: int) -> None:
-        self.down = self.up = 0
+        self.datagrams = DatagramCounter(_HEARTBEAT, _LANDED)
         self.poses = GapMeter()
         self.airborne_unix_s: float | None = None
         self.armed = False
         self._on_ground: bool | None = None
         self._sender = (system_id, AUTOPILOT)
-        self._first_s: float | None = None
         self._floor_m: float | None = None
 
-    def on_datagram(self, up: bool, data: bytes, time_s: float) -> bool:
-        """Count a datagram. Return True if it reports the vehicle's first takeoff.
+    def on_status(self, data: bytes) -> bool:
+        """Read the state of the autopilot in a datagram. Return True if it reports the vehicle's first takeoff.
 
         The autopilot's land detector (EXTENDED_SYS_STATE) reports the takeoff.
-
-        up: it was sent to the vehicle.  time_s: time of reception [s].
         """
-        if up:
-            self.up += 1
-            return False
-        self.down += 1
-        if self._first_s is None:
-            self._first_s = time_s
-        if not may_contain(data, _HEARTBEAT, _LANDED) or not self._take_status(data):
-            return False
-        return self.airborne_unix_s is None and self.armed and self._on_ground is False
+        return (
+            self._take_status(data)
+            and self.airborne_unix_s is None
+            and self.armed
+            and self._on_ground is False
+        )
 
     def _take_status(self, data: bytes) -> bool:
         """Read HEARTBEAT and EXTENDED_SYS_STATE in a datagram. Return whether it contains one of them."""
@@ -82,8 +75,9 @@ class VehicleWatch:
 
         now_s: run's clock [s].
         """
-        since = now_s - (now_s if self._first_s is None else self._first_s)
-        counts = {"datagrams_hz": self.down, "commands_hz": self.up, "mocap_hz": self.poses.count}
+        datagrams = self.datagrams
+        since = now_s - datagrams.first_s  # NaN before the first datagram
+        counts = {"datagrams_hz": datagrams.down, "commands_hz": datagrams.up, "mocap_hz": self.poses.count}
         found: dict[str, Any] = {
             key: round(count / since, 2) if since > 1.0 else 0.0 for key, count in counts.items()
         }

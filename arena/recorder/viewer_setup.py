@@ -4,28 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from arena.obstacles import obstacles_of
 from arena.recorder.foxglove_channels import FoxgloveChannels, ViewedVehicle
 from arena.recorder.foxglove_layout import foxglove_layout
 from arena.recorder.foxglove_server import FoxgloveServer
+from arena.recorder.mcap_file import MakeChannel
 from arena.recorder.plotjuggler_layout import plotjuggler_layout
 from arena.recorder.viewer_plots import DrawnVehicle
 from arena.recorder.viewer_scene import Box, shape_of
-
-if TYPE_CHECKING:
-    from foxglove import Context
 
 FOXGLOVE_LAYOUT, PLOTJUGGLER_LAYOUT = "flight.foxglove.json", "flight.plotjuggler.xml"
 _USUAL_ROTORS = 4
 
 
-def viewer_channels(settings: Mapping[str, Any], context: Context) -> FoxgloveChannels:
+def viewer_channels(settings: Mapping[str, Any], channel: MakeChannel) -> FoxgloveChannels:
     """Return the output channels for viewers.
 
     settings: slice of the recorder.
-    context: the channels are created in this context.
+    channel: creates a channel in the record.
     """
     vehicles = [
         ViewedVehicle(
@@ -39,7 +37,7 @@ def viewer_channels(settings: Mapping[str, Any], context: Context) -> FoxgloveCh
     ]
     return FoxgloveChannels(
         vehicles,
-        context,
+        channel,
         size_m=settings["size_m"],
         fence=_fence(settings.get("fence")),
         obstacles=obstacles_of(settings.get("obstacles")),
@@ -61,7 +59,7 @@ def write_layouts(settings: Mapping[str, Any], folder: Path) -> None:
     (folder / PLOTJUGGLER_LAYOUT).write_text(plotjuggler_layout(vehicles))
 
 
-def open_server(settings: Mapping[str, Any], context: Context) -> FoxgloveServer | None:
+def open_server(settings: Mapping[str, Any]) -> FoxgloveServer | None:
     """Return the WebSocket server for Foxglove, or None if it is not configured.
 
     settings: slice of the recorder.
@@ -70,7 +68,6 @@ def open_server(settings: Mapping[str, Any], context: Context) -> FoxgloveServer
         return None
     address, port = settings["foxglove"]
     return FoxgloveServer(
-        context,
         str(address),
         int(port),
         str(settings["arena"]),

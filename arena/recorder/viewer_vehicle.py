@@ -13,13 +13,13 @@ from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from foxglove import Context
 from foxglove.messages import Log
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.constants import MAX_ROTORS
 from arena.kernels.viewer_meters import GapMeter
 from arena.kernels.viewer_telemetry import FREQUENT, KINDS, PayloadReader, PoseOutput, ViewerTelemetry
+from arena.recorder.mcap_file import MakeChannel
 from arena.recorder.viewer_log import TextAssembler, log_of_text
 from arena.recorder.viewer_output import Output
 from arena.recorder.viewer_poses import ROOT
@@ -69,7 +69,7 @@ _Handler = Callable[[Any, float], None]
 class VehicleChannels:
     """Output channels of one vehicle for viewers.
 
-    context: context of foxglove-sdk.  name, system_id: name and MAV_SYS_ID of the vehicle.
+    channel: creates a channel in the record.  name, system_id: name and MAV_SYS_ID of the vehicle.
     shape: its dimensions; None without a model.
     transforms: channel for frames of all vehicles.  send_log: function that sends a log line at a time [s].
     poses: counter of the captured poses.
@@ -79,7 +79,7 @@ class VehicleChannels:
 
     def __init__(
         self,
-        context: Context,
+        channel: MakeChannel,
         name: str,
         system_id: int,
         shape: VehicleShape | None,
@@ -87,7 +87,7 @@ class VehicleChannels:
         send_log: SendLog,
     ) -> None:
         self._name, self._system, self._shape = name, system_id, shape
-        self._out = {content: Output(context, content, name) for content in VEHICLE_TOPICS}
+        self._out = {content: Output(channel, content, name) for content in VEHICLE_TOPICS}
         self._send_log = send_log
         self._texts = TextAssembler()
         self._handlers = _handlers(self)
@@ -150,7 +150,7 @@ class VehicleChannels:
         """
         self._plan_changed |= bool(self._plan.points)
         if self._shape is not None:
-            self._out[Content.MODEL].send(vehicle_model(self._name, self._shape, time_s), time_s)
+            self._out[Content.MODEL].send(vehicle_model(self._name, self._shape, time_s).encode(), time_s)
 
     def send_rates(self, time_s: float, period_s: float) -> None:
         """Publish to viewers: message rates, rate and age of the captured poses, and new parts of the flown and wanted path.
@@ -166,10 +166,10 @@ class VehicleChannels:
         for path, desired in ((self._telemetry.flown, False), (self._telemetry.desired, True)):
             if len(points := path.take()) > 1:
                 piece = path_piece(self._name, path.pieces, points, time_s, desired=desired)
-                self._out[Content.PATH].send(piece, time_s)
+                self._out[Content.PATH].send(piece.encode(), time_s)
         if self._plan_changed:
             self._plan_changed = False
-            self._out[Content.PATH].send(planned_path(self._name, self._plan.points, time_s), time_s)
+            self._out[Content.PATH].send(planned_path(self._name, self._plan.points, time_s).encode(), time_s)
         if self._mode:
             self._send_state(time_s)
 

@@ -13,6 +13,7 @@ import json
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -112,6 +113,11 @@ class MessageSchema:
     encoding: str
     text: str
 
+    @property
+    def data(self) -> bytes:
+        """Definition of the message as bytes."""
+        return self.text.encode()
+
 
 DATAGRAM = MessageSchema(name="mavlink.Datagram", encoding="", text="")
 TRUE_STATE = MessageSchema(
@@ -206,8 +212,11 @@ def pack_frame(
     number, exposed_s, sent_s, simulated: fields of the schema `CAPTURED_FRAME`.
     poses: (name, p_n, q_nb) of each body that is tracked.  untracked: names of the other bodies.
     """
-    names = (*[pose[0] for pose in poses], *untracked)
+    names = (*map(_body_name, poses), *untracked)
     return _frame_messages(names, len(poses)).pack(number, exposed_s, sent_s, simulated, poses)
+
+
+_body_name = itemgetter(0)
 
 
 @functools.lru_cache(maxsize=64)

@@ -8,35 +8,23 @@ from math import nan
 
 from pymavlink.dialects.v20 import common as mavlink
 
-Triple = tuple[float, float, float]
+from arena.kernels.odometry_frames import OdometryFrames
+from arena.wire.mavlink_frame import SEEDS
 
-ODOMETRY = 331
-
-
-class OdometryPacker:
-    """Packer of ODOMETRY payloads that contain captured poses of one vehicle (NED, FRD), without velocities.
-
-    covariance: of the pose, upper triangle (21,).
-    """
-
-    def __init__(self, covariance: Sequence[float]) -> None:
-        unknown = (nan,) * 21
-        self._unchanging = _VELOCITY_AND_COVARIANCES.pack(
-            *unknown[:6],
-            *covariance,
-            *unknown,
-            mavlink.MAV_FRAME_LOCAL_NED,
-            mavlink.MAV_FRAME_BODY_FRD,
-        )
-
-    def payload(self, time_us: int, p_n: Triple, q_nb: Sequence[float], reset_counter: int) -> bytes:
-        """Return the payload of an ODOMETRY message.
-
-        p_n: position [m] [NED] (3,). q_nb: attitude [-] wxyz (4,). reset_counter: 0..255
-        """
-        end = bytes((reset_counter, mavlink.MAV_ESTIMATOR_TYPE_VISION, _FULL_QUALITY))
-        return _TIME_AND_POSE.pack(time_us, *p_n, *q_nb) + self._unchanging + end
-
-
-_TIME_AND_POSE, _VELOCITY_AND_COVARIANCES = struct.Struct("<Q7f"), struct.Struct("<48fBB")
+_ODOMETRY = mavlink.MAVLINK_MSG_ID_ODOMETRY
+_PAYLOAD = struct.Struct("<Q55f5B")
 _FULL_QUALITY = 100
+
+
+def odometry_frames(covariance: Sequence[float], system: int, component: int) -> OdometryFrames:
+    """Return a packer of ODOMETRY messages that contain captured poses of one vehicle (NED, FRD), without velocities.
+
+    covariance: of the pose, upper triangle (21,).  system, component: MAVLink ids of the sender.
+    """
+    pose, velocity, velocity_covariance = (0.0,) * 7, (nan,) * 6, (nan,) * 21
+    frames = mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD
+    payload = _PAYLOAD.pack(
+        *(0, *pose, *velocity, *covariance, *velocity_covariance),
+        *(*frames, 0, mavlink.MAV_ESTIMATOR_TYPE_VISION, _FULL_QUALITY),
+    )
+    return OdometryFrames(payload, _ODOMETRY, SEEDS[_ODOMETRY], system, component)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.constants import MAX_MOCAP_LATENCY_MS
+from arena.constants import MAX_MOCAP_LATENCY_MS, MAX_ROTORS
 from arena.kernels.arrays import array
 from arena.wire.truth_rows import HEAD, PER_VEHICLE, TruthRows
 
@@ -58,14 +58,6 @@ class Truth(NamedTuple):
             motors=b[:, 16:],
         )
 
-    def store(self, row: Array) -> None:
-        """Write the state into a row of the truth page (1 + V * PER_VEHICLE,)."""
-        row[0] = self.time_s
-        body = row[1:].reshape(-1, PER_VEHICLE)
-        body[:, 0:3], body[:, 3:7], body[:, 7:10] = self.p_n, self.q_nb, self.v_n
-        body[:, 10:13], body[:, 13:16] = self.omega_b, self.accel_b
-        body[:, 16 : 16 + self.motors.shape[1]] = self.motors
-
 
 class TruthWriter:
     """Writer of the truth page, with which the world publishes the true states of the vehicles.
@@ -83,12 +75,15 @@ class TruthWriter:
             self._all = np.frombuffer(mmap.mmap(file.fileno(), 0), dtype=np.float64)
         self._all[1:3] = vehicles, self._ring
         part.replace(path)
-        self._rows = self._all[HEAD:].reshape(self._ring, width)
+        rows = self._all[HEAD:].reshape(self._ring, width)
+        self._times, self._states = rows[:, 0], rows[:, 1:].reshape(self._ring, vehicles, PER_VEHICLE)
         self._count = 0
 
     def write(self, truth: Truth) -> None:
         """Append the true state of one instant. The oldest state in the page is overwritten."""
-        truth.store(self._rows[self._count % self._ring])
+        at, used = self._count % self._ring, PER_VEHICLE - MAX_ROTORS + truth.motors.shape[1]
+        self._times[at] = truth.time_s
+        np.concatenate(truth[1:], axis=1, out=self._states[at, :, :used])
         self._count += 1
         self._all[0] = self._count
 

@@ -217,3 +217,18 @@ def test_compiled_and_interpreted_messages_of_the_record_are_the_same() -> None:
         assert len(found) == 1
     state = ((1, 2, 3), [4.0, 5.0, 6.0], (7, 8, 9, 10), (11, 12, 13))
     assert len({m["record_messages"].StateMessages().pack(*state) for m in (INTERPRETED, COMPILED)}) == 1
+
+
+@pytest.mark.parametrize("modules", VERSIONS)
+def test_counter_finds_datagrams_with_the_state_of_the_autopilot(modules: dict[str, ModuleType]) -> None:
+    counter = modules["viewer_meters"].DatagramCounter(
+        mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
+    )
+    codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    heartbeat = mavlink.MAVLink_heartbeat_message(2, 12, 1, 0, 4, 3).pack(codec)
+    attitude = mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0).pack(codec)
+    assert math.isnan(counter.first_s)
+    assert not counter.count(True, heartbeat, 1.0) and math.isnan(counter.first_s)
+    assert not counter.count(False, attitude, 2.0)
+    assert counter.count(False, attitude + heartbeat, 3.0)
+    assert (counter.down, counter.up, counter.first_s) == (2, 1, 2.0)

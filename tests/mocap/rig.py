@@ -33,7 +33,9 @@ def settings(**changes):
 def row(truth: Truth) -> memoryview[float]:
     """Return true states as a row of the truth page."""
     values = np.zeros(1 + len(truth.p_n) * PER_VEHICLE)
-    truth.store(values)
+    values[0] = truth.time_s
+    for stored, given in zip(Truth.from_row(values)[1:], truth[1:], strict=True):
+        stored[:, : given.shape[1]] = given
     return view(values)
 
 

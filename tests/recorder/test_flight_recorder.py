@@ -162,16 +162,14 @@ def test_full_disk_is_reported_once_and_ends_only_the_record(tmp_path, monkeypat
     assert process.last_stats["vehicles"]["uav1"]["datagrams_hz"] > 0
 
 
-def test_error_of_the_mcap_writer_ends_the_record_not_the_flight(tmp_path):
-    class Broken:
-        def flush(self) -> bytes:
-            raise RuntimeError("broken")
+def test_error_of_the_mcap_writer_ends_the_record_not_the_flight(tmp_path, monkeypatch):
+    def broken(*piece: object) -> bytes:
+        raise RuntimeError("broken")
 
-        close = flush
-
+    monkeypatch.setattr(mcap_file, "plain_chunk", broken)
     process = Process(tmp_path)
     recorder = FlightRecorder(process, 0.0)
-    recorder._file._tail = Broken()
+    recorder.on_datagram("uav1", False, message(), 0.5)
     recorder.tick(1.0, 1.0)
     recorder.on_datagram("uav1", False, message(), 1.5)
     recorder.close(2.0)
@@ -198,7 +196,7 @@ def test_raw_channels_only_get_datagrams_while_the_recorder_is_behind(tmp_path):
 
     process, viewers = Process(tmp_path), Viewers()
     recorder = FlightRecorder(
-        process, 0.0, lambda settings, vehicles, context: [RawChannels(vehicles, context), viewers]
+        process, 0.0, lambda settings, vehicles, channel: [RawChannels(vehicles, channel), viewers]
     )
     for i in range(6):
         recorder.behind = i in (1, 2, 3, 4)
@@ -218,7 +216,7 @@ def test_failure_of_other_channels_does_not_end_the_record(tmp_path):
 
     process = Process(tmp_path)
     recorder = FlightRecorder(
-        process, 0.0, lambda settings, vehicles, context: [Broken(), RawChannels(vehicles, context)]
+        process, 0.0, lambda settings, vehicles, channel: [Broken(), RawChannels(vehicles, channel)]
     )
     for i in range(3):
         recorder.on_datagram("uav1", False, b"x", 1.0 * i)

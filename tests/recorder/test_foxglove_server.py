@@ -10,12 +10,13 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
-from foxglove import Context
 from foxglove_clients import DEADLINE_S, Client, LiveMessage, hung_client
 from viewer_records import SIZE_M, UAV1, attitude, position, sender
 
 from arena.recorder.foxglove_channels import FoxgloveChannels
 from arena.recorder.foxglove_server import BACKLOG_MESSAGES, FoxgloveServer
+from arena.recorder.mcap_file import Log
+from arena.recorder.mcap_records import SchemaData
 
 LOOPBACK = "127.0.0.1"
 POSITION = "/uav1/local_position"
@@ -26,10 +27,12 @@ class Live:
     """Server with the channels of one vehicle."""
 
     def __init__(self, *, simulation_clock: bool = True) -> None:
-        self.context = Context()
-        self.channels = FoxgloveChannels([UAV1], self.context, size_m=SIZE_M)
-        self.server = FoxgloveServer(self.context, LOOPBACK, 0, "lab", simulation_clock=simulation_clock)
+        self.server = FoxgloveServer(LOOPBACK, 0, "lab", simulation_clock=simulation_clock)
+        self.channels = FoxgloveChannels([UAV1], self._channel, size_m=SIZE_M)
         self.sent = 0
+
+    def _channel(self, topic: str, encoding: str, schema: SchemaData) -> Log:
+        return self.server.channel(topic, encoding, schema, lambda data, log_time: None)
 
     def fly(self, messages: int) -> None:
         """Log positions and attitudes. messages: number of positions."""
@@ -145,7 +148,7 @@ def test_client_that_disappears_changes_nothing_for_the_others(live, caplog):
 
 
 def test_port_in_use_is_a_failure_and_not_an_exception(live):
-    second = FoxgloveServer(live.context, LOOPBACK, live.server.port or 0, "lab", simulation_clock=False)
+    second = FoxgloveServer(LOOPBACK, live.server.port or 0, "lab", simulation_clock=False)
     assert f"{LOOPBACK}:{live.server.port}" in second.failure
     assert second.port is None
     second.pass_time(1.0)

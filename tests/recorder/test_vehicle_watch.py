@@ -45,16 +45,20 @@ def test_mavlink_1_may_be_a_status():
     assert reads_status(mavlink.MAVLink_heartbeat_message(2, 12, 1, 0, 4, 3).pack(codec, force_mavlink1=True))
 
 
+def received(watch: VehicleWatch, up: bool, data: bytes, time_s: float) -> bool:
+    return watch.datagrams.count(up, data, time_s) and watch.on_status(data)
+
+
 def test_armed_follows_the_heartbeats_of_the_autopilot_only():
     watch = VehicleWatch(1)
     assert not watch.armed
-    watch.on_datagram(False, heartbeat(True), 0.0)
+    received(watch, False, heartbeat(True), 0.0)
     assert watch.armed
-    watch.on_datagram(False, heartbeat(False, component=191), 0.1)
-    watch.on_datagram(False, heartbeat(False, system=2), 0.2)
-    watch.on_datagram(True, heartbeat(False), 0.3)
+    received(watch, False, heartbeat(False, component=191), 0.1)
+    received(watch, False, heartbeat(False, system=2), 0.2)
+    received(watch, True, heartbeat(False), 0.3)
     assert watch.armed
-    watch.on_datagram(False, heartbeat(False), 0.4)
+    received(watch, False, heartbeat(False), 0.4)
     assert not watch.armed
 
 
@@ -64,12 +68,12 @@ def test_take_off_is_reported_by_the_land_detector_while_armed():
         mavlink.MAV_LANDED_STATE_ON_GROUND,
         mavlink.MAV_LANDED_STATE_IN_AIR,
     )
-    assert not watch.on_datagram(False, landed(in_air), 0.0), "not armed"
-    watch.on_datagram(False, heartbeat(True), 0.1)
-    assert not watch.on_datagram(False, landed(on_ground), 0.2)
-    assert watch.on_datagram(False, landed(in_air), 0.3)
+    assert not received(watch, False, landed(in_air), 0.0), "not armed"
+    received(watch, False, heartbeat(True), 0.1)
+    assert not received(watch, False, landed(on_ground), 0.2)
+    assert received(watch, False, landed(in_air), 0.3)
     watch.airborne_unix_s = 5.0
-    assert not watch.on_datagram(False, landed(in_air), 0.4), "only the first take-off"
+    assert not received(watch, False, landed(in_air), 0.4), "only the first take-off"
 
 
 def test_height_above_the_first_one_is_above_the_floor():
@@ -82,8 +86,8 @@ def test_height_above_the_first_one_is_above_the_floor():
 def test_rates_are_means_since_the_first_datagram():
     watch = VehicleWatch(1)
     for i in range(200):
-        watch.on_datagram(False, attitude(), 10.0 + 0.01 * i)
-        watch.on_datagram(True, heartbeat(False), 10.0 + 0.01 * i)
+        received(watch, False, attitude(), 10.0 + 0.01 * i)
+        received(watch, True, heartbeat(False), 10.0 + 0.01 * i)
         if i % 2:
             watch.poses.add(10.0 + 0.01 * i)
     assert watch.stats(12.0) == {"datagrams_hz": 100.0, "commands_hz": 100.0, "mocap_hz": 50.0}

@@ -42,15 +42,12 @@ def truth(x: float) -> Truth:
 @pytest.fixture
 def record(tmp_path: Path) -> Path:
     """A record of 0.1 s with a message of each kind, of which the event was logged late."""
-    from foxglove import Context
-
-    context = Context()
     metadata = pack_metadata(
         name="lab", clock="unix", start_s=7.0, start_unix_s=7.0, size_m=(7.0, 4.0, 3.0), vehicles=VEHICLES
     )
-    file = McapFile(tmp_path / "flight.mcap", METADATA, metadata, context)
+    file = McapFile(tmp_path / "flight.mcap", METADATA, metadata)
     known = [Recorded(name=v.name, id=v.id, body=v.body, index=0 if v.simulated else None) for v in VEHICLES]
-    channels = RawChannels(known, context)
+    channels = RawChannels(known, file.channel)
     channels.on_datagram("uav1", False, heartbeat(1), 7.0)
     channels.on_datagram("uav2", True, b"up", 7.02)
     pose = Pose("uav1", (1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0))
@@ -87,9 +84,6 @@ def test_every_message_has_its_time_kind_and_content(record: Path) -> None:
 
 def test_event_at_the_end_of_the_file_is_sent_at_its_time(tmp_path: Path) -> None:
     """In a fast simulation, the recorder reads an event from the disk when many seconds of the flight are already in the file."""
-    from foxglove import Context
-
-    context = Context()
     metadata = pack_metadata(
         name="lab",
         clock="simulation",
@@ -98,9 +92,9 @@ def test_event_at_the_end_of_the_file_is_sent_at_its_time(tmp_path: Path) -> Non
         size_m=(7.0, 4.0, 3.0),
         vehicles=VEHICLES,
     )
-    file = McapFile(tmp_path / "flight.mcap", METADATA, metadata, context)
+    file = McapFile(tmp_path / "flight.mcap", METADATA, metadata)
     known = [Recorded(name=v.name, id=v.id, body=v.body, index=0 if v.simulated else None) for v in VEHICLES]
-    channels = RawChannels(known, context)
+    channels = RawChannels(known, file.channel)
     for second in range(20):
         channels.on_datagram("uav1", False, heartbeat(1), float(second))
     line = {"process": "uav1", "event": "took off"}
@@ -130,8 +124,6 @@ def test_reading_begins_at_the_requested_time(record: Path) -> None:
 
 
 def test_record_without_messages_is_refused(tmp_path: Path) -> None:
-    from foxglove import Context
-
     metadata = pack_metadata(
         name="lab",
         clock="simulation",
@@ -140,7 +132,7 @@ def test_record_without_messages_is_refused(tmp_path: Path) -> None:
         size_m=(7.0, 4.0, 3.0),
         vehicles=VEHICLES,
     )
-    file = McapFile(tmp_path / "flight.mcap", METADATA, metadata, Context())
+    file = McapFile(tmp_path / "flight.mcap", METADATA, metadata)
     assert file.close()
     with pytest.raises(InputError, match="no messages"):
         RecordScript(Recording(tmp_path / "flight.mcap"))

@@ -23,6 +23,7 @@ class EmulatorShell:
 
     now: simulation time at which the first frame may be exposed [s].
     on_frame: function that also takes each frame that is sent; None without one.
+    due: simulation time at which the next frame must be measured or sent, by `advance` [s].
     """
 
     def __init__(self, process: ProcessContext, now: float, on_frame: FrameListener | None = None) -> None:
@@ -34,11 +35,7 @@ class EmulatorShell:
         self._number = math.ceil((now + self._cameras.latency_s) * self._cameras.rate_hz)
         self._ready, self._late, self._skipped, self._not_sent = False, 0, 0, 0
         self._began = self._reported = time.monotonic()
-
-    @property
-    def due(self) -> float:
-        """Simulation time at which the next frame must be measured or sent, by `advance` [s]."""
-        return self._cameras.due(self._number)
+        self.due = self._cameras.due(self._number)
 
     def fileno(self) -> int:
         """Return a file descriptor that is readable when a request of a client has arrived."""
@@ -62,6 +59,7 @@ class EmulatorShell:
             if not (self._ready or failed):
                 self._ready = True
                 self._process.ready()
+        self.due = cameras.due(self._number)
         if requests:
             self._server.answer(wall)
         if wall - self._reported >= 1.0:
@@ -71,6 +69,7 @@ class EmulatorShell:
         """Apply the injected faults that have arrived, and report each fault as an event."""
         for text in self.faults.apply(lambda fault: apply_fault(self._cameras, fault)):
             self._process.event(text)
+        self.due = self._cameras.due(self._number)
 
     def close(self) -> None:
         """Close the sockets of the emulator."""
