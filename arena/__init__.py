@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from arena.fly import connect
+    from arena.fly.connect import connect
     from arena.uav import UAV, Heart, Heartbeat
 
 __all__ = ["UAV", "Heart", "Heartbeat", "connect"]
@@ -18,7 +18,7 @@ def __getattr__(name: str) -> Any:
     Processes without a user program then do not load them.
     """
     if name == "connect":
-        from arena.fly import connect
+        from arena.fly.connect import connect
 
         return connect
     if name in __all__:

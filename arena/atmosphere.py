@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from arena.kernels import standard_atmosphere
+from arena.portable_math import for_arrays
 
-SEA_LEVEL_HPA = 1013.25
-Real = TypeVar("Real", float, Any)  # or an array of them
-
-
-def pressure_hpa(height_m: Real) -> Real:
-    """Return the static pressure [hPa] at a height above mean sea level [m]."""
-    return SEA_LEVEL_HPA * (1.0 - 2.25577e-5 * height_m) ** 5.25588  # type: ignore[no-any-return]
+SEA_LEVEL_HPA = standard_atmosphere.SEA_LEVEL_HPA
+pressure_hpa = for_arrays(standard_atmosphere.pressure_hpa, 1)
+"""Function that returns the static pressure [hPa] at a height above mean sea level [m], a number or an array."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.geometry import Array
+from arena.portable_math import cos, sin
 
 Shape = Literal["box", "cylinder", "sphere"]
 _SIDES, _RINGS = 24, 8
@@ -30,7 +31,7 @@ def unit_edges(shape: Shape) -> Array:
 
 def _circle(sides: int) -> Array:
     angle = 2.0 * math.pi * np.arange(sides) / sides
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.stack([cos(angle), sin(angle)], axis=1)
 
 
 def _box() -> tuple[Array, NDArray[np.int_]]:

@@ -116,9 +116,10 @@ class Obstacle:
         """Convert points of a unit shape (-1 to 1) to points of this obstacle [m] [NED] (..., 3)."""
         import numpy as np
 
-        return np.asarray(
-            (0.5 * np.array(self.size_m) * unit) @ np.array(self.r_nb).T + np.array(self.centre_n)
-        )
+        from arena.portable_math import product
+
+        turned = product(0.5 * np.array(self.size_m) * unit, np.array(self.r_nb).T)
+        return np.asarray(turned + np.array(self.centre_n))
 
 
 def obstacles_of(raw: Iterable[Mapping[str, Any]] | None) -> tuple[Obstacle, ...]:

@@ -137,17 +137,22 @@ def _tangent(s: Mapping[str, Any]) -> ThrustCurve:
     """
     import numpy as np
 
+    from arena.portable_math import arctan, tan
+
     offset, scale, phase, gain, low = (float(s[k]) for k in ("offset_n", "scale_n", "phase", "gain", "low_u"))
 
     def fitted(u: Array) -> Array:
-        return offset + scale * np.arctan(gain * u - phase)
+        found: Array = offset + scale * arctan(gain * u - phase)
+        return found
 
     knee = float(fitted(np.asarray(low)))
     top = float(fitted(np.asarray(1.0)))
 
     def command(t: Array) -> Array:
         return np.where(
-            t < knee, t * low / knee, (np.tan((np.maximum(t, knee) - offset) / scale) + phase) / gain
+            t < knee,
+            t * low / knee,
+            (tan((np.maximum(t, knee) - offset) / scale) + phase) / gain,
         )
 
     return ThrustCurve(

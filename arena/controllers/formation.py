@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from arena.geometry import Array
+from arena.portable_math import norm
 from arena.trajectories.trajectory import Reference
 
 
@@ -60,7 +61,7 @@ class FormationLaw:
         rate = np.zeros_like(wanted) if wanted_vel is None else np.asarray(wanted_vel, float).reshape(-1, 3)
         moving = np.asarray(vel, float) + self.velocity_gain * (speeds - rate).mean(axis=0)
         found: Array = moving + self.position_gain * (relative - wanted).mean(axis=0)
-        size = float(np.linalg.norm(found))
+        size = norm(found)
         return found * (self.max_speed_m_s / size) if size > self.max_speed_m_s else found
 
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from arena.constants import GRAVITY_M_S2
 from arena.geometry import Array, quat_from_matrix
+from arena.portable_math import norm
 from arena.trajectories.trajectory import Reference
 
 
@@ -111,7 +112,7 @@ class PositionPid:
             force[:2] *= most / side
             limited = True
         force[2] = -up
-        size = float(np.linalg.norm(force))
+        size = norm(force)
         if self._max_thrust is not None and size > self._max_thrust:
             force *= self._max_thrust / size
             limited = True
@@ -124,11 +125,11 @@ def attitude_thrust(force: ArrayLike, yaw: float) -> AttitudeThrust:
     force: force of the rotors [N] [NED] (3,), not zero.  yaw: heading of the nose [rad].
     """
     f = np.asarray(force, float)
-    size = float(np.linalg.norm(f))
+    size = norm(f)
     z_b = -f / size
     ahead = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     y_b = np.cross(z_b, ahead)
-    y_b /= np.linalg.norm(y_b)
+    y_b /= norm(y_b)
     r_nb = np.column_stack([np.cross(y_b, z_b), y_b, z_b])
     return AttitudeThrust(
         q_nb=quat_from_matrix(r_nb), thrust_n=size, tilt=math.acos(min(1.0, max(-1.0, float(z_b[2]))))

@@ -23,6 +23,7 @@ from arena.copilot.settings import Rules, Step, Vehicle
 from arena.copilot.tracks import LATE_S, Tracks
 from arena.copilot.vehicle_state import VehicleStates
 from arena.mocap.client import CapturedFrame, StreamLateness
+from arena.portable_math import norm
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Buffer
 from arena.wire.mavlink_ids import COPILOT
@@ -244,7 +245,7 @@ class Copilot:
         meeting = set(self.checker.found.meeting) if self.rules.on("separation") else set()
         for first, second in sorted(meeting - self._meeting):
             north, east, down = m.target[second]
-            apart = float(np.linalg.norm(m.target[second] - m.target[first]))
+            apart = norm(m.target[second] - m.target[first])
             yield (
                 f"{self.vehicles[second].name} yields to {self.vehicles[first].name}: both are commanded to about "
                 f"N {north:.1f} E {east:.1f} D {down:.1f}, {apart:.2f} m apart"

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.constants import GRAVITY_M_S2
+from arena.portable_math import arccos
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -117,7 +118,7 @@ class Tracks:
         up = 1.0 - 2.0 * (x * x + y * y)
         north, east = -2.0 * (x * z + w * y), -2.0 * (y * z - w * x)
         scale = GRAVITY_M_S2 / np.maximum(up, 0.3)
-        return np.arccos(np.clip(up, -1.0, 1.0)), np.column_stack(
+        return arccos(np.clip(up, -1.0, 1.0)), np.column_stack(
             [north * scale, east * scale, np.zeros_like(north)]
         )
 

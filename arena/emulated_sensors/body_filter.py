@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from arena.portable_math import product
+
 Triple = tuple[float, float, float]
 
 JERK_M_S3 = 20.0
@@ -54,7 +56,7 @@ def steady_gains(noise_m: float, period_s: float) -> Gains:
     process = np.outer(change, change) * (JERK_M_S3 * t) ** 2
     covariance, gain = np.eye(3), np.zeros(3)
     for _ in range(2000):
-        covariance = step @ covariance @ step.T + process
+        covariance = product(product(step, covariance), step.T) + process
         gain = covariance[:, 0] / (covariance[0, 0] + noise_m**2)
         covariance = covariance - np.outer(gain, covariance[0])
     return Gains(*gain.tolist())

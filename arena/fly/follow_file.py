@@ -26,6 +26,7 @@ from arena.fly.feasibility import FlightLimits, collisions, limits_of, problems_
 from arena.fly.parameters import read_parameters
 from arena.fly.running_vehicle import RunningVehicle, lock_pilot
 from arena.geometry import Array, yaw_from_quat
+from arena.portable_math import norm
 from arena.trajectories import StraightLine, Trajectory
 from arena.uav import UAV
 
@@ -132,7 +133,7 @@ def _arrive(uav: UAV, pos: object, yaw: float) -> None:
     """
     end = uav.clock.now() + _ARRIVE_S
     wanted = np.asarray(pos, float)
-    while float(np.linalg.norm(np.asarray(uav.ekf.pos, float) - wanted)) > _ARRIVED_M:
+    while norm(np.asarray(uav.ekf.pos, float) - wanted) > _ARRIVED_M:
         if uav.clock.now() > end:
             raise NotConfirmedError(
                 f"{uav.info.drone_ns}: not at the position {wanted.round(2).tolist()} m [NED] after {_ARRIVE_S:g} s"

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from arena.geometry.quaternion import Array, quat_multiply
+from arena.portable_math import cos, sin
 
 _H = np.sqrt(0.5)
 # w: x east, y north, z up. n from w swaps the horizontal axes and negates z: half a turn about (1, 1, 0).
@@ -77,8 +78,8 @@ def turn_horizontal(north: Any, east: Any, angle: Any) -> tuple[Any, Any]:
 
     angle: [rad]; with the heading of a local frame, the result is in true north and east
     """
-    cos, sin = np.cos(angle), np.sin(angle)
-    return cos * north - sin * east, sin * north + cos * east
+    c, s = cos(angle), sin(angle)
+    return c * north - s * east, s * north + c * east
 
 
 def globe_from_local(
@@ -94,7 +95,7 @@ def globe_from_local(
     """
     north, east = turn_horizontal(north, east, heading)
     return lat0_deg + np.degrees(north / EARTH_M), lon0_deg + np.degrees(
-        east / (EARTH_M * np.cos(np.radians(lat0_deg)))
+        east / (EARTH_M * cos(np.radians(lat0_deg)))
     )
 
 
@@ -111,5 +112,5 @@ def local_from_globe(
     """
     east_deg = (lon_deg - lon0_deg + 180.0) % 360.0 - 180.0
     north = np.radians(lat_deg - lat0_deg) * EARTH_M
-    east = np.radians(east_deg) * np.cos(np.radians(lat0_deg)) * EARTH_M
+    east = np.radians(east_deg) * cos(np.radians(lat0_deg)) * EARTH_M
     return turn_horizontal(north, east, -heading)

@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from arena.portable_math import arcsin, arctan2, cos, product, sin
+
 Array = NDArray[np.float64]
 
 _TINY = 1e-8
@@ -56,14 +58,14 @@ def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
     a, b = np.asarray(a, float), np.asarray(b, float)
     # All sixteen products at once, then their signed sums: three numpy calls instead of thirty.
     products = a[..., :, None] * b[..., None, :]
-    return np.asarray(products.reshape(*products.shape[:-2], 16) @ _HAMILTON)
+    return product(products.reshape(*products.shape[:-2], 16), _HAMILTON)
 
 
 def quat_between(a: ArrayLike, b: ArrayLike) -> Array:
     """Return conj(a) * b [-] wxyz (..., 4): the rotation from attitude a to attitude b, in body axes of a."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     products = a[..., :, None] * b[..., None, :]
-    return np.asarray(products.reshape(*products.shape[:-2], 16) @ _BETWEEN)
+    return product(products.reshape(*products.shape[:-2], 16), _BETWEEN)
 
 
 def quat_conj(q: ArrayLike) -> Array:
@@ -90,9 +92,8 @@ def matrix_from_quat(q: ArrayLike) -> Array:
     """Return the rotation matrix R of a quaternion q [-] (..., 3, 3): R @ v_b = q * v_b * conj(q)."""
     q = np.asarray(q, float)
     shape = q.shape[:-1]
-    return np.asarray(
-        ((q[..., :, None] * q[..., None, :]).reshape(*shape, 16) @ _MATRIX).reshape(*shape, 3, 3)
-    )
+    products = (q[..., :, None] * q[..., None, :]).reshape(*shape, 16)
+    return product(products, _MATRIX).reshape(*shape, 3, 3)
 
 
 def quat_from_matrix(m: ArrayLike) -> Array:
@@ -146,9 +147,9 @@ def quat_exp(rotation_vector: ArrayLike) -> Array:
     v = np.asarray(rotation_vector, float)
     half = 0.5 * np.sqrt((v * v).sum(-1, keepdims=True))
     q = np.empty((*v.shape[:-1], 4))
-    q[..., :1] = np.cos(half)
+    q[..., :1] = cos(half)
     half = np.maximum(half, 1e-100)
-    q[..., 1:] = v * (0.5 * np.sin(half) / half)  # sin(half) / angle, exact at zero
+    q[..., 1:] = v * (0.5 * sin(half) / half)  # sin(half) / angle, exact at zero
     return q
 
 
@@ -161,7 +162,7 @@ def quat_log(q: ArrayLike) -> Array:
     q = q * np.where(q[..., :1] < 0, -1.0, 1.0)
     v = q[..., 1:]
     norm = np.sqrt((v * v).sum(-1, keepdims=True))
-    angle = 2.0 * np.arctan2(norm, q[..., :1])
+    angle = 2.0 * arctan2(norm, q[..., :1])
     small = norm < _TINY
     return np.asarray(v * np.where(small, 2.0, angle / np.where(small, 1.0, norm)))
 
@@ -179,10 +180,10 @@ def quat_from_euler(rpy: ArrayLike) -> Array:
     """Return the quaternion (..., 4) of roll, pitch, yaw [rad] (..., 3), intrinsic z-y'-x'' (aviation)."""
     half = 0.5 * np.asarray(rpy, float)
     cs = np.empty((*half.shape, 2))
-    np.cos(half, out=cs[..., 0])
-    np.sin(half, out=cs[..., 1])
+    cs[..., 0] = cos(half)
+    cs[..., 1] = sin(half)
     products = cs[..., 2, :, None, None] * cs[..., 1, None, :, None] * cs[..., 0, None, None, :]
-    return np.asarray(products.reshape(*half.shape[:-1], 8) @ _EULER)
+    return product(products.reshape(*half.shape[:-1], 8), _EULER)
 
 
 def euler_from_quat(q: ArrayLike) -> Array:
@@ -194,9 +195,9 @@ def euler_from_matrix(m: ArrayLike) -> Array:
     """Return roll, pitch, yaw [rad] (..., 3) of a rotation matrix (..., 3, 3), intrinsic z-y'-x''."""
     m = np.asarray(m, float)
     out = np.empty(m.shape[:-1])
-    out[..., 0] = np.arctan2(m[..., 2, 1], m[..., 2, 2])
-    out[..., 1] = np.arcsin(np.minimum(np.maximum(-m[..., 2, 0], -1.0), 1.0))
-    out[..., 2] = np.arctan2(m[..., 1, 0], m[..., 0, 0])
+    out[..., 0] = arctan2(m[..., 2, 1], m[..., 2, 2])
+    out[..., 1] = arcsin(np.minimum(np.maximum(-m[..., 2, 0], -1.0), 1.0))
+    out[..., 2] = arctan2(m[..., 1, 0], m[..., 0, 0])
     return out
 
 
@@ -204,4 +205,4 @@ def yaw_from_quat(q: ArrayLike) -> Array:
     """Return the yaw angle [rad] (...) of a quaternion wxyz (..., 4)."""
     q = np.asarray(q, float)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    return np.asarray(arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))

@@ -61,13 +61,6 @@ class StreamSchedule:
         """Return whether one given message of a link must be sent at `now` [s]."""
         return self.due_s[link, column] <= now + _ROUNDING_S
 
-    def is_column_due(self, column: int, now: float) -> bool:
-        """Return whether any link must send one given message at `now` [s]."""
-        due = False
-        for link in range(len(self.next_s)):
-            due = due or self.is_stream_due(link, column, now)
-        return due
-
     def due_column(self, link: int, place: int, now: float) -> int:
         """Return the column (index in `ids`) of a message that a link must send at `now` [s]; -1 if fewer are due.
 

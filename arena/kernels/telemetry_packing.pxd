@@ -2,7 +2,7 @@
 cimport cython
 from libc cimport math
 
-from arena.kernels cimport limits, payload_writer, rotations
+from arena.kernels cimport limits, payload_writer, rotations, standard_atmosphere
 from arena.kernels.payload_writer cimport PayloadWriter
 
 cdef Py_ssize_t _TIME_MS, _TIME_US, _TIME_US_32, _TIME_NS, _RPY, _Q, _OMEGA, _P, _V
@@ -25,7 +25,7 @@ cdef class TelemetryPacking:
     cdef unsigned char[::1] _datagram
     cdef readonly Py_ssize_t rotors
     cdef readonly double earth_m
-    cdef readonly double[::1] values, baro_alt, pressure_hpa, battery_v, battery_a, battery, thrust, escs, sp_yaw, sp_yaw_rate
+    cdef readonly double[::1] values, baro_alt, battery_v, battery_a, battery, thrust, escs, sp_yaw, sp_yaw_rate
     cdef readonly double[:, ::1] inputs, accel_b, gyro_b, mag_b, motors
     cdef readonly double[:, ::1] p_n, v_n, q_nb, omega_b, sp_p_n, v_sp_n, a_sp_n, q_sp, omega_sp
     cdef readonly double[:, :, ::1] r_nb, cov

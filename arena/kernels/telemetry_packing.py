@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from arena.kernels import limits, payload_writer, rotations
+from arena.kernels import limits, payload_writer, rotations, standard_atmosphere
 from arena.kernels.arrays import array, floats
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ class TelemetryPacking:
 
     inputs: input: `STATUS`, then `PLACE`, then `LOST` (V, 15)
     mag_b: input: magnetic field [gauss] [FRD] (V, 3)
-    baro_alt, pressure_hpa: input: barometric altitude [m] and its pressure [hPa] (V,)
+    baro_alt: input: barometric altitude [m] (V,)
     battery_v, battery_a, battery: input: voltage [V], current [A] and remaining charge 0..1 (V,)
     thrust, motors: input: collective thrust (V,) and motor commands (V, R) 0..1
     rotors: R
@@ -140,7 +140,7 @@ class TelemetryPacking:
             self.values[_POSE_COVARIANCE + k] = self.values[_VELOCITY_COVARIANCE + k] = _NAN
         self.inputs = floats(vehicles, len(STATUS) + len(PLACE) + len(LOST))
         self.mag_b = floats(vehicles, 3)
-        self.baro_alt, self.pressure_hpa = floats(vehicles), floats(vehicles)
+        self.baro_alt = floats(vehicles)
         self.battery_v, self.battery_a, self.battery = floats(vehicles), floats(vehicles), floats(vehicles)
         self.thrust, self.motors, self.rotors = thrust, motors, array(motors).shape[1]
         self.escs = floats(vehicles)
@@ -263,7 +263,8 @@ class TelemetryPacking:
                 self.gyro_b[i, k],
                 self.mag_b[i, k],
             )
-        out[_PRESSURE], out[_BARO_ALT] = self.pressure_hpa[i], self.baro_alt[i]
+        out[_PRESSURE] = standard_atmosphere.pressure_hpa(self.baro_alt[i])
+        out[_BARO_ALT] = self.baro_alt[i]
         out[_VOLTAGE] = limits.within(self.battery_v[i] * 1e3, 0.0, 65534.0)
         out[_CURRENT], out[_REMAINING] = self.battery_a[i] * 100.0, rounded(100.0 * self.battery[i])
         for k in range(8):

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.geometry import (
-    matrix_from_quat,
     q_wf_from_q_nb,
+    quat_rotate,
     world_from_ned,
     xyzw_from_wxyz,
 )
@@ -191,7 +191,7 @@ class Bodies:
     def _set_motion(
         self, i: int, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None
     ) -> None:
-        omega_n = matrix_from_quat(q_nb) @ (np.zeros(3) if omega_b is None else omega_b)
+        omega_n = np.zeros(3) if omega_b is None else quat_rotate(q_nb, omega_b)
         motion = self._motion(i)
         motion.place[:], motion.quat[:] = world_from_ned(p_n), xyzw_from_wxyz(q_wf_from_q_nb(q_nb))
         motion.speed[:] = world_from_ned(np.zeros(3) if v_n is None else v_n)

@@ -90,7 +90,7 @@ class CrashDetector:
     ) -> None:
         self.records = [FlightRecord(name=name) for name in names]
         self._max_touchdown = [limit.touchdown_m_s for limit in limits]
-        self._min_cos_tilt: Array = np.cos([limit.tilt_rad for limit in limits])
+        self._min_cos_tilt: Array = np.array([math.cos(limit.tilt_rad) for limit in limits])
         self._new: list[str] = []
         self._floor = np.ones(len(names), bool)
         self._p_n, self._r_nb = p_n, r_nb

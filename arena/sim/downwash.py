@@ -32,14 +32,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.kernels.arrays import array, view
+from arena.kernels.downwash_wind import DownwashWind
+
 Array = NDArray[np.float64]
 
 AIR_DENSITY_KG_M3 = 1.225
 """Density of the standard atmosphere at sea level (ISO 2533)."""
-_SPEED, _SPREAD, _ORIGIN = 10.11, 0.07668, 5.817
-_SHAPE = math.sqrt(2.0) - 1.0
-_END = 6.0  # half radii
-_TAIL = 1.0 / (1.0 + _SHAPE * _END * _END) ** 2
 
 
 class Downwash:
@@ -52,13 +51,15 @@ class Downwash:
     def __init__(self, profiles: Sequence[Mapping[str, Any]], *, strength: float) -> None:
         places = [np.array([r["position_m"] for r in p["rotors"]], float)[:, :2] for p in profiles]
         jets = [p.get("downwash") or {"rotor_radius_m": math.inf} for p in profiles]
-        self._radius: Array = np.array([jet["rotor_radius_m"] for jet in jets], float)
-        area = np.pi * self._radius**2 * [len(each) for each in places]
+        radius: Array = np.array([jet["rotor_radius_m"] for jet in jets], float)
+        area = np.pi * radius**2 * [len(each) for each in places]
         factor = strength * np.array([jet.get("strength", 1.0) for jet in jets], float)
-        self._speed_per_root = _SPEED * factor / np.sqrt(2.0 * AIR_DENSITY_KG_M3 * area)
-        self._length: Array = np.array([_widest(each) for each in places])
-        self._rotors_out2: Array = np.array([(each**2).sum(1).mean() for each in places])
-        self.acts = len(profiles) > 1 and bool(self._speed_per_root.any())
+        per_root = factor / np.sqrt(2.0 * AIR_DENSITY_KG_M3 * area)
+        lengths: Array = np.array([_widest(each) for each in places])
+        rotors_out2: Array = np.array([(each**2).sum(1).mean() for each in places])
+        self._law = DownwashWind(view(per_root), view(lengths), view(radius), view(rotors_out2))
+        self._wind_n = array(self._law.wind_n)
+        self.acts = len(profiles) > 1 and bool(per_root.any())
 
     def wind(self, p_n: Array, axis_n: Array, thrust: Callable[[], Array]) -> Array:
         """Return the wind at each vehicle from the rotors of the other vehicles [m/s] [NED] (V, 3).
@@ -67,25 +68,11 @@ class Downwash:
         axis_n: direction of the body's z axis [-] [NED] (V, 3)
         thrust: function that returns the thrust of each vehicle [N] (V,). It is called only if a jet reaches a vehicle
         """
-        along = axis_n @ p_n.T  # (upper, lower)
-        along -= along.diagonal()[:, None].copy()
-        square = (p_n * p_n).sum(1)
-        apart2 = square[:, None] + square - 2.0 * (p_n @ p_n.T)
-        aside2 = np.maximum(apart2 - along * along, 0.0) + self._rotors_out2
-        half = _SPREAD * (along + (_ORIGIN * self._length)[:, None])
-        reached = (along > 0.0) & (aside2 < (_END * half) ** 2)
-        wind_n = np.zeros_like(p_n)
-        if not reached.any():
-            return wind_n
-        upper, lower = reached.nonzero()
-        s, length = along[upper, lower], self._length[upper]
-        shape = 1.0 / (1.0 + _SHAPE * aside2[upper, lower] / half[upper, lower] ** 2) ** 2 - _TAIL
-        speed = (
-            self._speed_per_root[upper] * np.sqrt(np.maximum(thrust()[upper], 0.0)) / (s / length + _ORIGIN)
-        )
-        speed *= shape * np.minimum(s / self._radius[upper], 1.0)
-        np.add.at(wind_n, lower, speed[:, None] * axis_n[upper])
-        return wind_n
+        at, axes = view(p_n), view(axis_n)
+        if not self._law.reaches(at, axes):
+            return np.zeros_like(p_n)
+        self._law.compute(at, axes, view(thrust()))
+        return self._wind_n.copy()
 
 
 def _widest(places: Array) -> float:

@@ -29,6 +29,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.portable_math import exp, power
+
 Array = NDArray[np.float64]
 
 _FOOT_M = 0.3048
@@ -71,13 +73,13 @@ class Gusts:
         shape = 0.177 + 0.000823 * feet
         air_n = v_n - wind_n
         travel = np.maximum(np.sqrt((air_n * air_n).sum(1)), self._wind) * self._h  # of the air [m]
-        along_lengths = travel / (feet * _FOOT_M) * shape**1.2
+        along_lengths = travel / (feet * _FOOT_M) * power(shape, 1.2)
         noise = self._draw()
-        decay = np.exp(-along_lengths)
+        decay = exp(-along_lengths)
         self._u = decay * self._u + np.sqrt(1.0 - decay * decay) * noise[:, 0]
         self._filter(np.stack([along_lengths, travel / (feet * _FOOT_M)]), noise)
         sigma_w = 0.1 * self._wind
-        sigma_u = sigma_w / shape**0.4
+        sigma_u = sigma_w / power(shape, 0.4)
         across, down = _OUT[0] * self._one + _OUT[1] * self._two
         return _ned(wind_n, sigma_u * self._u, sigma_u * across, sigma_w * down)
 
@@ -88,7 +90,7 @@ class Gusts:
 
         x: the step multiplied by V / L of v and w [-] (2, V)
         """
-        t, decay = math.sqrt(2.0) * x, np.exp(-x)
+        t, decay = math.sqrt(2.0) * x, exp(-x)
         square = decay * decay
         # Covariance of the noise of one step: what the decay of the stationary covariance leaves to fill.
         q11 = 1.0 - square

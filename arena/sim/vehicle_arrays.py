@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from arena.errors import InputError
 from arena.geometry import quat_from_euler, quat_rotate
+from arena.portable_math import cos, sin
 
 Array = NDArray[np.float64]
 
@@ -87,7 +88,14 @@ def _start_positions(
     for i, profile in enumerate(profiles):
         bottom, radius = origin_height[i], float(profile["radius_m"])
         rims = [
-            np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full_like(angle, z)], axis=-1)
+            np.stack(
+                [
+                    radius * cos(angle),
+                    radius * sin(angle),
+                    np.full_like(angle, z),
+                ],
+                axis=-1,
+            )
             for z in (bottom, bottom - float(profile["height_m"]))
         ]
         p_n[i, 2] -= quat_rotate(q_nb[i], np.concatenate(rims))[:, 2].max()

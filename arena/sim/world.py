@@ -94,7 +94,7 @@ class World:
         self._downwash_n: Array = np.zeros((self.fleet.size, 3))
         self.steps = self._observed_steps = 0
         # Before the first step every vehicle stands at its start, so its specific force is 1 g.
-        bodies.mean_accel_b[...] = -(_G_N @ bodies.r_nb)
+        bodies.mean_accel_b[...] = -GRAVITY_M_S2 * bodies.r_nb[:, 2]
         self._state = (
             bodies.p_n,
             bodies.q_nb,

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from arena.errors import InputError
 from arena.geometry import Array
+from arena.portable_math import cos, sin
 from arena.trajectories.trajectory import Reference, from_rest
 
 
@@ -97,9 +98,9 @@ class Lissajous:
         s, rate, acceleration = self._motion.at(t)
         w, a = self._frequency, self._amplitude
         angle = w * s + self._phase
-        slope, bend = a * w * np.cos(angle), -a * w * w * np.sin(angle)
+        slope, bend = a * w * cos(angle), -a * w * w * sin(angle)
         return Reference(
-            pos=self._start + a * (np.sin(angle) - np.sin(self._phase)),
+            pos=self._start + a * (sin(angle) - sin(self._phase)),
             vel=slope * rate,
             acc=bend * rate * rate + slope * acceleration,
             yaw=self._yaw,

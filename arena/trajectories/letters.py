@@ -12,6 +12,7 @@ import numpy as np
 
 from arena.errors import InputError
 from arena.geometry import Array
+from arena.portable_math import norm
 
 _Point = tuple[float, float]
 
@@ -76,9 +77,9 @@ def letter_points(letter: str, *, width_m: float, height_m: float, spacing_m: fl
     for stroke in STROKES[letter.upper()]:
         corners = np.array(stroke, float) * size
         for start, end in itertools.pairwise(corners):
-            count = max(1, int(np.ceil(np.linalg.norm(end - start) / spacing_m - 1e-9)))
+            count = max(1, int(np.ceil(norm(end - start) / spacing_m - 1e-9)))
             for place in start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start):
-                if all(np.linalg.norm(place - other) >= 0.7 * spacing_m for other in points):
+                if all(norm(place - other) >= 0.7 * spacing_m for other in points):
                     points.append(place)
     return np.array(points)
 

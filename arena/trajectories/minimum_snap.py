@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from arena.errors import InputError
 from arena.geometry import Array
+from arena.portable_math import product, solve
 from arena.trajectories.trajectory import Reference
 
 _COEFFICIENTS = 8
@@ -50,7 +51,7 @@ class MinimumSnap:
         k = min(int(np.searchsorted(self._ends, t, side="right")), len(self._times) - 1)
         h = self._times[k]
         u = (t - (self._ends[k] - h)) / h
-        pos, vel, acc = (_powers(u, order) @ self._coefficients[k] / h**order for order in range(3))
+        pos, vel, acc = (product(_powers(u, order), self._coefficients[k]) / h**order for order in range(3))
         return Reference(pos=pos[:3], vel=vel[:3], acc=acc[:3], yaw=float(pos[3]), yaw_rate=float(vel[3]))
 
 
@@ -61,7 +62,8 @@ def segment_times(waypoints: ArrayLike, speed_m_s: float, least_s: float = 0.5) 
     The first and the last segment get twice the time, because the vehicle starts and stops there.
     """
     points = np.asarray(waypoints, float)
-    times = np.linalg.norm(np.diff(points, axis=0), axis=1) / speed_m_s
+    ways = np.diff(points, axis=0)
+    times = np.sqrt((ways * ways).sum(1)) / speed_m_s
     if times.size:
         times[[0, -1]] *= 2.0
     found: Array = np.maximum(times, least_s)
@@ -106,4 +108,4 @@ def _solve(points: Array, times: Array) -> Array:
         ratio = times[k] / times[k + 1]
         for order in range(1, 7):
             add([(k, _powers(1.0, order)), (k + 1, -_powers(0.0, order) * ratio**order)])
-    return np.asarray(np.linalg.solve(matrix, right).reshape(count, _COEFFICIENTS, -1), float)
+    return solve(matrix, right).reshape(count, _COEFFICIENTS, -1)

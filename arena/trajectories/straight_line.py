@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from arena.errors import InputError
 from arena.geometry import Array
+from arena.portable_math import norm
 from arena.trajectories.trajectory import Reference, from_rest
 
 _PEAK = 1.875  # greatest speed of `from_rest`, in multiples of the mean speed
@@ -40,7 +41,7 @@ class StraightLine:
         self._start: Array = np.asarray(start, float).reshape(3)
         self._way: Array = np.asarray(end, float).reshape(3) - self._start
         self._yaw, self._turn = yaw[0], math.remainder(yaw[1] - yaw[0], 2.0 * math.pi)
-        self._duration_s = max(shortest_s, _PEAK * float(np.linalg.norm(self._way)) / speed)
+        self._duration_s = max(shortest_s, _PEAK * norm(self._way) / speed)
 
     @property
     def duration_s(self) -> float:

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.clock import Clock
 from arena.errors import CommandRefusedError, NotConfirmedError
 from arena.geometry import Array
+from arena.portable_math import norm
 from arena.thrust_curve import ThrustCurve
 from arena.trajectories.trajectory import Trajectory
 from arena.uav.data_source import Source
@@ -166,5 +167,5 @@ class FlightSteps:
         self._source.refresh()
         local = self._source.telemetry.local
         known = local is not None and self._source.age(local) <= self._source.stale_s
-        speed = float(np.linalg.norm(local.vel)) if known and local is not None else 0.0
+        speed = norm(local.vel) if known and local is not None else 0.0
         return float(self._curve.command(newtons, speed))

@@ -82,4 +82,5 @@ def _image(z: Array, apart: Array) -> Array:
     apart: horizontal distance to the other rotor [m]
     """
     z = z.reshape(-1, *[1] * apart.ndim)
-    return np.asarray(0.5 * z / (apart**2 + 4.0 * z * z) ** 1.5)
+    distance2 = apart**2 + 4.0 * z * z
+    return np.asarray(0.5 * z / (distance2 * np.sqrt(distance2)))

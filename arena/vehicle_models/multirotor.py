@@ -58,8 +58,10 @@ class Multirotor:
         """
         import numpy as np
 
+        from arena.portable_math import right_inverse
+
         effect = np.stack([actuator_effect(r, moment_ratio_m=1.0)[:3] for r in actuators])
-        inverse = np.linalg.pinv(np.column_stack([effect, np.ones(len(effect))]).T)[:, :3]
+        inverse = right_inverse(np.column_stack([effect, np.ones(len(effect))]).T)[:, :3]
         count = max(int((np.abs(inverse[:, 0]) > 1e-6).sum()), 1)
         tilt_scale = max(float(np.sqrt((inverse[:, a] ** 2).sum() / (count / 2.0))) for a in (0, 1))
         scale = np.array([tilt_scale, tilt_scale, float(np.abs(inverse[:, 2]).max())])

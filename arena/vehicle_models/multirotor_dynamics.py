@@ -41,6 +41,7 @@ from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
 from arena.kernels.arrays import array
 from arena.kernels.rotor_dynamics import RotorDynamics
+from arena.portable_math import exp
 from arena.thrust_curve import thrust_curve
 from arena.vehicle_models.ground_effect import CELLS, ground_table
 from arena.vehicle_models.model import Profile
@@ -87,7 +88,7 @@ class Rotors:
             (self.law.rise, "motor_up_s", 0.0125),
             (self.law.fall, "motor_down_s", 0.025),
         ):
-            array(to)[:] = 1.0 - np.exp(-step_s / np.maximum(_column(profiles, key, default), 1e-6))
+            array(to)[:] = 1.0 - exp(-step_s / np.maximum(_column(profiles, key, default), 1e-6))
         curves = [_curve(p) for p in profiles]
         tables = array(self.law.thrust_table)
         tables[:] = [table for table, _ in curves]

@@ -309,7 +309,7 @@ def _interpreted_copy(modules: Any, packing: Any) -> Any:
     constants = list(packing.values[source.VALUES :])
     thrust, motors = memoryview(packing.thrust), memoryview(packing.motors)
     found = source.TelemetryPacking(thrust, motors, constants, writers, packing.earth_m)
-    names = ("inputs", "mag_b", "baro_alt", "pressure_hpa", "battery_v", "battery_a", "battery", "escs")
+    names = ("inputs", "mag_b", "baro_alt", "battery_v", "battery_a", "battery", "escs")
     for name in names:
         np.asarray(getattr(found, name))[...] = np.asarray(getattr(packing, name))
     estimates = ("accel_b", "gyro_b", "p_n", "v_n", "q_nb", "r_nb", "omega_b", "cov", "resets", "xy_valid")

@@ -3,16 +3,34 @@
 from __future__ import annotations
 
 import csv
+import platform
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
-from .flight import ROOT, Flight, Hangar
+from .flight import PROGRAMS, ROOT, Flight, Hangar
 
 pytestmark = pytest.mark.flight
 YAML = ROOT / "examples" / "01_two_quads" / "arena.yaml"
 VEHICLES = ("uav1", "uav2")
+ANOTHER_CPU = """
+world:
+  size: [8, 8, 5]
+  wind_m_s: [1, 0.5, 0]
+  gusts_m_s: 4
+  obstacles: {{crate: {{position: [3, 3, 0], size: [0.5, 0.5, 1], rpy_deg: [0, 0, 30]}}}}
+defaults: {{program: {{path: '{program}', args: [lands]}}}}
+vehicles:
+  uav1: {{start: {{position: [0, 0, 0], rpy_deg: [0, 0, 40]}}}}
+  uav2: {{start: {{position: [0.9, 0, 0]}}, sensors: {{imu: {{accel_vibration_m_s2: 1.0, vibration_hz: 80}}}}}}
+"""
+OLDER_CPU = {
+    "NPY_DISABLE_CPU_FEATURES": " ".join(name for name in __cpu_dispatch__ if __cpu_features__.get(name)),
+    "OPENBLAS_CORETYPE": {"x86_64": "Prescott"}.get(platform.machine(), "ARMV8"),
+}
+"""Environment in which numpy uses only the instructions that every CPU of this architecture has."""
 
 
 def fly(hangar: Hangar, *options: str) -> Flight:
@@ -48,6 +66,23 @@ def test_same_seed_gives_the_same_logs_byte_for_byte(first: Flight, shared_hanga
     for v in VEHICLES:
         one, other = ((flight.folder / "ulog" / f"{v}.ulg").read_bytes() for flight in (first, again))
         assert one == other and len(one) > 500_000
+
+
+def test_another_cpu_flies_the_same_flight(
+    hangar: Hangar, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A CPU without the newest instructions: numpy and its matrix products then use others, which round differently."""
+    (tmp_path / "arena.yaml").write_text(ANOTHER_CPU.format(program=PROGRAMS / "fly.py"))
+    found = []
+    for older in (False, True):
+        if older:
+            for name, value in OLDER_CPU.items():
+                monkeypatch.setenv(name, value)
+        options = ("--speed", "max", "--until-done", "--no-report", "--time-limit", "300")
+        flight = hangar.up(tmp_path / "arena.yaml", *options, "--seed", "7")
+        assert flight.wait(360) == 0, flight.said()
+        found.append([(flight.folder / "csv" / f"{v}.csv").read_bytes() for v in VEHICLES])
+    assert found[0] == found[1]
 
 
 def test_mavsdk_flies_within_1_mm_of_pymavlink(first: Flight, shared_hangar: Hangar) -> None:

@@ -21,6 +21,7 @@ from arena.kernels.attitude_control import AttitudeLaw
 from arena.kernels.cascade import CascadeLaw
 from arena.kernels.position_control import PositionLaw
 from arena.kernels.rate_control import RateLaw
+from arena.portable_math import exp
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -208,7 +209,7 @@ def _low_pass(cutoff_hz: Array, dt: float) -> Array:
 
     The result has the shape of `cutoff_hz`. A cut-off of 0 Hz disables the filter.
     """
-    return np.where(cutoff_hz > 0, 1.0 - np.exp(-2 * np.pi * np.maximum(cutoff_hz, 1e-3) * dt), 1.0)
+    return np.where(cutoff_hz > 0, 1.0 - exp(-2 * np.pi * np.maximum(cutoff_hz, 1e-3) * dt), 1.0)
 
 
 class Cascade:

@@ -37,6 +37,7 @@ from arena.kernels.estimate_validity import EstimateValidity
 from arena.kernels.strapdown import Strapdown
 from arena.kernels.vision_fusion import VisionFusion
 from arena.kernels.vision_input import VisionInput
+from arena.portable_math import arctan2
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -281,8 +282,8 @@ class Estimator:
         if not len(idx):
             return
         down_b = -self._accel_mean[idx]
-        roll = np.arctan2(down_b[:, 1], down_b[:, 2])
-        pitch = np.arctan2(-down_b[:, 0], np.hypot(down_b[:, 1], down_b[:, 2]))
+        roll = arctan2(down_b[:, 1], down_b[:, 2])
+        pitch = arctan2(-down_b[:, 0], np.hypot(down_b[:, 1], down_b[:, 2]))
         self.q_nb[idx] = quat_normalize(
             quat_from_euler(np.stack([roll, pitch, yaw_from_quat(q_nb)], axis=-1))
         )

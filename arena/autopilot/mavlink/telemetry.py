@@ -24,9 +24,6 @@ Array = NDArray[np.float64]
 _PHASE_S, _PHASES = 0.004, 5  # phase shift between the streams of neighbouring vehicles
 _IDS = sorted(streams.SUPPORTED)
 _COLUMNS = {msgid: column for column, msgid in enumerate(_IDS)}
-(_PRESSURE,) = [
-    _COLUMNS[msgid] for msgid, contents in FREQUENT.items() if "pressure_hpa" in contents.values()
-]
 _HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _LINKS = list(streams.LINK_RATES)
 _HAS_CONTENT = {_COLUMNS[msgid]: test for msgid, test in {**HAS_CONTENT, **RARE_HAS_CONTENT}.items()}
@@ -137,6 +134,5 @@ class Telemetry:
         (row, "", b"") means that the MAVLink interface of this vehicle must send, because it has more to send than
         frequent messages.
         """
-        with_pressure = self._schedule.is_column_due(_PRESSURE, now)
-        self.packer.begin(now, sensors, with_pressure=with_pressure)
+        self.packer.begin(now, sensors)
         return self._sender.step(now)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.atmosphere import pressure_hpa
 from arena.autopilot.control.controllers import Cascade
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
@@ -176,7 +175,7 @@ class TelemetryPacker:
         inputs, place = array(packing.inputs), len(STATUS) + len(PLACE)
         self._status, self._place, self._lost = np.split(inputs, [len(STATUS), place], axis=1)
         self._xy_valid, self._escs = est.xy_valid, array(packing.escs)
-        self._pressure_hpa, self._baro_alt = array(packing.pressure_hpa), array(packing.baro_alt)
+        self._baro_alt = array(packing.baro_alt)
         self._mag_b = array(packing.mag_b)
         self._battery_v, self._battery_a = array(packing.battery_v), array(packing.battery_a)
         self._battery = array(packing.battery)
@@ -196,20 +195,17 @@ class TelemetryPacker:
         used = (sp.p_n, sp.yaw, sp.yaw_rate, position.v_sp_n, position.a_sp_n, cascade.q_sp, cascade.omega_sp)
         packing.read_setpoints_from(integers(sp.level), *(view(each) for each in used))
 
-    def begin(self, now: float, sensors: Mapping[str, Array], *, with_pressure: bool = True) -> None:
+    def begin(self, now: float, sensors: Mapping[str, Array]) -> None:
         """Copy time and sensor values of this step to the compiled packer of telemetry.
 
         The compiled packer reads the other values from the arrays of the autopilots.
 
         now: time since boot [s]
         sensors: as for `Autopilots.step`, whose accelerations and body rates the estimator has stored
-        with_pressure: False if no message of this step contains the pressure, which is slow to compute
         """
         self._mag_b[...], self._baro_alt[...] = sensors["mag_b"], sensors["baro_alt_m"]
         self._battery_v[...], self._battery_a[...] = sensors["battery_v"], sensors["battery_current_a"]
         self._battery[...] = sensors["battery_remaining"]
-        if with_pressure:
-            self._pressure_hpa[...] = pressure_hpa(self._baro_alt)
         self._xy_valid(now)
         self.law.set_time(boot_ms(now), int(now * 1e6), int(now * 1e9))
 

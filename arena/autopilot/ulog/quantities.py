@@ -19,6 +19,7 @@ from arena.autopilot.param_table import Params
 from arena.autopilot.vehicle import Vehicle
 from arena.geometry import globe_from_local, yaw_from_quat
 from arena.kernels.arrays import array
+from arena.portable_math import arctan2
 
 Array = NDArray[np.float64]
 _GAS_CONSTANT, _TEMPERATURE_K = (
@@ -167,7 +168,7 @@ class Quantities:
 
     def position(self) -> None:
         to, r, variance = self.values, self._s.est.r_nb, self._variance
-        np.arctan2(r[:, 1, 0], r[:, 0, 0], out=to["heading"])
+        to["heading"][:] = arctan2(r[:, 1, 0], r[:, 0, 0])
         np.add(variance[:, 6], variance[:, 7], out=to["tilt_var"])
         self._set_accuracies()
         inputs = [v.inputs for v in self._s.vehicles]

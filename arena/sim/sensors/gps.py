@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from arena.geometry import globe_from_local
+from arena.portable_math import exp
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
 from arena.wire.hil import HilMessage, HilSender
 
@@ -47,7 +48,7 @@ class Gps(Sensor):
         rate_hz = np.array(
             [p.get("sensors", {}).get("gps", {}).get("rate_hz", _DEFAULT_RATE_HZ) for p in profiles], float
         )
-        self._keep: Array = np.exp(-1.0 / (_CORRELATION_S * rate_hz))[:, None]
+        self._keep: Array = exp(-1.0 / (_CORRELATION_S * rate_hz))[:, None]
         self._error: Array | None = None  # of the position [m] (V, 3)
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:

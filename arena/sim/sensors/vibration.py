@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.portable_math import sin
+
 Array = NDArray[np.float64]
 
 _PHASES = 2.0 * math.pi * np.array([0.0, 0.25, 0.6, 0.4, 0.85, 0.1])  # of the six axes, so that they differ
@@ -47,5 +49,5 @@ class Vibration:
         turning = np.maximum((spin > 0.0).sum(1), 1)
         speed = spin.sum(1) / turning / hover  # mean of the rotors that turn; 1 in hover
         self._angle = (self._angle + self._turn * speed) % (2.0 * math.pi)
-        swing = np.sin(self._angle[:, None] + _PHASES)
+        swing = sin(self._angle[:, None] + _PHASES)
         return np.asarray(self._amplitude * (speed * speed)[:, None] * swing)

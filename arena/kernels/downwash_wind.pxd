@@ -1,0 +1,18 @@
+# C types of downwash_wind.py: they make the compiled class fast and change no result.
+cimport cython
+from libc cimport math
+
+cdef double _SPEED, _SPREAD, _ORIGIN, _SHAPE, _END, _TAIL
+
+@cython.final
+cdef class DownwashWind:
+    cdef readonly double[::1] factor, length, radius, rotors_out2
+    cdef readonly double[:, ::1] wind_n
+    @cython.locals(upper=Py_ssize_t, lower=Py_ssize_t)
+    cpdef bint reaches(self, double[:, :] p_n, double[:, :] axis_n) except -1
+    @cython.locals(upper=Py_ssize_t, lower=Py_ssize_t, k=Py_ssize_t, root=double, shape=double, s=double, speed=double)
+    cpdef void compute(self, double[:, :] p_n, double[:, :] axis_n, double[:] thrust) except *
+    @cython.locals(k=Py_ssize_t, total=double)
+    cdef double _along(self, double[:, :] p_n, double[:, :] axis_n, Py_ssize_t upper, Py_ssize_t lower) except? -1.0
+    @cython.locals(k=Py_ssize_t, along=double, apart2=double, aside2=double, half=double, bell=double)
+    cdef double _shape(self, double[:, :] p_n, double[:, :] axis_n, Py_ssize_t upper, Py_ssize_t lower) except? -1.0
