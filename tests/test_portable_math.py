@@ -56,13 +56,21 @@ EXACT = {"recorder/viewer_scene.py", "autopilot/ulog/quantities.py"}
 
 
 def calls(tree: ast.AST) -> list[str]:
-    """Return the uses of numpy's functions that depend on the CPU, and of the operators @ and ** with a fraction."""
+    """Return the uses of numpy's functions that depend on the CPU, of the operator @, and of ** with a fraction.
+
+    numpy computes ** 0.5 as a square root, which is exact.
+    """
     found = []
     for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "np":
-            found += [f"line {node.lineno}: np.{node.attr}"] * (node.attr in CHOSEN_BY_CPU)
-        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
-            found.append(f"line {node.lineno}: @")
+        match node:
+            case ast.Attribute(value=ast.Name(id="np"), attr=name) if name in CHOSEN_BY_CPU:
+                found.append(f"line {node.lineno}: np.{name}")
+            case ast.BinOp(op=ast.MatMult()):
+                found.append(f"line {node.lineno}: @")
+            case ast.BinOp(op=ast.Pow(), right=ast.Constant(value=exponent)) if (
+                exponent % 1 and exponent != 0.5
+            ):
+                found.append(f"line {node.lineno}: ** {exponent}")
     return found
 
 
