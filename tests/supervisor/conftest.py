@@ -114,8 +114,8 @@ class Run:
 
     def events(self, process: str = "") -> list[dict[str, Any]]:
         file = self.folder / "events.jsonl"
-        lines = file.read_text().splitlines() if file.exists() else []
-        return [e for e in map(json.loads, lines) if process in ("", e["process"])]
+        whole = file.read_text().rpartition("\n")[0] if file.exists() else ""  # it may be about to be written
+        return [e for e in map(json.loads, whole.splitlines()) if process in ("", e["process"])]
 
     def until(self, process: str, state: str, times: int = 1) -> dict[str, Any]:
         """Wait for a transition of a process into a state."""
