@@ -7,28 +7,37 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from arena.errors import ArenaError
+from arena.process_context import ProcessContext
 from arena.sim.autopilot_interface import AutopilotSet, CompositeAutopilots, MakeAutopilots
-from arena.sim.loop import serve
+from arena.sim.loop import run
 from arena.sim.sensors import hil_outputs
+from arena.sim.vehicle_links import VehicleLinks
 
 
 def main(argv: list[str] | None = None, make_autopilots: MakeAutopilots | None = None) -> int:
-    """Run the simulated world and return its exit code.
+    """Run the world as a separate process with UDP links until a stop is requested. Return its exit code.
 
+    argv: command line; it names the JSON configuration (slice) of the process
     make_autopilots: creates the autopilots; by default the configuration file selects their kinds
     """
     try:
-        serve(make_autopilots or autopilots_by_kind, argv)
+        context = ProcessContext.enter(argv)
+        run(context, context.settings, make_autopilots or autopilots_by_kind, _udp_links)
     except ArenaError as error:
         print(f"arena world: {error}", file=sys.stderr)
         return error.exit_code
     return 0
+
+
+def _udp_links(_: ProcessContext, settings: Mapping[str, Any], budget_s: float, *__: object) -> VehicleLinks:
+    return VehicleLinks(settings["vehicles"], budget_s=budget_s)
 
 
 def autopilots_by_kind(settings: dict[str, Any], dt: float) -> AutopilotSet:

@@ -33,7 +33,7 @@ from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolic
 from arena.sim.autopilot_interface import ExternalAutopilots, MakeAutopilots
 from arena.sim.fault_injection import inject_fault
 from arena.sim.pacing import Pacer, own_core, speed_of
-from arena.sim.vehicle_links import LinkInterface, VehicleLinks
+from arena.sim.vehicle_links import LinkInterface
 from arena.sim.world import World
 from arena.socket_watch import SocketWatch
 from arena.wire.truth_page import TruthWriter
@@ -371,15 +371,6 @@ class Loop:
         }
 
 
-def serve(make_autopilots: MakeAutopilots, argv: list[str] | None = None) -> None:
-    """Run the world as a separate process with UDP links until a stop is requested. Raises ArenaError.
-
-    argv: command line; it names the JSON configuration (slice) of the process
-    """
-    context = ProcessContext.enter(argv)
-    run(context, context.settings, make_autopilots, _udp_links)
-
-
 def run(
     context: ProcessContext, settings: dict[str, Any], make_autopilots: MakeAutopilots, make_links: MakeLinks
 ) -> None:
@@ -398,7 +389,3 @@ def run(
         loop.run()
     finally:
         loop.close()
-
-
-def _udp_links(_: ProcessContext, settings: Mapping[str, Any], budget_s: float, *__: object) -> VehicleLinks:
-    return VehicleLinks(settings["vehicles"], budget_s=budget_s)

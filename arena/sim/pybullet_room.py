@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+import weakref
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -88,6 +89,7 @@ class PybulletRoom:
     ) -> None:
         self._bullet = _import()
         self._client = _connect(self._bullet, gui)
+        self._end = weakref.finalize(self, _disconnect, self._bullet, self._client)
         self._fleet = fleet
         self._bullet.setGravity(0.0, 0.0, -GRAVITY_M_S2, physicsClientId=self._client)
         self._bullet.setTimeStep(step_s, physicsClientId=self._client)
@@ -177,9 +179,8 @@ class PybulletRoom:
         return Contacts(floor=floor, others=others)
 
     def close(self) -> None:
-        """End pybullet's physics simulation."""
-        if self._bullet.isConnected(self._client):
-            self._bullet.disconnect(self._client)
+        """End pybullet's physics simulation. It also ends when this object is deleted."""
+        self._end()
 
     def _floor(self) -> int:
         return self._fixed(
@@ -314,6 +315,11 @@ def _no_stderr() -> Iterator[None]:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(null)
+
+
+def _disconnect(bullet: Any, client: int) -> None:
+    if bullet.isConnected(client):  # nobody has closed the window
+        bullet.disconnect(client)
 
 
 def _connect(bullet: Any, gui: bool) -> int:

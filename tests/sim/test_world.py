@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -293,3 +296,19 @@ def test_vehicle_with_an_empty_battery_falls(build):
     assert abs(world.truth().v_n[0, 2]) < 0.1, "full thrust down to the reserve"
     fly(world, hover(world), 0.5)
     assert world.truth().v_n[0, 2] > 3.0 and world.truth().motors.max() < 0.01
+
+
+def test_world_that_is_deleted_frees_its_memory_in_pybullet() -> None:
+    pybullet = pytest.importorskip("pybullet")
+    gc.collect()
+    before = clients(pybullet)
+    world = World(slice_of(vehicle()))
+    assert clients(pybullet) == before + 1
+    del world
+    gc.collect()
+    assert clients(pybullet) == before
+
+
+def clients(pybullet: Any) -> int:
+    """Return the number of physics simulations in this process."""
+    return sum(pybullet.isConnected(client) for client in range(1024))
