@@ -378,10 +378,10 @@ def test_ten_real_px4_fly_the_ten_vehicle_example(hangar: Hangar) -> None:
             vehicle
         )
         assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"]), (vehicle, told["setpoints"])
-        assert (
-            "Preflight Fail" not in flight.log(f"px4.{vehicle}")
-            and len(flight.summary["px4"][vehicle]["ulogs"]) == 1
-        )
+        # ten boots on few cores: a check can run before its sensor has data
+        _, ready, after = flight.log(f"px4.{vehicle}").partition("Ready for takeoff!")
+        assert ready and "Preflight Fail" not in after
+        assert len(flight.summary["px4"][vehicle]["ulogs"]) == 1
     flight.assert_nothing_left()
 
 
