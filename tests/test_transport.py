@@ -66,7 +66,8 @@ def test_a_socket_returns_the_age_of_what_waited():
         finally:
             receiving.close()
         assert (old, new, sender) == (b"old", b"new", sending.getsockname())
-    assert 0.25 < old_s <= time.monotonic() - now
+    # the two clocks that give the age were not read at the same instant
+    assert 0.25 < old_s <= time.monotonic() - now + 0.05
     assert old_s - new_s > 0.2
 
 
