@@ -5,6 +5,5 @@ from __future__ import annotations
 from arena.kernels import standard_atmosphere
 from arena.portable_math import for_arrays
 
-SEA_LEVEL_HPA = standard_atmosphere.SEA_LEVEL_HPA
 pressure_hpa = for_arrays(standard_atmosphere.pressure_hpa, 1)
-"""Function that returns the static pressure [hPa] at a height above mean sea level [m], a number or an array."""
+"""Function of a height above mean sea level [m], a number or an array: returns the static pressure there [hPa]."""

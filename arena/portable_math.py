@@ -1,8 +1,8 @@
 """Functions of arrays whose results are equal, bit for bit, on all CPUs of one architecture. Pure.
 
-numpy chooses the instructions of its sin, exp and so on, and of its matrix products, by the type of the CPU. Their results can differ in
-the last bit. A simulated flight with a seed must be the same on two computers, so whatever changes a flight uses these functions. They
-call Python's `math` for each element, or add in a fixed order. They are slower than numpy: what runs in every step is a kernel.
+numpy's sin and exp, for example, and its matrix products use the newest instructions of the CPU, so their results can differ in the last
+bit on another CPU. A simulated flight with a seed must be the same on two computers. So code that changes a flight uses these functions.
+They call Python's `math` for each element, or add in a fixed order. They are slower than numpy: what runs in every step is a kernel.
 
 An element without a result, such as the sine of infinity, is NaN.
 """
@@ -21,7 +21,7 @@ _LEAST_PIVOT = 1e-12  # part of the largest element
 
 
 def for_arrays(function: Callable[..., float], arguments: int) -> Callable[..., Any]:
-    """Return a function that applies a function of numbers to each element of arrays (...). For numbers it returns a number.
+    """Make a function of numbers work on arrays of any shape: it is called for each element. For numbers it returns a number.
 
     arguments: number of arguments of the function
     """
@@ -48,10 +48,8 @@ arctan2, power = for_arrays(math.atan2, 2), for_arrays(math.pow, 2)
 
 
 def product(a: ArrayLike, b: ArrayLike) -> Array:
-    """Return the product of two matrices (..., n, m) and (..., m, k), or of vectors (..., m) and a matrix (m, k)."""
-    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
-    is_vector = b.ndim == 2 and (a.ndim == 1 or a.shape[-1] == b.shape[0])
-    return np.asarray(np.einsum("...j,jk->...k" if is_vector else "...ij,...jk->...ik", a, b))
+    """Return the product (..., k) of vectors or matrices a (..., m) and a matrix b (m, k)."""
+    return np.asarray(np.einsum("...j,jk->...k", np.asarray(a, np.float64), np.asarray(b, np.float64)))
 
 
 def norm(vector: ArrayLike) -> float:

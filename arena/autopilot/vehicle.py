@@ -119,7 +119,7 @@ class Vehicle:
         )
         self.takeoff_target_d = math.nan
         self.origin: Origin | None = None
-        self.home_n: list[float] | None = None
+        self.home_n: Point | None = None
         self.home_yaw = 0.0
         self.missions = MissionStore()
         self.reposition_target: RepositionTarget | None = None
@@ -258,7 +258,8 @@ class Vehicle:
 
         The caller checks that position and heading are valid.
         """
-        self.home_n, self.home_yaw = self._estimator.p_n[self.row].tolist(), self.yaw()
+        north, east, down = self._estimator.p_n[self.row].tolist()
+        self.home_n, self.home_yaw = (north, east, down), self.yaw()
 
     def set_home_here(self) -> bool:
         """Set home to the estimated position. Return False if the position or the origin is not valid."""
@@ -273,7 +274,7 @@ class Vehicle:
         lat, lon: latitude, longitude [deg]. alt: altitude AMSL [m]
         """
         point = self.local_from_global(lat, lon, alt)
-        self.home_n = list(point) if point else self.home_n
+        self.home_n = point or self.home_n
         return point is not None
 
     def set_origin(self, lat: float, lon: float, alt: float) -> None:

@@ -71,7 +71,7 @@ class DownwashWind:
         return total
 
     def _shape(self, p_n: Floats, axis_n: Floats, upper: int, lower: int) -> float:
-        """Return the speed of the upper vehicle's jet at the lower vehicle, as a part of that on the axis; 0 outside of the jet."""
+        """Return the speed of the upper vehicle's jet at the lower vehicle, divided by the speed on the axis [-]; 0 outside the jet."""
         if self.factor[upper] == 0.0:
             return 0.0
         along = self._along(p_n, axis_n, upper, lower)

@@ -214,7 +214,7 @@ def matrix_of(matrices: Floats, i: int) -> Nine:
 
 
 def rotated(r: Nine, v: Triple) -> Triple:
-    """Return the product of a rotation matrix and a vector."""
+    """Return a vector that is rotated by a matrix: r * v. r: (3, 3), row after row."""
     return (
         r[0] * v[0] + r[1] * v[1] + r[2] * v[2],
         r[3] * v[0] + r[4] * v[1] + r[5] * v[2],
@@ -223,7 +223,7 @@ def rotated(r: Nine, v: Triple) -> Triple:
 
 
 def rotated_back(r: Nine, v: Triple) -> Triple:
-    """Return the product of the transpose of a rotation matrix and a vector."""
+    """Return a vector that is rotated back: the transpose of r, times v. r: (3, 3), row after row."""
     return (
         r[0] * v[0] + r[3] * v[1] + r[6] * v[2],
         r[1] * v[0] + r[4] * v[1] + r[7] * v[2],

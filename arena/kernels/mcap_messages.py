@@ -1,4 +1,4 @@
-"""Message records of an MCAP file, collected in memory, and their index.
+"""Collects the messages of an MCAP file in memory, and makes their index.
 
 `arena.recorder.mcap_records` packs the other records of the file. The recorder logs tens of messages per step of the world.
 """
@@ -77,7 +77,7 @@ class MessageChannel:
         self._buffer, self.number, self.count = buffer, number, 0
 
     def log(self, data: bytes, log_time: int) -> None:
-        """Add a message to the buffer. log_time: [ns]."""
+        """Send a message of this channel to the buffer. log_time: time of the message [ns]."""
         self.count += 1
         self._buffer.add(self.number, self.count, data, log_time)
 

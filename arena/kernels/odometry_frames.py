@@ -1,4 +1,4 @@
-"""Frames of ODOMETRY messages, which a pose forwarder sends 30 to 100 times per second."""
+"""Packs the ODOMETRY messages with captured poses, which a pose forwarder sends 30 to 100 times per second."""
 
 from __future__ import annotations
 

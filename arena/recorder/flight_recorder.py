@@ -219,7 +219,7 @@ class FlightRecorder:
         return server
 
     def _channel(self, topic: str, encoding: str, schema: SchemaData) -> Log:
-        """Create a channel in the record, which viewers also receive during the flight."""
+        """Create a channel in the record. If there is a server for viewers, they receive the channel during the flight."""
         log = self._file.channel(topic, encoding, schema)
         return log if self._server is None else self._server.channel(topic, encoding, schema, log)
 

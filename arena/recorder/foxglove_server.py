@@ -62,7 +62,10 @@ class FoxgloveServer:
         return f"ws://{self.address}:{self.port}"
 
     def channel(self, topic: str, encoding: str, schema: SchemaData, log: Log) -> Log:
-        """Create a channel for viewers. Return a function that sends a message to viewers, and passes it to `log`."""
+        """Create a channel for viewers. Return a function that sends a message to them and to the record.
+
+        log: function that sends a message to the record
+        """
         from foxglove import Channel, Schema
 
         described = Schema(name=schema.name, encoding=schema.encoding, data=schema.data)

@@ -37,14 +37,14 @@ _NO_LIMIT = 1 << 30
 
 
 Log = Callable[[bytes, int], None]
-"""Function that sends a message at a log time [ns]."""
+"""Function that sends an encoded message. Its second argument is the log time [ns]."""
 MakeChannel = Callable[[str, str, SchemaData], Log]
 """Function that creates a channel: topic, encoding of its messages, schema."""
 _Piece = tuple[bytes, int, int]  # as from `MessageBuffer.take`
 
 
 class McapFile:
-    """Writer of the file flight.mcap, which stores the messages of the channels that `channel` creates.
+    """Writer of the file flight.mcap. It stores the messages of all channels that were created with `channel`.
 
     Messages are collected in memory. `flush` writes them, in a thread that also waits until they are on the disk. If power is
     lost, the record loses only the messages since the last `flush` (and the time that the disk needs). The file is locked while
@@ -79,9 +79,7 @@ class McapFile:
         self._indexed = IndexedFile(self._definitions)  # only the thread uses it after this function
         self._flushes = self._chunk_bytes = 0
         self._chunk: list[_Piece] = []
-        self._before_tail = (
-            b""  # definitions of channels that the tail needs, and that are in an earlier chunk
-        )
+        self._before_tail = b""  # definitions in earlier chunks, which the new tail needs, too
         head = self._indexed.begin(name, metadata)
         self._submit(len(head), partial(self._write_record, head))
 
@@ -91,7 +89,10 @@ class McapFile:
         return self._thread.busy
 
     def channel(self, topic: str, encoding: str, schema: SchemaData) -> Log:
-        """Create a channel. It is in the file from its first message on. encoding: of its messages."""
+        """Create a channel, and return the function that sends its messages. encoding: how the messages are encoded.
+
+        The file contains the channel only if a message is sent.
+        """
         channel = MessageChannel(self._buffer, self._definitions.add(topic, encoding, schema))
         self._channels.append(channel)
         return channel.log
@@ -130,7 +131,7 @@ class McapFile:
         return not self.failure
 
     def _take(self) -> _Piece:
-        """Add the new messages to the chunk, and return them."""
+        """Move the new messages from the buffer to the present chunk, and return them."""
         piece = self._buffer.take()
         if piece[0]:
             self._chunk.append(piece)
@@ -145,7 +146,10 @@ class McapFile:
             self._submit(sum(len(piece[0]) for piece in pieces), partial(self._write_chunk, pieces))
 
     def _submit(self, size: int, write: Callable[[], None]) -> None:
-        """Call a function in the background that writes some bytes. size: number of bytes that wait for it."""
+        """Call `write` in the background thread. The record ends if too many bytes wait for this thread.
+
+        size: number of bytes that `write` writes, before their compression.
+        """
         if self.failure:
             return
         waiting = self._submitted - self._written
@@ -156,7 +160,7 @@ class McapFile:
         self._thread.submit(partial(self._in_background, size, write))
 
     def _in_background(self, size: int, write: Callable[[], None]) -> None:
-        """Write to the disk in the background thread. Write nothing after the first error."""
+        """Call `write` in the background thread; after the first error, do nothing. size: as for `_submit`."""
         try:
             if not self.failure:
                 write()

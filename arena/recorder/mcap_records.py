@@ -25,7 +25,7 @@ _LIBRARY = "arena"
 
 
 class SchemaData(Protocol):
-    """Interface of a schema: one of `arena.wire.flight_record`, or one of foxglove-sdk."""
+    """Attributes of a schema, which is from `arena.wire.flight_record` or from foxglove-sdk."""
 
     @property
     def name(self) -> str: ...
@@ -50,11 +50,11 @@ class Definitions:
         self._numbers: dict[tuple[str, str, bytes], int] = {}
 
     def __len__(self) -> int:
-        """Return the number of channels, including those without a message."""
+        """Return the number of channels. Channels without a message count, too."""
         return len(self._known)
 
     def add(self, topic: str, encoding: str, schema: SchemaData) -> int:
-        """Add a channel. Return its number. encoding: of its messages."""
+        """Add a channel and return its number. encoding: how its messages are encoded."""
         key = schema.name, schema.encoding, schema.data
         schema_number = self._numbers.setdefault(key, 1 + len(self._numbers))
         number = 1 + len(self._known)
@@ -64,7 +64,7 @@ class Definitions:
         return number
 
     def define(self, number: int) -> bytes:
-        """Return the records that must be before the first message of a channel in the file. Call it once per channel."""
+        """Return the records that define a channel. In the file they must precede its first message. Call this once per channel."""
         schema, channel = self._known[number - 1]
         is_new = schema not in self.schemas
         self.schemas += [schema] * is_new
@@ -155,12 +155,12 @@ class IndexedFile:
 
 
 def file_head() -> bytes:
-    """Return the first bytes of an MCAP file."""
+    """Return the begin of an MCAP file: the magic bytes and the header record."""
     return MAGIC + record(_HEADER, _text("") + _text(_LIBRARY))
 
 
 def metadata_record(name: str, metadata: Mapping[str, str]) -> bytes:
-    """Return a metadata record."""
+    """Return a record with texts about the file. name: of the record.  metadata: key -> text."""
     content = b"".join(_text(key) + _text(value) for key, value in metadata.items())
     return record(_METADATA, _text(name) + _sized(content))
 

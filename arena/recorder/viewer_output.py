@@ -1,4 +1,4 @@
-"""Output channels for viewers: they are created from the table of topics and limit the rate of messages."""
+"""Output channels for viewers. The table of topics says which channels there are, and their highest rate."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Output:
         )
 
     def send(self, message: bytes, time_s: float) -> None:
-        """Send an encoded message. time_s: log time [s]."""
+        """Send an encoded message. time_s: its log time [s]."""
         self.log(message, nanoseconds(time_s))
 
     def send_numbers(self, time_s: float, *values: float) -> None:

@@ -29,7 +29,6 @@ from arena.wire.truth_page import Truth
 
 Array = NDArray[np.float64]
 
-_G_N = np.array([0.0, 0.0, GRAVITY_M_S2])
 _DOWNWASH_S = 0.02
 """Time for which the downwash is held [s]. At 2 m/s a vehicle moves by 4 cm, a fifth of the width of a jet."""
 

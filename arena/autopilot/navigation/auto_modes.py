@@ -55,10 +55,9 @@ class AutoModes:
         s.global_ok = v.origin is not None and s.xy_valid and s.z_valid
         s.home_ok = v.origin is not None and v.home_n is not None
         checked = self._checked[v.row]
-        home = v.home_n
-        key = (v.missions.version, v.origin, home, self.params.version)
+        key = (v.missions.version, v.origin, v.home_n, self.params.version)
         if key != checked.key:
-            self._check_lists(v, s, checked, (home[0], home[1], home[2]) if home else None)
+            self._check_lists(v, s, checked, v.home_n)
             checked.key = key
         s.mission_ok = v.missions.valid
         has_fence = checked.fence.home_n is not None or checked.fence.areas
@@ -132,7 +131,7 @@ class AutoModes:
             self._navigators[v.row] = Navigator(v.row, self.params, v.missions)
         return self._navigators[v.row]
 
-    def _situation(self, v: Vehicle, s: CommanderInputs, origin: Origin, home: list[float]) -> Situation:
+    def _situation(self, v: Vehicle, s: CommanderInputs, origin: Origin, home: Point) -> Situation:
         p, velocity = self.est.p_n[v.row].tolist(), self.est.v_n[v.row].tolist()
         return Situation(
             now=s.now,
@@ -142,7 +141,7 @@ class AutoModes:
             landed=s.landed,
             flying=s.flying,
             origin=origin,
-            home_n=(home[0], home[1], home[2]),
+            home_n=home,
             home_yaw=v.home_yaw,
             report=v.commander.report,
         )

@@ -41,10 +41,6 @@ _CONTROL_BITS = {
 }
 """Quantity -> its bits in `estimator_status.control_mode_flags`."""
 _BITS = np.array(list(_CONTROL_BITS.values()), float)
-_PAIRS = np.array([[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
-"""Matrix (6, 4): multiplies the variances of position and velocity [NED] (6,). Result: horizontal and vertical variance of the
-position, then of the velocity.
-"""
 _NUMBERS = (
     "thrust_z heading tilt_var lat0 lon0 alt0 lat lon alt yaw_held v_sp_north v_sp_east v_sp_down baro_alt pressure_pa"
     " air_density voltage current remaining discharged_mah battery_warning torque_achieved ratio_yaw ratio_position ratio_z"
@@ -179,7 +175,10 @@ class Quantities:
 
     def _set_accuracies(self) -> None:
         """Compute the horizontal and vertical accuracies of position and velocity from the variances."""
-        np.sqrt(self._variance[:, :6] @ _PAIRS, out=self._accuracies)
+        variance, found = self._variance, self._accuracies
+        np.add(variance[:, 0:4:3], variance[:, 1:5:3], out=found[:, 0::2])  # north and east, of both
+        found[:, 1::2] = variance[:, 2:6:3]
+        np.sqrt(found, out=found)
 
     def _set_origins(self) -> None:
         """Read the origins of the local frames again if they have changed."""
@@ -245,7 +244,7 @@ class Quantities:
         lasts = (est.last_xy, est.last_z, est.last_yaw, est.last_baro)
         for name, last in zip(("fuses_xy", "fuses_z", "fuses_yaw", "fuses_baro"), lasts, strict=True):
             to[name][:] = (now - last < _RECENTLY_S) & est.aligned
-        np.matmul(self._flags, _BITS, out=to["control_flags"])
+        np.sum(self._flags * _BITS, axis=1, out=to["control_flags"])
         inputs = [v.inputs for v in s.vehicles]
         to["solution_flags"][:] = [
             _ATTITUDE * each.aligned

@@ -258,7 +258,7 @@ class UlogRecorder:
         if self._open[i]:
             self._pass_on(i, ulog.text(severity, round(1e6 * self._now), text))
 
-    def _record_home(self, i: int, home_n: list[float], yaw: float) -> None:
+    def _record_home(self, i: int, home_n: tuple[float, float, float], yaw: float) -> None:
         v, now_us = self._s.vehicles[i], round(1e6 * self._now)
         self._homes[i] += 1
         lat = lon = alt = math.nan
