@@ -191,6 +191,12 @@ def test_texts_modes_and_landing_are_recorded(flown: tuple[Memory, Flight]) -> N
     assert len(vision["timestamp"]) > 100 and np.isnan(vision["velocity[0]"]).all()
 
 
+def test_home_is_recorded_only_when_it_changes(flown: tuple[Memory, Flight]) -> None:
+    found = flown[0].read().get_dataset("home_position").data
+    assert list(found["update_count"]) == list(range(1, 1 + len(found["timestamp"])))
+    assert 1 <= len(found["timestamp"]) <= 3
+
+
 def test_parameters_with_defaults_and_changes_are_read_by_arena(
     flown: tuple[Memory, Flight], tmp_path: Path
 ) -> None:

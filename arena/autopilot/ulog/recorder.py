@@ -216,8 +216,8 @@ class UlogRecorder:
             self._keys[i] = key
             self._state.update(i, now)
             self._pass_on(i, b"".join(self._layout.state[topic][i].tobytes() for topic in STATE))
-        if v.home_n is not None and (v.home_n, v.home_yaw, v.origin) != self._home[i]:
-            self._home[i] = (list(v.home_n), v.home_yaw, v.origin)
+        if v.home_n is not None and (home := (v.home_n, v.home_yaw, v.origin)) != self._home[i]:
+            self._home[i] = home
             self._record_home(i, v.home_n, v.home_yaw)
         if v.offboard_setpoint_at >= self._offboard_at[i] + _OFFBOARD_PERIOD_S:
             self._offboard_at[i] = v.offboard_setpoint_at
