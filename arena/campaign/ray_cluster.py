@@ -7,6 +7,7 @@ This computer is one of the cluster. It collects the records and the run folders
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import socket
@@ -32,6 +33,9 @@ _LANDING_TIMEOUT_S = 180.0  # time for interrupted flights to land, before their
 # HTTP/2: the first bytes of a client, with an empty SETTINGS frame. The server answers with a SETTINGS frame.
 _HTTP2_GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))
 _SETTINGS = 4  # byte 3 of the answer: the type of the frame
+_REPLACED_HOSTS = frozenset(
+    {"localhost", "127.0.0.1", "::1"}
+)  # Ray uses the computer's network address instead
 _CURRENT_CLUSTER = Path(tempfile.gettempdir(), "ray", "ray_current_cluster")  # written by `ray start`
 
 
@@ -142,9 +146,10 @@ def _connected(address: str) -> Any:
     except ImportError as error:
         raise NotInstalledError("Ray is not installed: run `pip install 'flying-arena[cluster]'`") from error
     check_address(address)
+    _check_own_address(address, ray)
     before = signal.getsignal(signal.SIGTERM)
     try:
-        ray.init(address=address, log_to_driver=False, logging_level="ERROR", configure_logging=False)
+        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, configure_logging=False)
     except (ConnectionError, ValueError, RuntimeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RunError(
@@ -168,10 +173,9 @@ def check_address(address: str) -> None:
 
     Raises InputError if the address has another form, RunError if no cluster answers within CONNECT_TIMEOUT_S.
     """
-    if address == "auto":
-        address = os.environ.get("RAY_ADDRESS") or _read(_CURRENT_CLUSTER)
-        if not address:  # Ray looks for processes of a cluster, and reports at once if there are none
-            return
+    address = _address_of(address)
+    if not address:  # Ray looks for processes of a cluster, and reports at once if there are none
+        return
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or "/" in host:
         raise InputError(
@@ -188,6 +192,31 @@ def check_address(address: str) -> None:
             f"no Ray cluster at {address} (another server answers there): {_how_to_start(address)}. "
             "The usual port is 6379"
         )
+
+
+def _check_own_address(address: str, ray: Any) -> None:
+    """Check that a cluster at a loopback address also replies at this computer's network address, which Ray uses instead.
+
+    Otherwise Ray would try for minutes.
+
+    Raises RunError if the cluster does not reply.
+    """
+    host, _, port = _address_of(address).rpartition(":")
+    if host.strip("[]") not in _REPLACED_HOSTS:
+        return
+    own = ray.util.get_node_ip_address()
+    try:
+        check_address(f"{own}:{port}")
+    except RunError as error:
+        raise RunError(
+            f"the Ray cluster {host}:{port} can be reached only from this computer's loopback interface, but Ray connects to "
+            f"{own}:{port}: start it with `ray start --head --node-ip-address={own}`"
+        ) from error
+
+
+def _address_of(address: str) -> str:
+    """Return the HOST:PORT of an address, which may be `auto`; "" if no cluster was started on this computer."""
+    return (os.environ.get("RAY_ADDRESS") or _read(_CURRENT_CLUSTER)) if address == "auto" else address
 
 
 def _answer(connection: socket.socket) -> bytes:

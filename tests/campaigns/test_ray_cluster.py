@@ -26,6 +26,7 @@ from .conftest import record_of
 
 Load = Callable[[str], Sweep]
 PATIENCE_S = 120.0
+HOST = "127.0.0.2"  # a loopback address that Ray does not replace by the network address of this computer
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def address() -> Iterator[str]:
     pytest.importorskip("ray", reason="Ray is not installed: pip install '.[cluster]'")
     from ray.cluster_utils import Cluster
 
-    node = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "node_ip_address": "127.0.0.1"}
+    node = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "node_ip_address": HOST}
     paths = (Path(__file__).parents[1], Path(arena.__file__).parents[1])
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", ":".join(map(str, paths)))  # the workers import this module and arena
@@ -161,7 +162,7 @@ def test_other_files_on_a_computer_are_refused(sweep_of: Load, tmp_path: Path, a
             flown_by=partial(fly_in_a_node, begun=tmp_path / "begun"),
         )
     lines = str(error.value).splitlines()
-    assert len(lines) == 3 and all("127.0.0.1" in line for line in lines[:2]), "both nodes are one computer"
+    assert len(lines) == 3 and all(HOST in line for line in lines[:2]), "both nodes are one computer"
     assert "arena.yaml differs from the file of the campaign" in lines[0] and "none.py is missing" in lines[1]
 
 
@@ -174,7 +175,7 @@ def test_computer_outside_the_cluster_is_told_what_to_run(
         raise RuntimeError("Can't find a node to connect to.")
 
     monkeypatch.setattr(ray, "init", outside)
-    with pytest.raises(RunError, match=f"one of the cluster.*`ray start --address={address}`"):
+    with pytest.raises(RunError, match=f"must belong to the cluster.*`ray start --address={address}`"):
         ray_cluster._connected(address)
 
 
@@ -234,6 +235,29 @@ def test_auto_finds_the_cluster_that_was_started_last(
     (tmp_path / "current").write_text(ended)
     with pytest.raises(RunError, match=f"no Ray cluster at {ended}"):
         ray_cluster.check_address("auto")
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_cluster_on_the_loopback_interface_only_is_reported(
+    host: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ray = pytest.importorskip("ray", reason="Ray is not installed: pip install '.[cluster]'")
+    monkeypatch.setattr(ray, "init", lambda **_: pytest.fail("Ray would try for minutes"))
+    monkeypatch.setattr(ray.util, "get_node_ip_address", lambda: "127.0.0.3")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+
+        def serve() -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(bytes((0, 0, 0, 4, 0, 0, 0, 0, 0)))
+                connection.recv(100)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        with pytest.raises(RunError, match=rf"connects to 127.0.0.3:{port}: .*--node-ip-address=127.0.0.3"):
+            ray_cluster._connected(f"{host}:{port}")
+        thread.join()
 
 
 def test_auto_without_a_cluster_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
