@@ -29,6 +29,7 @@ from arena.autopilot.mavlink.telemetry import Telemetry
 from arena.autopilot.mavlink.telemetry_packer import TelemetryPacker
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.mode_flight import ModeFlight
+from arena.autopilot.steady_flights import SteadyFlights
 from arena.autopilot.stored_logs import LogLibrary
 from arena.autopilot.ulog.recorder import Sink, UlogRecorder
 from arena.autopilot.vehicle import Vehicle
@@ -119,7 +120,8 @@ class Autopilots:
         )
         for v in self.vehicles:
             v.is_inside_fence = partial(self.flight.auto.is_inside_fence, v)
-        self.armed = np.zeros(n, bool)
+        self._steady = SteadyFlights(self.est, offboard, self.land.landed, self.takeoff.flying)
+        self.armed, self._in_offboard = np.zeros(n, bool), np.zeros(n, bool)
         self._armed_since = np.full(n, np.inf)
         self._release = MotorRelease(
             outputs,
@@ -152,11 +154,13 @@ class Autopilots:
         link: name of the link, `router`, `vision`, `panic` or `ground`
         """
         if not self._ordinary.receive(vehicle, link, data, self._now):
+            self._steady.wake(vehicle)
             self.interfaces[vehicle].receive(link, data, self._now)
 
     def sticks(self, vehicle: int, on: bool) -> None:
         """Switch a vehicle's simulated radio control on (with centred sticks) or off."""
         self._radio_on[vehicle] = on
+        self._steady.wake(vehicle)
 
     def step(self, now: float, sensors: Mapping[str, Array]) -> Array:
         """Advance all autopilots by one sensor period; return the motor commands 0..1 (V, R).
@@ -213,6 +217,7 @@ class Autopilots:
 
         request: see `process_context`
         """
+        self._steady.wake_all()
         for gate in self.gates:
             gate.on_request(request, self._now)
 
@@ -241,6 +246,7 @@ class Autopilots:
                 write(self._ulog)
         except Exception as error:
             self._ulog = None
+            self._steady.wake_all()
             for v in self.vehicles:
                 v.is_logged = False
             self._events.append(f"ulog: the logs of all vehicles end here, because of an error: {error!r}")
@@ -281,27 +287,36 @@ class Autopilots:
         climbing = self._climb.climbing
         self.land.update(now, self.est, self.thrust, climbing, self._climb.sink)
         self.takeoff.update(now, self._armed_since, self.land.landed, climbing)
-        self._sense(now)
-        mode = Mode.OFFBOARD
-        offboard = np.array([v.commander.mode is mode for v in self.vehicles])
-        for v, interface in zip(self.vehicles, self.interfaces, strict=True):
-            self._decide_one(v)
-            self._telemetry.update(v)
-            interface.wake_if_changed()
-        self.cascade.position.speed_up[:] = self.takeoff.climb_rate_limit(now, offboard)
-        self.armed[:] = [v.commander.armed for v in self.vehicles]
-        self._armed_since[:] = [v.commander.armed_since for v in self.vehicles]
+        if self._params_version != self.params.version:
+            self._read_params()
+        masks = self.est.valid(now)
+        if rows := self._steady.rows_to_decide(now, self._sensors["battery_remaining"]):
+            deciding = [self.vehicles[i] for i in rows]
+            self._in_offboard[rows] = [v.commander.mode is Mode.OFFBOARD for v in deciding]
+            self._sense(now, masks, deciding)
+            for v in deciding:
+                self._decide_one(v)
+                self._telemetry.update(v)
+                self.interfaces[v.row].wake_if_changed()
+                self._steady.update(v, now)
+            self.armed[rows] = [v.commander.armed for v in deciding]
+            self._armed_since[rows] = [v.commander.armed_since for v in deciding]
+        self.cascade.position.speed_up[:] = self.takeoff.climb_rate_limit(now, self._in_offboard)
         self._release.update()
 
-    def _sense(self, now: float) -> None:
+    def _sense(self, now: float, masks: Sequence[NDArray[np.bool_]], deciding: Sequence[Vehicle]) -> None:
+        """Update the inputs of the commanders.
+
+        now: time since boot [s]
+        masks: whether the horizontal position, the height and the heading are valid (V,)
+        deciding: vehicles that decide in this step
+        """
         est = self.est
-        xy, z, yaw = (mask.tolist() for mask in est.valid(now))
+        xy, z, yaw = (mask.tolist() for mask in masks)
         tilt, rejected = est.tilt.tolist(), est.pose_rejected.tolist()
         landed, flying = self.land.landed.tolist(), self.takeoff.flying.tolist()
         battery, aligned = self._sensors["battery_remaining"].tolist(), est.aligned.tolist()
-        if self._params_version != self.params.version:
-            self._read_params()
-        for v in self.vehicles:
+        for v in deciding:
             i = v.row
             params = v.commander_params
             v.aligned = aligned[i]

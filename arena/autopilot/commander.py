@@ -154,6 +154,13 @@ class Commander:
         if event is not None:
             self.events.append(event.with_text(text))
 
+    @property
+    def has_nothing_pending(self) -> bool:
+        """True in flight while no failsafe acts or waits for its time, and no time is measured."""
+        measured = (self._pending, self._landed_since, self._tilted_since)
+        warned = self.failsafe or self._fence or self._battery_level or self._had_manual_control
+        return self.armed and self.took_off and not warned and measured == (None, None, None)
+
     # -- 50 times a second -----------------------------------------------------------------------------------
 
     def update(self, s: CommanderInputs, params: CommanderParams) -> None:

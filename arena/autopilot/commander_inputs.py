@@ -29,6 +29,7 @@ class CommanderInputs:
     global_ok: True if position and origin are valid
     home_ok: True if the home position is set
     mission_ok: True if a feasible mission is stored
+    has_fence: True if the vehicle has a geofence
     fence: PX4's text for the violated geofence rule, "" if no rule is violated
     poses_rejected: True if the newest pose contradicts the estimate
     manual: stick positions that are received, their motion and gestures
@@ -49,6 +50,7 @@ class CommanderInputs:
     global_ok: bool = True
     home_ok: bool = True
     mission_ok: bool = False
+    has_fence: bool = False
     fence: str = ""
     poses_rejected: bool = False
     manual: ManualInput = field(default_factory=ManualInput)

@@ -64,6 +64,7 @@ class Estimator:
     sensed_accel_b, sensed_gyro_b: last measurements of the IMU [m/s2], [rad/s] [FRD] (V, 3)
     force_b: specific force without bias [m/s2] [FRD] (V, 3)
     law: the compiled prediction, which owns these arrays
+    validity: the compiled decision which estimates are valid; `valid` updates it
     cov: covariance of the error state (V, 15, 15)
     aligned: True if the initial attitude is set (V,)
     test_ratio: squared innovation divided by its gate, for position and yaw [-] (V, 2)
@@ -107,7 +108,7 @@ class Estimator:
         self.last_yaw = array(vision.last_yaw)
         self.last_xy[:] = self.last_z[:] = self.last_yaw[:] = _NEVER
         self._xy_valid, self._z_valid, self._yaw_valid, self.pose_rejected = np.zeros((4, v), bool)
-        self._validity = validity = EstimateValidity(
+        self.validity = validity = EstimateValidity(
             state,
             vision,
             self._covariance.cov,
@@ -162,7 +163,7 @@ class Estimator:
 
         They are valid if vision was fused within the last EKF2_NOAID_TOUT and the filter has converged.
         """
-        self._validity.update(now)
+        self.validity.update(now)
         return self._xy_valid
 
     def z_valid(self, now: float) -> Bool:
@@ -173,7 +174,7 @@ class Estimator:
         It is valid if the height of vision or of the barometer was fused within the last EKF2_NOAID_TOUT. PX4
         has the same timeout (`valid_timeout_max` in EKF2).
         """
-        self._validity.update(now)
+        self.validity.update(now)
         return self._z_valid
 
     def yaw_valid(self, now: float) -> Bool:
@@ -183,12 +184,12 @@ class Estimator:
 
         It is valid if yaw was fused within the last EKF2_NOAID_TOUT, or if the parameters disable yaw fusion.
         """
-        self._validity.update(now)
+        self.validity.update(now)
         return self._yaw_valid
 
     def valid(self, now: float) -> tuple[Bool, Bool, Bool]:
         """Return the masks of `xy_valid`, `z_valid` and `yaw_valid`, which the next call overwrites."""
-        self._validity.update(now)
+        self.validity.update(now)
         return self._xy_valid, self._z_valid, self._yaw_valid
 
     def velocity_known(self, i: int) -> bool:

@@ -60,8 +60,8 @@ class AutoModes:
             self._check_lists(v, s, checked, v.home_n)
             checked.key = key
         s.mission_ok = v.missions.valid
-        has_fence = checked.fence.home_n is not None or checked.fence.areas
-        s.fence = checked.fence.breach(self.est.p_n[v.row].tolist()) if has_fence and s.xy_valid else ""
+        s.has_fence = checked.fence.home_n is not None or bool(checked.fence.areas)
+        s.fence = checked.fence.breach(self.est.p_n[v.row].tolist()) if s.has_fence and s.xy_valid else ""
 
     def is_flying(self, v: Vehicle) -> bool:
         """Return whether `AutoModes` flies the vehicle in its present mode.

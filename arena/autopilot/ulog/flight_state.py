@@ -82,8 +82,11 @@ class FlightState:
             for name, value in constants.items():
                 records[topic][name] = value
 
-    def key(self, i: int) -> tuple[object, ...]:
-        """Return the values of vehicle i, such as mode and arming, that are logged as soon as they change."""
+    def key(self, i: int, now: float) -> tuple[object, ...]:
+        """Return the values of vehicle i, such as mode and arming, that are logged as soon as they change.
+
+        now: time since boot [s]
+        """
         v, land = self._s.vehicles[i], self._s.land
         c, s = v.commander, v.inputs
         return (
@@ -99,7 +102,7 @@ class FlightState:
                 s.home_ok,
                 s.mission_ok,
             ),
-            *(s.gcs_age > _GCS_LOST_S, s.offboard_age > v.commander_params.com_of_loss_t),
+            *(v.gcs_age(now) > _GCS_LOST_S, s.offboard_age > v.commander_params.com_of_loss_t),
             *(self._battery_warning(v), int(self._s.sp.level[i]), self._takeoff_state(v)),
         )
 
@@ -126,7 +129,7 @@ class FlightState:
             ("vehicle_control_mode", self._control_mode(v)),
             ("vehicle_land_detected", self._landing(v)),
             ("actuator_armed", self._arming(v)),
-            ("failsafe_flags", self._failsafes(v)),
+            ("failsafe_flags", self._failsafes(v, now)),
             ("takeoff_status", self._takeoff(v)),
         ):
             record = records[topic][i]
@@ -191,7 +194,7 @@ class FlightState:
             "force_failsafe": c.mode is Mode.TERMINATE,
         }
 
-    def _failsafes(self, v: Vehicle) -> dict[str, Any]:
+    def _failsafes(self, v: Vehicle, now: float) -> dict[str, Any]:
         s, p = v.inputs, v.commander_params
         return {
             "attitude_invalid": not s.aligned,
@@ -204,7 +207,7 @@ class FlightState:
             "offboard_control_signal_lost": s.offboard_age > p.com_of_loss_t,
             "home_position_invalid": not s.home_ok,
             "manual_control_signal_lost": not s.manual_control,
-            "gcs_connection_lost": s.gcs_age > _GCS_LOST_S,
+            "gcs_connection_lost": v.gcs_age(now) > _GCS_LOST_S,
             "battery_warning": self._battery_warning(v),
             "geofence_breached": s.fence != "",
             "fd_critical_failure": v.commander.mode is Mode.TERMINATE,

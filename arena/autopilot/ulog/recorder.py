@@ -211,7 +211,7 @@ class UlogRecorder:
         )
 
     def _record_changes(self, i: int, v: Vehicle, now: float) -> None:
-        key = self._state.key(i)
+        key = self._state.key(i, now)
         if key != self._keys[i]:
             self._keys[i] = key
             self._state.update(i, now)
