@@ -46,6 +46,7 @@ class Commander:
     armed_since: time of arming [s], infinite while disarmed
     took_off: True if a take-off was detected since arming
     failsafe: reason of the active failsafe, "" if none is active
+    had_manual_control: True if stick positions (RC or joystick) were received since arming
     disarmed_why: reason of the last disarming, "" before the first
     texts: messages for the user, (MAV_SEVERITY, text); the MAVLink interface removes each when it sends it
     events: the same as events of the MAVLink event protocol, for what PX4 has an event, too; removed likewise
@@ -66,7 +67,7 @@ class Commander:
     _battery_level: int = 0
     _fence: str = ""
     _tilted_since: float | None = None
-    _had_manual_control: bool = False
+    had_manual_control: bool = False
     _manual_control_lost: bool = False
     _mode_was_requested: bool = False
 
@@ -122,7 +123,7 @@ class Commander:
             return "; ".join(reasons)
         self.armed, self.armed_since, self.took_off, self._landed_since = True, s.now, False, None
         self._pending, self._battery_level, self._fence = None, 0, ""
-        self._tilted_since, self._had_manual_control, self._manual_control_lost = None, False, False
+        self._tilted_since, self.had_manual_control, self._manual_control_lost = None, False, False
         self.failsafe = ""
         self.report(INFO, f"Armed {why}", events.armed(why))
         return ""
@@ -153,13 +154,6 @@ class Commander:
         self.texts.append((severity, text))
         if event is not None:
             self.events.append(event.with_text(text))
-
-    @property
-    def has_nothing_pending(self) -> bool:
-        """True in flight while no failsafe acts or waits for its time, and no time is measured."""
-        measured = (self._pending, self._landed_since, self._tilted_since)
-        warned = self.failsafe or self._fence or self._battery_level or self._had_manual_control
-        return self.armed and self.took_off and not warned and measured == (None, None, None)
 
     # -- 50 times a second -----------------------------------------------------------------------------------
 
@@ -302,8 +296,8 @@ class Commander:
 
     def _check_manual_control(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Run the failsafe action of NAV_RCL_ACT once when stick positions (RC or joystick) are no longer received."""
-        self._had_manual_control = self._had_manual_control or s.manual_control
-        if not self._had_manual_control:
+        self.had_manual_control = self.had_manual_control or s.manual_control
+        if not self.had_manual_control:
             return
         excepted = EXCEPTION_BIT.get(self.intended, 0) & params.com_rcl_except
         lost = not s.manual_control and params.com_rc_in_mode != NO_MANUAL_CONTROL and not excepted

@@ -54,21 +54,23 @@ class SteadyFlights:
     def update(self, v: Vehicle, now: float) -> None:
         """Update whether a vehicle is steady, after its decision. now: time since boot [s]"""
         law, row = self._law, v.row
-        law.steady[row] = _is_steady(v)
-        if law.steady[row]:
+        if _may_be_steady(v):
             p = v.commander_params
             law.decide_at[row] = now + _DECISION_PERIOD_S
             law.max_tilt[row], law.max_setpoint_age[row] = p.fd_fail_rad, p.com_of_loss_t
             law.min_battery[row] = max(p.bat_low_thr, p.bat_crit_thr, p.bat_emergen_thr)
+            law.set_steady(row, now, v.inputs.battery)
 
 
-def _is_steady(v: Vehicle) -> bool:
+def _may_be_steady(v: Vehicle) -> bool:
+    """Return whether all conditions of a steady flight hold that the kernel does not check."""
     c, s = v.commander, v.inputs
     return (
         c.mode is Mode.OFFBOARD
-        and c.has_nothing_pending
-        and s.flying
+        and c.armed
+        and c.took_off
+        and not c.failsafe
+        and not c.had_manual_control
         and not v.commander_params.nav_dll_act
         and not s.has_fence
-        and not v.failures.battery
     )

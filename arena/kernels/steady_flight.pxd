@@ -10,6 +10,7 @@ cdef class SteadyFlight:
     cdef readonly EstimateValidity validity
     cdef readonly unsigned char[::1] landed, flying, steady
     cdef readonly double[::1] decide_at, max_tilt, min_battery, max_setpoint_age
+    cpdef void set_steady(self, Py_ssize_t i, double now, double battery) except *
     cpdef list rows_to_decide(self, double now, double[::1] battery)
     @cython.locals(validity=EstimateValidity)
-    cdef bint _is_unchanged(self, Py_ssize_t i, double now, double battery) except -1
+    cdef bint _holds(self, Py_ssize_t i, double now, double battery) except -1

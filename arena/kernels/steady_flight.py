@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class SteadyFlight:
     """Search for the vehicles that need a decision, among V vehicles.
 
-    steady: input: True for a vehicle whose last decision found nothing to do, and which flies in OFFBOARD (V,)
+    steady: True for a vehicle whose last decision found nothing to do, and which flies in OFFBOARD; False makes it decide (V,)
     decide_at: input: time from which a vehicle needs a decision in any case [s] (V,)
     max_tilt: input: tilt above which a vehicle needs a decision [rad] (V,)
     min_battery: input: charge at or below which a vehicle needs a decision 0..1 (V,)
@@ -51,15 +51,19 @@ class SteadyFlight:
         """
         rows = []
         for i in range(len(self.steady)):
-            if self.steady[i] and self._is_unchanged(i, now, battery[i]):
+            if self.steady[i] and self._holds(i, now, battery[i]):
                 self.offboard.copy(i)
             else:
                 self.steady[i] = False
                 rows.append(i)
         return rows
 
-    def _is_unchanged(self, i: int, now: float, battery: float) -> bool:
-        """Return whether each condition under which vehicle i was steady still holds. A value that is NaN does not hold."""
+    def set_steady(self, i: int, now: float, battery: float) -> None:
+        """Mark vehicle i as steady, if all conditions of a steady flight hold now. The other inputs are set already."""
+        self.steady[i] = self._holds(i, now, battery)
+
+    def _holds(self, i: int, now: float, battery: float) -> bool:
+        """Return whether all conditions of a steady flight hold for vehicle i. A value that is NaN does not fulfil its condition."""
         validity = self.validity
         return (
             now < self.decide_at[i]

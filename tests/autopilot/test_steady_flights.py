@@ -228,13 +228,13 @@ def test_lost_setpoints_have_the_same_effect(monkeypatch: pytest.MonkeyPatch) ->
 def test_fence_that_is_crossed_later_has_the_same_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     def script() -> Callable[[Flight, Pilot, float], None]:
         def each(f: Flight, pilot: Pilot, since: float) -> None:
-            if since < 0.01:
-                set_param("GF_MAX_HOR_DIST", 1.0)(f, 0)
+            for i, limit_m in enumerate((1.0, 1.13, 1.26) if since < 0.01 else ()):
+                set_param("GF_MAX_HOR_DIST", limit_m)(f, i)
             pilot.aside_m = 2.0 if since > 0.5 else 0.0
 
         return each
 
-    assert assert_same_flight(script, 3.0, monkeypatch)["modes"] == ["AUTO.LOITER", "OFFBOARD", "OFFBOARD"]
+    assert assert_same_flight(script, 3.0, monkeypatch)["modes"] == ["AUTO.LOITER"] * VEHICLES
 
 
 def test_ground_station_that_is_lost_later_has_the_same_effect(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -248,6 +248,20 @@ def test_ground_station_that_is_lost_later_has_the_same_effect(monkeypatch: pyte
         return each
 
     assert assert_same_flight(script, 9.0, monkeypatch)["modes"] == ["AUTO.LAND", "OFFBOARD", "OFFBOARD"]
+
+
+def test_tilt_that_comes_and_goes_has_the_same_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Time beyond the tilt limit must count from the last time below it."""
+
+    def script() -> Callable[[Flight, Pilot, float], None]:
+        def each(f: Flight, pilot: Pilot, since: float) -> None:
+            for i, limit_deg in enumerate((2, 3, 4) if since < 0.01 else ()):
+                set_param("FD_FAIL_R", limit_deg)(f, i)
+            pilot.aside_m = 0.5 * math.sin(20.0 * since)
+
+        return each
+
+    assert_same_flight(script, 4.0, monkeypatch)
 
 
 def test_every_condition_of_a_steady_flight_is_checked_in_each_step() -> None:
