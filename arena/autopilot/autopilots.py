@@ -96,7 +96,17 @@ class Autopilots:
         )
         self.motors, self.thrust = array(outputs.motors), array(outputs.thrust)
         self._ordinary = _ordinary_messages(self.vehicles, self.est, offboard, self.gates)
-        packer = TelemetryPacker(self.est, self.sp, self.cascade, self.thrust, self.motors)
+        self._consumed_mah = np.zeros(n)
+        packer = TelemetryPacker(
+            self.est,
+            self.sp,
+            self.cascade,
+            self.thrust,
+            self.motors,
+            self._consumed_mah,
+            links=n * len(LINK_RATES),
+            boot_unix_us=self._boot_unix_us,
+        )
         self._telemetry = Telemetry(self.vehicles, packer, self._read_state)
         self.interfaces = [
             MavlinkInterface(
@@ -134,7 +144,6 @@ class Autopilots:
         )
         self._read_params()
         self._steps, self._now = 0, 0.0
-        self._consumed_mah = np.zeros(n)
         self._dead_motors: list[tuple[int, int]] = []
         self._tested: list[Vehicle] = []
         self._ulog_sink, self._ulog = ulog, UlogRecorder(self, ulog) if ulog is not None else None
@@ -205,11 +214,8 @@ class Autopilots:
             self._now,
             self.est,
             self._sensors,
-            thrust=self.thrust,
             motors=self.motors,
-            consumed_mah=self._consumed_mah,
             sp=self.sp,
-            boot_unix_us=self._boot_unix_us,
         )
 
     def on_request(self, request: Mapping[str, Any]) -> None:

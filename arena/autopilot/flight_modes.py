@@ -54,3 +54,13 @@ MANUAL_MODES = THRUST_MODES | {Mode.ALTCTL, Mode.POSCTL}
 """Modes in which a person flies with sticks."""
 POSITION_MODES = frozenset({Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND, Mode.POSCTL})
 """Modes that need a valid position."""
+STANDARD_MODES = {
+    Mode.POSCTL: 1,
+    Mode.ALTCTL: 4,
+    Mode.RTL: 5,
+    Mode.MISSION: 6,
+    Mode.LAND: 7,
+    Mode.DESCEND: 7,
+    Mode.TAKEOFF: 8,
+}
+"""Mode -> MAV_STANDARD_MODE. All other modes have 0: no standard mode."""

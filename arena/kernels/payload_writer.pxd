@@ -10,7 +10,7 @@ cdef Py_ssize_t HEAD, _PAYLOAD, _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32,
 cdef class PayloadWriter:
     cdef readonly long number
     cdef readonly bytes seed
-    cdef readonly bint by_escs
+    cdef readonly bint by_escs, is_rare
     cdef readonly Py_ssize_t size, end
     cdef readonly unsigned char[::1] frame
     cdef readonly long[:, ::1] fields

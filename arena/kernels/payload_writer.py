@@ -27,17 +27,25 @@ class PayloadWriter:
         units of the type's size (F, 3). The other bytes of the payload are 0
     ranges: smallest and largest value of each type in `KINDS` (9, 2)
     by_escs: True for a message that describes four ESCs; a vehicle with more sends several
+    is_rare: True for a message that is sent rarely, and contains values that no other message needs
     """
 
     def __init__(
-        self, number: int, size: int, seed: bytes, fields: Integers, ranges: Floats, by_escs: bool
+        self,
+        number: int,
+        size: int,
+        seed: bytes,
+        fields: Integers,
+        ranges: Floats,
+        by_escs: bool,
+        is_rare: bool,
     ) -> None:
         """Create the writer for one message type, with a buffer for the payload.
 
         size: number of bytes of the payload
         """
         self.number, self.seed, self.fields, self.ranges = number, seed, fields, ranges
-        self.by_escs = by_escs
+        self.by_escs, self.is_rare = by_escs, is_rare
         self.size, self.end = size, _PAYLOAD
         whole = memoryview(bytearray(_PAYLOAD + _MOST_BYTES))
         self.frame, raw = whole, whole[_PAYLOAD:]

@@ -10,7 +10,7 @@ cdef class StreamSender:
     cdef readonly TelemetryPacking packing
     cdef readonly list links
     cdef readonly long[::1] system_ids, sequence
-    cdef readonly unsigned char[::1] packed, needs_position
+    cdef readonly unsigned char[::1] packed, rare, needs_position
     cdef readonly unsigned char[:, ::1] silent
     cdef readonly double[::1] wake_s
     @cython.locals(first=double)
@@ -19,6 +19,6 @@ cdef class StreamSender:
     cpdef list step(self, double now)
     cpdef bint has_content(self, Py_ssize_t i, Py_ssize_t column) except -1
     @cython.locals(count=Py_ssize_t, schedule=StreamSchedule, row=Py_ssize_t, place=Py_ssize_t, column=Py_ssize_t)
-    cdef bint _has_rare(self, Py_ssize_t i, double now) except -1
-    @cython.locals(due=list, column=Py_ssize_t, first=long)
+    cdef bint _has_unpacked(self, Py_ssize_t i, double now) except -1
+    @cython.locals(due=list, rare=list, column=Py_ssize_t, first=long)
     cdef bytes _datagram(self, Py_ssize_t i, Py_ssize_t row, double now)

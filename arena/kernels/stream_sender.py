@@ -21,11 +21,12 @@ class StreamSender:
     """Packer of the periodic messages (S kinds) of V vehicles, which have K MAVLink links each.
 
     schedule: of all links; link k of vehicle i has the row i * K + k
-    packing: packs the frequent messages
+    packing: packs most of the messages
     links: names of the links of each vehicle (K,)
     system_ids: MAVLink system ids of the vehicles (V,)
     sequence: sequence number of the next frame of each link (V * K,)
     packed: True for the messages that `packing` packs. All others are built in Python (S,)
+    rare: True for the messages that are placed before the others in a datagram (S,)
     needs_position: True for the messages that are sent only while the horizontal position is valid (S,)
     silent: input: True while a vehicle has no content for a message (V, S)
     wake_s: input: time from which Python must send for a vehicle, because it has more to send than streams [s] (V,)
@@ -39,12 +40,14 @@ class StreamSender:
         system_ids: Integers,
         sequence: Integers,
         packed: Mask,
+        rare: Mask,
         needs_position: Mask,
         silent: Mask,
     ) -> None:
         self.schedule, self.packing, self.links = schedule, packing, links
         self.system_ids, self.sequence = system_ids, sequence
-        self.packed, self.needs_position, self.silent = flags(packed), flags(needs_position), flags(silent)
+        self.packed, self.rare = flags(packed), flags(rare)
+        self.needs_position, self.silent = flags(needs_position), flags(silent)
         self.wake_s = floats(len(system_ids))
 
     def has_output(self, now: float) -> bool:
@@ -62,7 +65,7 @@ class StreamSender:
         found = []
         count = len(self.links)
         for i in range(len(self.wake_s)):
-            if now >= self.wake_s[i] or self._has_rare(i, now):
+            if now >= self.wake_s[i] or self._has_unpacked(i, now):
                 found.append((i, "", b""))
                 continue
             for k in range(count):
@@ -81,7 +84,7 @@ class StreamSender:
             return False
         return not self.needs_position[column] or bool(self.packing.xy_valid[i])
 
-    def _has_rare(self, i: int, now: float) -> bool:
+    def _has_unpacked(self, i: int, now: float) -> bool:
         """Return whether a due message of vehicle i must be built by Python code, because this kernel cannot build it."""
         count, schedule = len(self.links), self.schedule
         for row in range(i * count, (i + 1) * count):
@@ -98,12 +101,17 @@ class StreamSender:
 
         row: of the link in the schedule
         """
-        due = []
+        rare, due = [], []
         for column in self.schedule.take_due(row, now):
             if self.packed[column] and self.has_content(i, column):
-                due.append(self.schedule.ids[column])
+                if self.rare[column]:
+                    rare.append(self.schedule.ids[column])
+                else:
+                    due.append(self.schedule.ids[column])
+        if rare:
+            due = rare + due
         if not due:
             return b""
         first = self.sequence[row]
         self.sequence[row] = (first + self.packing.frame_count(i, due)) % 256
-        return self.packing.pack(i, due, first, self.system_ids[i], 1)
+        return self.packing.pack(i, due, row, first, self.system_ids[i], 1)

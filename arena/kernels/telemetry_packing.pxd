@@ -13,7 +13,10 @@ cdef Py_ssize_t _VOLTAGE, _CURRENT, _REMAINING, _INPUTS, _ARMED, _LAT0, _LON0, _
 cdef Py_ssize_t _PRESENT, _HEALTH, _PRESENT_LOST, _HEALTH_LOST
 cdef Py_ssize_t _POSITION
 cdef Py_ssize_t _ESC_COUNTER, _ESC_FIRST, _ESC_COUNT, _ESC_ONLINE, _ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT, _ESCS, _HEAD
-cdef double _DEG, _NAN, _FULL_SPEED_RPM
+cdef Py_ssize_t _UNIX_US, _TIME_US_HIGH, _PING_NUMBER, _CHARGE_STATE, _CONSUMED, _ESTIMATOR_FLAGS, _RATIOS, _ACCURACIES
+cdef Py_ssize_t _RARE_INPUTS, _ALIGNED, _BAT_LOW
+cdef long _PING
+cdef double _DEG, _NAN, _FULL_SPEED_RPM, _MOST_FLOAT32, _CHARGE_OK, _ATTITUDE, _HORIZONTAL, _VERTICAL, _GLOBAL
 
 cpdef (double, double) global_position(double north, double east, double heading, double lat0, double lon0, double earth_m)
 cpdef double rounded(double x) except? -1.0
@@ -24,23 +27,28 @@ cdef class TelemetryPacking:
     cdef object _bytes
     cdef unsigned char[::1] _datagram
     cdef readonly Py_ssize_t rotors
-    cdef readonly double earth_m
+    cdef readonly double earth_m, boot_unix_us
     cdef readonly double[::1] values, baro_alt, battery_v, battery_a, battery, thrust, escs, sp_yaw, sp_yaw_rate
+    cdef readonly double[::1] consumed_mah
+    cdef readonly double[:, ::1] rare_inputs, test_ratio
     cdef readonly double[:, ::1] inputs, accel_b, gyro_b, mag_b, motors
     cdef readonly double[:, ::1] p_n, v_n, q_nb, omega_b, sp_p_n, v_sp_n, a_sp_n, q_sp, omega_sp
     cdef readonly double[:, :, ::1] r_nb, cov
-    cdef readonly long[::1] resets, level
-    cdef readonly unsigned char[::1] xy_valid
+    cdef readonly long[::1] resets, level, pings
+    cdef readonly unsigned char[::1] xy_valid, z_valid
+    @cython.locals(low=double)
     cpdef void set_time(self, double time_ms, double time_us, double time_ns) except *
     @cython.locals(count=long, number=long)
     cpdef long frame_count(self, Py_ssize_t i, list message_ids) except -1
     cdef long _parts(self, Py_ssize_t i, PayloadWriter writer) except -1
     @cython.locals(count=double, total=double, amperes=double, command=double, exists=bint, k=Py_ssize_t)
     cdef void _compute_escs(self, Py_ssize_t i, Py_ssize_t first) except *
-    @cython.locals(part=Py_ssize_t, number=long, writer=PayloadWriter, size=Py_ssize_t, end=Py_ssize_t)
-    cpdef bytes pack(self, Py_ssize_t i, list message_ids, long seq, long sysid, long compid)
+    @cython.locals(part=Py_ssize_t, number=long, writer=PayloadWriter, size=Py_ssize_t, end=Py_ssize_t, has_rare=bint)
+    cpdef bytes pack(self, Py_ssize_t i, list message_ids, Py_ssize_t link, long seq, long sysid, long compid)
     @cython.locals(k=Py_ssize_t)
     cdef void _compute(self, Py_ssize_t i) except *
+    @cython.locals(k=Py_ssize_t, state=double, found=double)
+    cdef void _compute_rare(self, Py_ssize_t i) except *
     @cython.locals(at=Py_ssize_t)
     cdef void _compute_estimates(self, Py_ssize_t i) except *
     cdef void _compute_sensors(self, Py_ssize_t i) except *

@@ -1,7 +1,7 @@
 """Telemetry of the built-in autopilots: computes the values of a vehicle, and packs them into MAVLink frames.
 
 A quantity is one or several numbers, such as the position. The tables of a message say which quantity its fields contain.
-They are made from pymavlink's dialect (`arena.autopilot.mavlink.telemetry_packer`), so no layout is in this module.
+They are made from pymavlink's dialect (`arena.autopilot.mavlink.packed_messages`), so no layout is in this module.
 """
 
 from __future__ import annotations
@@ -24,8 +24,13 @@ PLACE = ("armed", "lat0", "lon0", "alt0", "heading", "home_d")
 LOST = ("present_lost", "health_lost")
 """Inputs of a vehicle, each one number. alt0, home_d: NaN if the origin, or home, is not set. present_lost, health_lost: used
 instead of present and health while the horizontal position is invalid."""
+MODES = ("intended_mode", "standard_mode", "aligned", "bat_low", "bat_crit", "bat_emergen")
+HOME = ("home_lat", "home_lon", "home_alt_mm", "home_north", "home_east")
+EVENTS = ("event_sequence", "event_flags")
+"""Inputs of a vehicle that only rare messages contain, each one number. aligned: 1 if the estimator is aligned, else 0.
+bat_low, bat_crit, bat_emergen: BAT_LOW_THR, BAT_CRIT_THR and BAT_EMERGEN_THR. event_sequence: number of the newest event."""
 SIZES = {
-    **dict.fromkeys(("time_ms", "time_us", "time_us_32", "time_ns"), 1),
+    **dict.fromkeys(("time_ms", "time_us", "time_us_32", "time_us_high", "time_ns", "unix_us"), 1),
     **{"rpy": 3, "q_nb": 4, "omega_b": 3, "p_n": 3, "v_n": 3},
     **{"pose_covariance": 21, "velocity_covariance": 21, "reset_counter": 1},
     **{"accel_b": 3, "gyro_b": 3, "mag_b": 3, "pressure_hpa": 1, "baro_alt": 1},
@@ -35,7 +40,10 @@ SIZES = {
     **{"voltage_mv": 1, "current_ca": 1, "remaining": 1},
     **{"esc_counter": 1, "esc_first": 1, "esc_count": 1, "esc_online": 1},
     **{"esc_rpm": 4, "esc_voltage": 4, "esc_current": 4},
+    **{"ping": 1, "charge_state": 1, "consumed_mah": 1},
+    **{"estimator_flags": 1, "ratio_position": 1, "ratio_yaw": 1, "accuracies": 2},
     **dict.fromkeys(STATUS + PLACE + LOST, 1),
+    **dict.fromkeys(MODES + HOME + EVENTS, 1),
 }
 """Quantity -> number of its values. The constant values of messages follow after the last quantity."""
 COLUMNS = {name: sum(list(SIZES.values())[:k]) for k, name in enumerate(SIZES)}
@@ -43,7 +51,8 @@ COLUMNS = {name: sum(list(SIZES.values())[:k]) for k, name in enumerate(SIZES)}
 VALUES = sum(SIZES.values())
 
 _TIME_MS, _TIME_US = COLUMNS["time_ms"], COLUMNS["time_us"]
-_TIME_US_32, _TIME_NS = COLUMNS["time_us_32"], COLUMNS["time_ns"]
+_TIME_US_32, _TIME_US_HIGH = COLUMNS["time_us_32"], COLUMNS["time_us_high"]
+_TIME_NS, _UNIX_US = COLUMNS["time_ns"], COLUMNS["unix_us"]
 _RPY, _Q = COLUMNS["rpy"], COLUMNS["q_nb"]
 _OMEGA, _P = COLUMNS["omega_b"], COLUMNS["p_n"]
 _V = COLUMNS["v_n"]
@@ -68,12 +77,22 @@ _HEALTH, _HEALTH_LOST = COLUMNS["health"], COLUMNS["health_lost"]
 _ESC_COUNTER, _ESC_FIRST = COLUMNS["esc_counter"], COLUMNS["esc_first"]
 _ESC_COUNT, _ESC_ONLINE = COLUMNS["esc_count"], COLUMNS["esc_online"]
 _ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT = COLUMNS["esc_rpm"], COLUMNS["esc_voltage"], COLUMNS["esc_current"]
+_PING_NUMBER, _CHARGE_STATE, _CONSUMED = COLUMNS["ping"], COLUMNS["charge_state"], COLUMNS["consumed_mah"]
+_ESTIMATOR_FLAGS, _RATIOS = COLUMNS["estimator_flags"], COLUMNS["ratio_position"]
+_ACCURACIES, _RARE_INPUTS, _ALIGNED = COLUMNS["accuracies"], COLUMNS["intended_mode"], COLUMNS["aligned"]
+_BAT_LOW = COLUMNS["bat_low"]
 _HEAD = payload_writer.HEAD
 _ESCS = 4  # in one message
 _FULL_SPEED_RPM = 6000.0  # at motor command 1; PX4 SITL reports the same, because no rotor speed is simulated
 _POSITION = 3  # level of a setpoint, as in `cascade`
 _DEG = 180.0 / math.pi
 _NAN = float("nan")
+_MOST_FLOAT32 = 3.4e38  # an infinite test ratio is sent as a number
+_PING = 4  # message id
+_CHARGE_OK = 1.0  # MAV_BATTERY_CHARGE_STATE; LOW, CRITICAL and EMERGENCY follow
+_ATTITUDE, _HORIZONTAL, _VERTICAL, _GLOBAL = 1.0, 266.0, 36.0, 16.0
+"""ESTIMATOR_STATUS_FLAGS of a valid attitude, of a valid horizontal position and velocity (VELOCITY_HORIZ, POS_HORIZ_REL,
+PRED_POS_HORIZ_REL), of a valid height (VELOCITY_VERT, POS_VERT_ABS), and of a valid global position (POS_HORIZ_ABS)."""
 _MOST_DATAGRAM = 16384  # bytes of all messages of a vehicle, with many ESCs
 
 
@@ -108,11 +127,14 @@ class TelemetryPacking:
     """Packs the telemetry of V vehicles with at most R rotors each.
 
     inputs: input: `STATUS`, then `PLACE`, then `LOST` (V, 15)
+    rare_inputs: input: `MODES`, then `HOME`, then `EVENTS` (V, 13)
     mag_b: input: magnetic field [gauss] [FRD] (V, 3)
     baro_alt: input: barometric altitude [m] (V,)
     battery_v, battery_a, battery: input: voltage [V], current [A] and remaining charge 0..1 (V,)
+    consumed_mah: input: consumed charge [mAh] (V,)
     thrust, motors: input: collective thrust (V,) and motor commands (V, R) 0..1
     rotors: R
+    pings: number of the last PING of each link (L,)
     escs: input: number of ESCs, one for each rotor (V,)
     values: the quantities of one vehicle, then the constants of the messages
     """
@@ -121,17 +143,22 @@ class TelemetryPacking:
         self,
         thrust: Floats,
         motors: Floats,
+        consumed_mah: Floats,
+        pings: Integers,
         constants: Sequence[float],
         writers: Sequence[PayloadWriter],
         earth_m: float,
+        boot_unix_us: float,
     ) -> None:
         """Create the packer, with arrays for all vehicles and messages.
 
         constants: constant values of all messages
         writers: one for each message
         earth_m: radius of the Earth [m]
+        boot_unix_us: Unix time of the boot [us]
         """
         self.writers, self.earth_m = {each.number: each for each in writers}, earth_m
+        self.boot_unix_us, self.consumed_mah, self.pings = boot_unix_us, consumed_mah, pings
         vehicles = len(thrust)
         self.values = floats(VALUES + len(constants))
         for k, constant in enumerate(constants):
@@ -139,6 +166,7 @@ class TelemetryPacking:
         for k in range(21):
             self.values[_POSE_COVARIANCE + k] = self.values[_VELOCITY_COVARIANCE + k] = _NAN
         self.inputs = floats(vehicles, len(STATUS) + len(PLACE) + len(LOST))
+        self.rare_inputs = floats(vehicles, len(MODES) + len(HOME) + len(EVENTS))
         self.mag_b = floats(vehicles, 3)
         self.baro_alt = floats(vehicles)
         self.battery_v, self.battery_a, self.battery = floats(vehicles), floats(vehicles), floats(vehicles)
@@ -168,6 +196,14 @@ class TelemetryPacking:
         self.p_n, self.v_n, self.q_nb, self.r_nb, self.omega_b = p_n, v_n, q_nb, r_nb, omega_b
         self.cov, self.resets, self.xy_valid = cov, resets, xy_valid
 
+    def read_validity_from(self, z_valid: Flags, test_ratio: Floats) -> None:
+        """Store more of the estimator's arrays, which only rare messages contain.
+
+        z_valid: True for a valid height (V,)
+        test_ratio: squared innovation divided by its gate, for position and yaw [-] (V, 2)
+        """
+        self.z_valid, self.test_ratio = z_valid, test_ratio
+
     def read_setpoints_from(
         self,
         level: Integers,
@@ -190,7 +226,9 @@ class TelemetryPacking:
         time_us, time_ns: time since boot [us], [ns]
         """
         self.values[_TIME_MS], self.values[_TIME_US], self.values[_TIME_NS] = time_ms, time_us, time_ns
-        self.values[_TIME_US_32] = time_us % 4294967296.0
+        low = time_us % 4294967296.0
+        self.values[_TIME_US_32], self.values[_TIME_US_HIGH] = low, (time_us - low) / 4294967296.0
+        self.values[_UNIX_US] = self.boot_unix_us + time_us
         self.values[_ESC_COUNTER] = rounded(time_ns * 1e-8) % 65536.0  # ten messages a second
 
     def frame_count(self, i: int, message_ids: list[int]) -> int:
@@ -200,16 +238,24 @@ class TelemetryPacking:
             count += self._parts(i, self.writers[number])
         return count
 
-    def pack(self, i: int, message_ids: list[int], seq: int, sysid: int, compid: int) -> bytes:
+    def pack(self, i: int, message_ids: list[int], link: int, seq: int, sysid: int, compid: int) -> bytes:
         """Encode the given messages of vehicle i as MAVLink frames, and return them as one datagram.
 
+        link: index of the link in `pings`, which numbers the PINGs
         seq: sequence number of the first frame; the other frames have the next ones
         sysid, compid: sender
         """
         self._compute(i)
-        end = 0
+        end, has_rare = 0, False
         for number in message_ids:
             writer = self.writers[number]
+            if writer.is_rare:
+                if not has_rare:
+                    self._compute_rare(i)
+                    has_rare = True
+                if number == _PING:
+                    self.pings[link] += 1
+                    self.values[_PING_NUMBER] = self.pings[link]
             for part in range(self._parts(i, writer)):
                 if writer.by_escs:
                     self._compute_escs(i, part * _ESCS)
@@ -225,7 +271,7 @@ class TelemetryPacking:
 
     def _compute(self, i: int) -> None:
         """Compute all values of vehicle i that its messages contain."""
-        for k in range(VALUES - _INPUTS):
+        for k in range(_RARE_INPUTS - _INPUTS):
             self.values[_INPUTS + k] = self.inputs[i, k]
         if not self.xy_valid[i]:
             self.values[_PRESENT], self.values[_HEALTH] = (
@@ -237,6 +283,29 @@ class TelemetryPacking:
         self._compute_heights(i)
         self._compute_global(i)
         self._compute_setpoints(i)
+
+    def _compute_rare(self, i: int) -> None:
+        """Compute the values of vehicle i that only rare messages contain, after `_compute`."""
+        out = self.values
+        for k in range(VALUES - _RARE_INPUTS):
+            out[_RARE_INPUTS + k] = self.rare_inputs[i, k]
+        out[_CONSUMED], state = self.consumed_mah[i], _CHARGE_OK
+        for k in range(3):
+            if self.battery[i] <= out[_BAT_LOW + k]:
+                state += 1.0
+        out[_CHARGE_STATE] = state
+        found = _ATTITUDE if out[_ALIGNED] != 0.0 else 0.0
+        if self.xy_valid[i]:
+            found += _HORIZONTAL
+            if not math.isnan(out[_ALT0]):
+                found += _GLOBAL
+        if self.z_valid[i]:
+            found += _VERTICAL
+        out[_ESTIMATOR_FLAGS] = found
+        for k in range(2):
+            out[_RATIOS + k] = limits.within(self.test_ratio[i, k], 0.0, _MOST_FLOAT32)
+        out[_ACCURACIES] = math.sqrt(self.cov[i, 0, 0] + self.cov[i, 1, 1])
+        out[_ACCURACIES + 1] = math.sqrt(self.cov[i, 2, 2])
 
     def _compute_estimates(self, i: int) -> None:
         out, r = self.values, self.r_nb

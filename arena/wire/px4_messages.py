@@ -21,6 +21,7 @@ import zlib
 from typing import NamedTuple
 
 from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, MavlinkSender, pack_frame
+from arena.wire.px4_mode import CURRENT_MODE
 
 ESC_INFO, ESC_STATUS, PROTOCOL_VERSION = 290, 291, 300
 COMPONENT_INFORMATION, COMPONENT_METADATA = 395, 397
@@ -35,6 +36,8 @@ FIELDS = {
         "B connection_type, B info"
     ),
     ESC_STATUS: "Q time_usec, 4i rpm, 4f voltage, 4f current, B index",
+    CURRENT_EVENT_SEQUENCE: "H sequence, B flags",
+    CURRENT_MODE: "I custom_mode, I intended_custom_mode, B standard_mode",
 }
 """Types and names of the fields in wire order, for messages that are packed by a table of fields."""
 _LAYOUTS = {
@@ -42,7 +45,6 @@ _LAYOUTS = {
     COMPONENT_INFORMATION: struct.Struct("<3I100s100s"),
     COMPONENT_METADATA: struct.Struct("<2I100s"),
     EVENT: struct.Struct("<2IH3B40s"),
-    CURRENT_EVENT_SEQUENCE: struct.Struct("<HB"),
     REQUEST_EVENT: struct.Struct("<2H2B"),
     RESPONSE_EVENT_ERROR: struct.Struct("<2H3B"),
     AVAILABLE_MODES_MONITOR: struct.Struct("<B"),
@@ -120,15 +122,6 @@ def event(number: int, time_ms: int, sequence: int, levels: int, arguments: byte
     levels: log levels in logs (upper 4 bits) and for ground stations (lower 4 bits)
     """
     return _message(EVENT, number, time_ms & 0xFFFFFFFF, sequence, 0, 0, levels, arguments)
-
-
-def current_event_sequence(sequence: int, flags: int) -> Px4Message:
-    """Return CURRENT_EVENT_SEQUENCE, which reports the number of the newest event.
-
-    sequence: number of the newest event.
-    flags: SEQUENCE_RESET or 0
-    """
-    return _message(CURRENT_EVENT_SEQUENCE, sequence, flags)
 
 
 def response_event_error(sequence: int, oldest: int, system: int, component: int) -> Px4Message:

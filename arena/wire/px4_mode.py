@@ -50,7 +50,7 @@ AUTO_LAND = (4, 6)
 AVAILABLE_MODES, CURRENT_MODE = 435, 436
 ADVANCED, NOT_SELECTABLE = 1, 2
 """MAV_MODE_PROPERTY: bits of `properties`."""
-_CURRENT, _AVAILABLE = struct.Struct("<IIB"), struct.Struct("<IIBBB35s")
+_AVAILABLE = struct.Struct("<IIBBB35s")
 _MAX_NAME_BYTES = 34
 
 
@@ -81,22 +81,6 @@ def mode_numbers(words: str) -> tuple[int, int]:
         return _ORBIT
     main, _, sub = words.partition(".")
     return {v: k for k, v in MAIN.items()}[main], {v: k for k, v in AUTO.items()}[sub] if sub else 0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CurrentMode:
-    """Contents of CURRENT_MODE, the message in which an autopilot reports its flight mode.
-
-    intended: the mode that was requested last; a failsafe can change `custom_mode`, but not `intended`.
-    """
-
-    custom_mode: int
-    intended: int
-    standard: int = 0
-
-    def pack(self, sender: MavlinkSender) -> bytes:
-        payload = _CURRENT.pack(self.custom_mode, self.intended, self.standard)
-        return pack_frame(CURRENT_MODE, payload, sender, SEEDS[CURRENT_MODE])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

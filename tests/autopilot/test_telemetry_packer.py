@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import development
 
 from arena.atmosphere import pressure_hpa
 from arena.autopilot.flight_modes import Mode
-from arena.autopilot.mavlink import telemetry_packer
-from arena.autopilot.mavlink.telemetry_packer import FREQUENT, TelemetryPacker
+from arena.autopilot.mavlink import packed_messages
+from arena.autopilot.mavlink.packed_messages import FREQUENT, PACKED, RARE
+from arena.autopilot.mavlink.telemetry_packer import HAS_CONTENT, TelemetryPacker
 from arena.autopilot.navigation.mission_items import Origin
 from arena.geometry import (
     euler_from_matrix,
@@ -25,12 +27,14 @@ from arena.geometry import (
 )
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import parse_frames
-from arena.wire.px4_messages import ESC_INFO, ESC_STATUS
+from arena.wire.px4_messages import CURRENT_EVENT_SEQUENCE, ESC_INFO, ESC_STATUS
+from arena.wire.px4_mode import CURRENT_MODE
 from tests.kernels.kernel_versions import interpreted_modules, needs_compiled
 
 VEHICLES, ROTORS = 3, 4
 HEADING = 0.4
-XY_VALID = np.array([True, True, False])
+XY_VALID, Z_VALID = np.array([True, True, False]), np.array([True, False, True])
+BOOT_UNIX_US = 1_767_225_600_123_457
 
 
 class Rig:
@@ -51,6 +55,8 @@ class Rig:
             cov=np.stack([np.diag(rng.random(15)) for _ in range(v)]),
             reset_counter=rng.integers(0, 1000, v),
             xy_valid=lambda now: XY_VALID,
+            z_valid=lambda now: Z_VALID,
+            test_ratio=np.where(rng.random((v, 2)) < 0.3, np.inf, rng.random((v, 2))),
             sensed_accel_b=rng.normal(0, 9, (v, 3)),
             sensed_gyro_b=rng.normal(size=(v, 3)),
         )
@@ -76,15 +82,21 @@ class Rig:
             battery=rng.random(v),
             thrust=rng.random(v),
             motors=rng.random((v, ROTORS)),
+            consumed_mah=rng.uniform(0, 5000, v),
         )
         origin = Origin(38.7, -9.1, 100.0, HEADING)
         self.vehicles = [self.vehicle(0, None, None)]
         self.vehicles += [self.vehicle(i, origin, [0.5, 0.5, -2.0]) for i in (1, 2)]
-        self.packer = TelemetryPacker(self.est, self.sp, self.cascade, self.state.thrust, self.state.motors)  # type: ignore[arg-type]
+        self.packer = self.new_packer(self.state.motors)
         self.begin(self.packer)
         for v in self.vehicles:
             self.packer.set_status(v)
             self.packer.set_place(v)
+            self.packer.set_newest_event(v, 65526 + v.row, int(v.row == 0))
+
+    def new_packer(self, motors: Any) -> TelemetryPacker:
+        given: Any = (self.est, self.sp, self.cascade, self.state.thrust, motors, self.state.consumed_mah)
+        return TelemetryPacker(*given, links=2 * VEHICLES, boot_unix_us=BOOT_UNIX_US)
 
     def begin(self, packer: TelemetryPacker) -> None:
         """Pass the sensor values of the state to a packer."""
@@ -94,12 +106,15 @@ class Rig:
         packer.begin(s.now_s, readings)
 
     def vehicle(self, row: int, origin: Origin | None, home_n: list[float] | None) -> Any:
-        commander = SimpleNamespace(mode=Mode.OFFBOARD, armed=row > 0, failsafe=row == 2)
+        mode = Mode.LAND if row == 2 else Mode.OFFBOARD
+        commander = SimpleNamespace(mode=mode, intended=Mode.OFFBOARD, armed=row > 0, failsafe=row == 2)
         return SimpleNamespace(
             row=row,
             system_id=row + 1,
             mav_type=2 + row,
             commander=commander,
+            commander_params=SimpleNamespace(bat_low_thr=0.5, bat_crit_thr=0.3, bat_emergen_thr=0.1),
+            aligned=row > 0,
             inputs=SimpleNamespace(manual_control=row == 1),
             landed_state=2,
             is_logged=row == 1,
@@ -111,7 +126,7 @@ class Rig:
         )
 
     def decoded(self, row: int, msgid: int) -> Any:
-        (message,) = Codec(9, 9).parse(self.packer.pack(self.vehicles[row], [msgid], 7))
+        (message,) = Codec(9, 9).parse(self.packer.pack(self.vehicles[row], [msgid], 0, 7))
         assert (message.get_srcSystem(), message.get_srcComponent(), message.get_seq()) == (row + 1, 1, 7)
         return message
 
@@ -219,7 +234,7 @@ def test_status_messages_have_mode_arming_and_battery(rig):
     for i in range(VEHICLES):
         heart, status = rig.decoded(i, mavlink.MAVLINK_MSG_ID_HEARTBEAT), rig.decoded(i, 1)
         assert (heart.type, heart.autopilot, heart.mavlink_version) == (2 + i, mavlink.MAV_AUTOPILOT_PX4, 3)
-        assert heart.custom_mode == Mode.OFFBOARD.custom_mode
+        assert heart.custom_mode == rig.vehicles[i].commander.mode.custom_mode
         assert bool(heart.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED) == (i > 0)
         assert heart.system_status == (3, 4, 5)[i]
         assert status.voltage_battery == min(int(s.battery_v[i] * 1e3), 65534)
@@ -239,8 +254,8 @@ def test_esc_messages_divide_the_current_by_the_motor_commands(rig, escs):
     v.rotors = escs
     rig.packer.set_place(v)
     info, status = (
-        payload_of(rig.packer.pack(v, [ESC_INFO], 0)),
-        payload_of(rig.packer.pack(v, [ESC_STATUS], 0)),
+        payload_of(rig.packer.pack(v, [ESC_INFO], 0, 0)),
+        payload_of(rig.packer.pack(v, [ESC_STATUS], 0, 0)),
     )
     values = struct.unpack("<Q4i4f4fB", status.ljust(57, b"\0"))
     motors, absent = s.motors[1][:escs], [0.0] * (4 - escs)
@@ -254,12 +269,12 @@ def test_esc_messages_divide_the_current_by_the_motor_commands(rig, escs):
 
 def test_a_vehicle_with_six_rotors_sends_two_esc_messages(rig):
     motors = np.tile(np.arange(1.0, 7.0) / 10, (VEHICLES, 1))
-    packer = TelemetryPacker(rig.est, rig.sp, rig.cascade, rig.state.thrust, motors)
+    packer = rig.new_packer(motors)
     rig.begin(packer)
     v = rig.vehicles[1]
     v.rotors = 6
     packer.set_place(v)
-    data = packer.pack(v, [30, ESC_STATUS, 31], 254)
+    data = packer.pack(v, [30, ESC_STATUS, 31], 0, 254)
     frames = parse_frames(data).frames
     assert [f.msgid for f in frames] == [30, ESC_STATUS, ESC_STATUS, 31]
     assert [data[f.start + 4] for f in frames] == [254, 255, 0, 1]
@@ -274,14 +289,129 @@ def payload_of(data: bytes) -> bytes:
 
 
 def test_several_messages_have_increasing_sequence_numbers(rig):
-    found = Codec(9, 9).parse(rig.packer.pack(rig.vehicles[1], [30, 31, 32, 105], 254))
+    found = Codec(9, 9).parse(rig.packer.pack(rig.vehicles[1], [30, 31, 32, 105], 0, 254))
     assert [(m.get_msgId(), m.get_seq()) for m in found] == [(30, 254), (31, 255), (32, 0), (105, 1)]
 
 
 def test_quantity_of_another_size_than_its_fields_is_refused(monkeypatch):
-    monkeypatch.setitem(FREQUENT, 30, {"roll pitch": "rpy"})
+    monkeypatch.setitem(PACKED, 30, {"roll pitch": "rpy"})
     with pytest.raises(ValueError, match=r"message 30: .* contain 2 numbers, expected 3"):
-        telemetry_packer._tables()
+        packed_messages.writers()
+
+
+def test_each_message_is_either_frequent_or_rare():
+    assert not FREQUENT.keys() & RARE.keys() and PACKED == FREQUENT | RARE
+
+
+def framed(rig, row, message, dialect=mavlink):
+    """Return the frame of a message of pymavlink, sent by a vehicle as frame 7."""
+    sender = dialect.MAVLink(None, srcSystem=row + 1, srcComponent=1)
+    sender.seq = 7
+    return bytes(message.pack(sender))
+
+
+def packed(rig, row, msgid, link=0):
+    return rig.packer.pack(rig.vehicles[row], [msgid], link, 7)
+
+
+def test_rare_messages_about_time_and_sensors_have_pymavlinks_bytes(rig):
+    s = rig.state
+    for i in range(VEHICLES):
+        pressure = pressure_hpa(s.baro_alt_m[i])
+        for message in (
+            mavlink.MAVLink_system_time_message(BOOT_UNIX_US + s.us, s.ms),
+            mavlink.MAVLink_scaled_pressure_message(s.ms, pressure, 0.0, 2500),
+            mavlink.MAVLink_vibration_message(s.us, 0.0, 0.0, 0.0, 0, 0, 0),
+        ):
+            assert packed(rig, i, message.get_msgId()) == framed(rig, i, message)
+
+
+@pytest.mark.parametrize(
+    ("left", "state"), [(0.51, 1), (0.5, 2), (0.31, 2), (0.3, 3), (0.11, 3), (0.1, 4), (0.0, 4)]
+)
+def test_battery_status_has_pymavlinks_bytes_and_the_charge_state_of_the_thresholds(rig, left, state):
+    s = rig.state
+    s.battery[1] = left
+    rig.begin(rig.packer)
+    cells = [min(int(1e3 * s.battery_v[1]), 65534)] + [65535] * 9
+    current = int(min(max(100.0 * s.battery_a[1], -32768), 32767))
+    consumed, percent = int(s.consumed_mah[1]), round(100 * left)
+    expected = mavlink.MAVLink_battery_status_message(
+        0,
+        mavlink.MAV_BATTERY_FUNCTION_ALL,
+        mavlink.MAV_BATTERY_TYPE_LIPO,
+        32767,
+        cells,
+        current,
+        consumed,
+        -1,
+        percent,
+        0,
+        state,
+    )
+    assert packed(rig, 1, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS) == framed(rig, 1, expected)
+
+
+def test_changed_battery_thresholds_change_the_charge_state(rig):
+    rig.state.battery[1] = 0.7
+    rig.vehicles[1].commander_params.bat_low_thr = 0.8
+    rig.begin(rig.packer)
+    rig.packer.set_status(rig.vehicles[1])
+    assert rig.decoded(1, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS).charge_state == 2
+
+
+def test_unknown_battery_current_is_sent_as_zero(rig):
+    rig.state.battery_a[1] = math.nan
+    rig.begin(rig.packer)
+    assert rig.decoded(1, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS).current_battery == 0
+
+
+def test_home_position_has_pymavlinks_bytes(rig):
+    (n, e, d), s = rig.vehicles[1].home_n, rig.state
+    lat, lon = (round(x * 1e7) for x in globe_from_local(38.7, -9.1, n, e, HEADING))
+    level = [1.0, 0.0, 0.0, 0.0]
+    for us in (s.us, 2**32 - 1, 2**32, 2**40 + 3):
+        rig.packer.law.set_time(0, us, 0)
+        expected = mavlink.MAVLink_home_position_message(lat, lon, 102_000, n, e, d, level, 0.0, 0.0, 0.0, us)
+        assert packed(rig, 1, mavlink.MAVLINK_MSG_ID_HOME_POSITION) == framed(rig, 1, expected)
+
+
+def test_vehicle_without_origin_or_home_has_no_home_position(rig):
+    has_home, v = HAS_CONTENT[mavlink.MAVLINK_MSG_ID_HOME_POSITION], rig.vehicles[1]
+    assert not has_home(rig.vehicles[0]) and has_home(v)
+    v.home_n = None
+    assert not has_home(v)
+
+
+def test_estimator_status_has_pymavlinks_bytes(rig):
+    for i, flags in enumerate((0b100101110, 0b100011011, 0b000100101)):  # the first is not aligned
+        ratio, cov = np.minimum(rig.est.test_ratio[i], 3.4e38).tolist(), np.diagonal(rig.est.cov[i])
+        accuracy = math.sqrt(cov[0] + cov[1]), math.sqrt(cov[2])
+        given = (ratio[0], ratio[0], ratio[1], math.nan, math.nan, *accuracy)
+        expected = mavlink.MAVLink_estimator_status_message(rig.state.us, flags, 0.0, *given)
+        assert packed(rig, i, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS) == framed(rig, i, expected)
+
+
+def test_current_mode_has_pymavlinks_bytes(rig):
+    offboard, land = Mode.OFFBOARD.custom_mode, Mode.LAND.custom_mode
+    for i, (mode, standard) in enumerate(((offboard, 0), (offboard, 0), (land, 7))):
+        expected = development.MAVLink_current_mode_message(standard, mode, offboard)
+        assert packed(rig, i, CURRENT_MODE) == framed(rig, i, expected, development)
+
+
+def test_current_event_sequence_has_the_newest_event(rig):
+    for i in range(VEHICLES):
+        payload = payload_of(packed(rig, i, CURRENT_EVENT_SEQUENCE)).ljust(3, b"\0")
+        assert struct.unpack("<HB", payload) == (65526 + i, i == 0)
+
+
+def test_each_link_numbers_its_own_pings(rig):
+    ping = mavlink.MAVLINK_MSG_ID_PING
+    for link, expected in ((0, [1, 2]), (3, [1, 2]), (0, [3, 4])):
+        found = Codec(9, 9).parse(rig.packer.pack(rig.vehicles[0], [ping, 30, ping], link, 0))
+        assert [m.seq for m in found if m.get_msgId() == ping] == expected
+    first = mavlink.MAVLink_ping_message(rig.state.us, 1, 0, 0)
+    assert packed(rig, 1, ping, link=2) == framed(rig, 1, first)
 
 
 @needs_compiled
@@ -296,24 +426,27 @@ def test_compiled_and_interpreted_kernel_pack_the_same_bytes(rig):
         rig.begin(rig.packer)
         same = _interpreted_copy(modules, compiled)
         for i in range(VEHICLES):
-            assert compiled.pack(i, list(FREQUENT), 3, i + 1, 1) == same.pack(i, list(FREQUENT), 3, i + 1, 1)
+            given = (i, list(PACKED), i, 3, i + 1, 1)
+            assert compiled.pack(*given) == same.pack(*given)
 
 
 def _interpreted_copy(modules: Any, packing: Any) -> Any:
     """Return a packing of the interpreted modules with the same inputs."""
     source, writer = modules["telemetry_packing"], modules["payload_writer"].PayloadWriter
     writers = [
-        writer(w.number, w.size, w.seed, memoryview(w.fields), memoryview(w.ranges), w.by_escs)
+        writer(w.number, w.size, w.seed, memoryview(w.fields), memoryview(w.ranges), w.by_escs, w.is_rare)
         for w in packing.writers.values()
     ]
     constants = list(packing.values[source.VALUES :])
-    thrust, motors = memoryview(packing.thrust), memoryview(packing.motors)
-    found = source.TelemetryPacking(thrust, motors, constants, writers, packing.earth_m)
-    names = ("inputs", "mag_b", "baro_alt", "battery_v", "battery_a", "battery", "escs")
+    given = (memoryview(each) for each in (packing.thrust, packing.motors, packing.consumed_mah))
+    pings = memoryview(np.array(packing.pings))
+    found = source.TelemetryPacking(*given, pings, constants, writers, packing.earth_m, packing.boot_unix_us)
+    names = ("inputs", "rare_inputs", "mag_b", "baro_alt", "battery_v", "battery_a", "battery", "escs")
     for name in names:
         np.asarray(getattr(found, name))[...] = np.asarray(getattr(packing, name))
     estimates = ("accel_b", "gyro_b", "p_n", "v_n", "q_nb", "r_nb", "omega_b", "cov", "resets", "xy_valid")
     found.read_estimates_from(*(memoryview(getattr(packing, name)) for name in estimates))
+    found.read_validity_from(memoryview(packing.z_valid), memoryview(packing.test_ratio))
     setpoints = ("level", "sp_p_n", "sp_yaw", "sp_yaw_rate", "v_sp_n", "a_sp_n", "q_sp", "omega_sp")
     found.read_setpoints_from(*(memoryview(getattr(packing, name)) for name in setpoints))
     times = [packing.values[source.COLUMNS[name]] for name in ("time_ms", "time_us", "time_ns")]

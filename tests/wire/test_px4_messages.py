@@ -23,7 +23,12 @@ def test_checksum_is_that_of_px4(text, crc):
 
 
 def test_tables_of_fields_have_the_sizes_of_the_messages():
-    assert {msgid: payload_bytes(msgid) for msgid in px4_messages.FIELDS} == {290: 46, 291: 57}
+    assert {msgid: payload_bytes(msgid) for msgid in px4_messages.FIELDS} == {
+        290: 46,
+        291: 57,
+        411: 3,
+        436: 9,
+    }
     assert layout(px4_messages.ESC_INFO)["info"] == ("B", 45, 1)
     assert layout(px4_messages.ESC_STATUS)["current"] == ("f", 40, 4)
 

@@ -1,4 +1,4 @@
-"""The two messages about modes, against pymavlink's development dialect."""
+"""The message AVAILABLE_MODES, against pymavlink's development dialect."""
 
 from __future__ import annotations
 
@@ -12,12 +12,6 @@ def decoded(message):
     return development.MAVLink(None).decode(bytearray(Codec(7, 1).pack(message)))
 
 
-def test_current_mode_is_read_by_the_development_dialect():
-    m = decoded(px4_mode.CurrentMode(custom_mode=6 << 16, intended=4 << 16 | 3 << 24, standard=0))
-    assert (m.get_type(), m.get_srcSystem()) == ("CURRENT_MODE", 7)
-    assert (m.custom_mode, m.intended_custom_mode, m.standard_mode) == (6 << 16, 4 << 16 | 3 << 24, 0)
-
-
 def test_available_modes_is_read_by_the_development_dialect():
     given = px4_mode.AvailableMode(
         custom_mode=6 << 16, index=3, count=9, properties=px4_mode.ADVANCED, standard=0, name="Offboard"
@@ -29,7 +23,7 @@ def test_available_modes_is_read_by_the_development_dialect():
 
 def test_sequence_numbers_are_shared_with_pymavlinks_messages():
     codec = Codec(7, 1)
-    one = codec.pack(px4_mode.CurrentMode(custom_mode=0, intended=0))
+    one = codec.pack(px4_mode.AvailableMode(custom_mode=0, index=1, count=1))
     two = codec.pack(common.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
     assert (one[4], two[4]) == (0, 1)
 

@@ -54,13 +54,13 @@ class EventServer:
             messages.append(self._kept[-1].message())
         return messages
 
-    def current_sequence(self) -> Any:
-        """Return CURRENT_EVENT_SEQUENCE: the number of the newest event.
+    @property
+    def newest(self) -> tuple[int, int]:
+        """Sequence number of the newest event, and the flags of CURRENT_EVENT_SEQUENCE.
 
-        Before the first event it reports that the numbering begins again.
+        Before the first event the flags report that the numbering begins again.
         """
-        flags = 0 if self._kept else px4_messages.SEQUENCE_RESET
-        return px4_messages.current_event_sequence(self._newest, flags)
+        return self._newest, 0 if self._kept else px4_messages.SEQUENCE_RESET
 
     def requested(self, asked: px4_messages.EventRequest, system: int, component: int) -> list[Any]:
         """Return an EVENT message for each requested number, or RESPONSE_EVENT_ERROR if it is not stored.

@@ -55,7 +55,8 @@ class MavlinkLink:
     queue: frames to send; an entry may contain several
     gcs_heartbeat_at: time of the last ground station heartbeat on this link [s]
     waiting: no message has arrived yet, and the link sends only HEARTBEAT until then
-    pings, text_id: number of the last PING and of the last text
+    row: row of the link in the tables of all links
+    text_id: number of the last text
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class MavlinkLink:
         self.queue: list[bytes] = []
         self.gcs_heartbeat_at = -1e9
         self.waiting = False
-        self.pings = self.text_id = 0
+        self.row, self.text_id = row, 0
 
     def send(self, message: Any) -> None:
         """Queue a message, or drop the message if the queue is full.

@@ -31,8 +31,8 @@ from arena.autopilot.mavlink.file_server import FileServer
 from arena.autopilot.mavlink.link import MavlinkLink
 from arena.autopilot.mavlink.log_server import LogServer
 from arena.autopilot.mavlink.offboard_setpoints import receive_setpoint
+from arena.autopilot.mavlink.packed_messages import FREQUENT, PACKED
 from arena.autopilot.mavlink.telemetry import Telemetry
-from arena.autopilot.mavlink.telemetry_packer import FREQUENT
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.mavlink.vehicle_files import VehicleFiles
 from arena.autopilot.stored_logs import LogLibrary
@@ -79,6 +79,7 @@ class MavlinkInterface:
         self.file_server, self.log_server = FileServer(files), LogServer(files, boot_unix_s)
         self._servers = (self.param_server, self.file_server, self.log_server)
         self.event_server = EventServer()
+        telemetry.packer.set_newest_event(vehicle, *self.event_server.newest)
         self.links = telemetry.links(vehicle)
 
     # -- receiving -------------------------------------------------------------------------------------------
@@ -275,6 +276,7 @@ class MavlinkInterface:
     def _send_now(self, link: MavlinkLink, msgid: int) -> bool:
         """Send one message that a client requested. Return False if it is not supported or has no valid content."""
         state = self._telemetry.begin()
+        self._telemetry.update(self.vehicle)
         return state is not None and self._send_telemetry(link, [msgid], state)
 
     # -- sending ---------------------------------------------------------------------------------------------
@@ -302,6 +304,7 @@ class MavlinkInterface:
             for link in self.links.values() if server.busy else ():
                 for message in server.next_messages(link.name):
                     link.send(message)
+        self._telemetry.update(self.vehicle)
         for link in self.links.values():
             if due := link.streams.take_due(now):
                 self._send_telemetry(link, due, state)
@@ -312,35 +315,40 @@ class MavlinkInterface:
     def _send_telemetry(self, link: MavlinkLink, message_ids: list[int], state: TelemetryState) -> bool:
         """Queue telemetry messages. Return whether any message was queued.
 
-        A message is not queued if it is not supported or has no valid content.
+        The rare messages are the first, as in the kernel `stream_sender`. A message is not queued if it is not supported or
+        has no valid content.
 
         state: state of all vehicles
         """
-        v, telemetry, packed, sent = self.vehicle, self._telemetry, [], False
-        telemetry.update(v)
+        frequent, sent = [], False
         for msgid in message_ids:
-            if msgid not in FREQUENT:
+            if msgid in FREQUENT:
+                frequent.append(msgid)
+            else:
                 sent = self._send_rare(link, msgid, state) or sent
-            elif telemetry.has_content(v, msgid):
-                packed.append(msgid)
+        return self._send_packed(link, frequent) or sent
+
+    def _send_packed(self, link: MavlinkLink, message_ids: list[int]) -> bool:
+        """Queue telemetry messages that the kernel packs, as one entry of the queue. Return whether any message was queued.
+
+        A message is not queued if it has no valid content.
+        """
+        v, telemetry = self.vehicle, self._telemetry
+        packed = [msgid for msgid in message_ids if telemetry.has_content(v, msgid)]
         if packed:
             count = telemetry.packer.frame_count(v, packed)
-            link.send_frames(count, lambda seq: telemetry.packer.pack(v, packed, seq))
-        return sent or bool(packed)
+            link.send_frames(count, lambda seq: telemetry.packer.pack(v, packed, link.row, seq))
+        return bool(packed)
 
     def _send_rare(self, link: MavlinkLink, msgid: int, state: TelemetryState) -> bool:
-        """Queue a telemetry message that is sent rarely, encoded by pymavlink. Return whether it was queued.
+        """Queue a telemetry message that is sent rarely. Return whether the message was queued.
 
         A message is not queued if it is not supported or has no valid content.
         """
-        if msgid == mavlink.MAVLINK_MSG_ID_PING:
-            link.pings += 1
-            message = mavlink.MAVLink_ping_message(state.us, link.pings, 0, 0)
-        elif msgid == px4_messages.CURRENT_EVENT_SEQUENCE:
-            message = self.event_server.current_sequence()
-        else:
-            builder = streams.BUILDERS.get(msgid)
-            message = builder(self.vehicle, state) if builder else None
+        if msgid in PACKED:
+            return self._send_packed(link, [msgid])
+        builder = streams.BUILDERS.get(msgid)
+        message = builder(self.vehicle, state) if builder else None
         link.send(message)
         return message is not None
 
@@ -351,6 +359,7 @@ class MavlinkInterface:
         for severity, text in texts:
             self._on_text(severity, text)
         sent, messages = marked(texts, events), self.event_server.send(events, int(now * 1e3))
+        self._telemetry.packer.set_newest_event(self.vehicle, *self.event_server.newest)
         for link in self.links.values():
             for severity, text in sent if now - link.gcs_heartbeat_at < _GCS_TEXT_TIMEOUT_S else ():
                 link.send_text(severity, text)

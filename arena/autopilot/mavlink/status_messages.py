@@ -29,10 +29,6 @@ _UINT16_MAX = 65535
 _ALL_AXES = 0
 
 
-def system_time(v: Vehicle, s: TelemetryState) -> Any:
-    return mavlink.MAVLink_system_time_message(s.boot_unix_us + s.us, s.ms)
-
-
 def rc_channels(v: Vehicle, s: TelemetryState) -> Any:
     """Return RC_CHANNELS with the pulse widths of the RC channels [us]; None if no RC signal is received.
 
@@ -50,11 +46,6 @@ def rc_channels(v: Vehicle, s: TelemetryState) -> Any:
 def has_radio(v: Vehicle) -> bool:
     """Return whether radio control (RC) was received at least once since boot."""
     return v.manual_control.radio > -math.inf
-
-
-def vibration(v: Vehicle, s: TelemetryState) -> Any:
-    """Return VIBRATION with zeros: the simulated rotors do not vibrate, and the simulated accelerometers do not clip."""
-    return mavlink.MAVLink_vibration_message(s.us, 0.0, 0.0, 0.0, 0, 0, 0)
 
 
 def has_target(v: Vehicle) -> bool:
@@ -193,9 +184,7 @@ def available_modes_monitor(v: Vehicle, s: TelemetryState) -> Any:
 
 
 BUILDERS = {
-    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
-    mavlink.MAVLINK_MSG_ID_VIBRATION: vibration,
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: position_target_global_int,
     mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: nav_controller_output,
     mavlink.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS: actuator_output_status,

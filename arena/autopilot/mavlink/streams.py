@@ -1,43 +1,28 @@
-"""Telemetry streams: default rate of each message on each link, and functions that build the rare messages.
+"""Telemetry streams: default rate of each message on each link, and functions that build messages which no kernel packs.
 
-The rates are those of PX4's modes ONBOARD and NORMAL, measured on v1.16 SITL in simulation time. `telemetry_packer`
-packs the frequent messages. Each function here builds the message of one vehicle;
+The rates are those of PX4's modes ONBOARD and NORMAL, measured on v1.16 SITL in simulation time. `packed_messages` is the
+table of the messages that a kernel packs. Each function here builds the message of one vehicle;
 it returns None if the vehicle has no valid content for it.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.atmosphere import pressure_hpa
-from arena.autopilot.flight_modes import Mode
+from arena.autopilot.flight_modes import STANDARD_MODES, Mode
 from arena.autopilot.mavlink import status_messages
-from arena.autopilot.mavlink.telemetry_packer import FREQUENT
+from arena.autopilot.mavlink.packed_messages import PACKED
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.vehicle import Vehicle
-from arena.constants import INT32_MAX, INT32_MIN
-from arena.geometry import EARTH_M
-from arena.kernels.telemetry_packing import global_position
 from arena.wire.mavlink_frame import MavlinkSender
 from arena.wire.px4_messages import CURRENT_EVENT_SEQUENCE, ESC_INFO, ESC_STATUS
-from arena.wire.px4_mode import ADVANCED, AVAILABLE_MODES, CURRENT_MODE, AvailableMode, CurrentMode
+from arena.wire.px4_mode import ADVANCED, AVAILABLE_MODES, CURRENT_MODE, AvailableMode
 
 Builder = Callable[[Vehicle, TelemetryState], Any]
 
-# MAV_STANDARD_MODE
-STANDARD = {
-    Mode.POSCTL: 1,
-    Mode.ALTCTL: 4,
-    Mode.RTL: 5,
-    Mode.MISSION: 6,
-    Mode.LAND: 7,
-    Mode.DESCEND: 7,
-    Mode.TAKEOFF: 8,
-}
 _SELECTABLE = {
     Mode.MANUAL: "Manual",
     Mode.ALTCTL: "",
@@ -51,9 +36,6 @@ _SELECTABLE = {
     Mode.TAKEOFF: "",
     Mode.LAND: "",
 }
-_NAN = math.nan
-_MOST_FLOAT32 = 3.4e38
-_INT32, _INT16 = (INT32_MIN, INT32_MAX), (-32768, 32767)
 
 
 class AllModes:
@@ -71,7 +53,7 @@ class AllModes:
                 index=k + 1,
                 count=len(_SELECTABLE),
                 properties=0 if mode in (Mode.ALTCTL, Mode.POSCTL) else ADVANCED,
-                standard=STANDARD.get(mode, 0),
+                standard=STANDARD_MODES.get(mode, 0),
                 name=name,
             )
             sender.seq = (sender.seq + (k > 0)) % 256
@@ -79,56 +61,8 @@ class AllModes:
         return b"".join(frames)
 
 
-def battery_status(v: Vehicle, s: TelemetryState) -> Any:
-    i = v.row
-    cells = [min(max(int(1e3 * s.battery_v[i]), 0), 65534)] + [65535] * 9
-    return mavlink.MAVLink_battery_status_message(
-        0,
-        mavlink.MAV_BATTERY_FUNCTION_ALL,
-        mavlink.MAV_BATTERY_TYPE_LIPO,
-        32767,
-        cells,
-        _centi(s.battery_a[i]),
-        int(s.consumed_mah[i]),
-        -1,
-        round(100 * s.battery[i]),
-        0,
-        _charge_state(v, s),
-    )
-
-
-def _charge_state(v: Vehicle, s: TelemetryState) -> int:
-    """Return the vehicle's MAV_BATTERY_CHARGE_STATE: OK, LOW, CRITICAL or EMERGENCY."""
-    p, left = v.commander_params, s.battery[v.row]
-    return 1 + sum(bool(left <= t) for t in (p.bat_low_thr, p.bat_crit_thr, p.bat_emergen_thr))
-
-
-def current_mode(v: Vehicle, s: TelemetryState) -> Any:
-    mode, intended = v.commander.mode, v.commander.intended
-    return CurrentMode(
-        custom_mode=mode.custom_mode, intended=intended.custom_mode, standard=STANDARD.get(mode, 0)
-    )
-
-
 def available_modes(v: Vehicle, s: TelemetryState) -> Any:
     return AllModes()
-
-
-def scaled_pressure(v: Vehicle, s: TelemetryState) -> Any:
-    return mavlink.MAVLink_scaled_pressure_message(s.ms, pressure_hpa(s.baro_alt_m[v.row]), 0.0, 2500)
-
-
-def home_position(v: Vehicle, s: TelemetryState) -> Any:
-    if v.origin is None or v.home_n is None:
-        return None
-    lat0, lon0, alt0, heading = v.origin
-    north, east, down = v.home_n
-    lat, lon = global_position(north, east, heading, lat0, lon0, EARTH_M)
-    alt = _clamped((alt0 - down) * 1e3, _INT32)
-    level = [1.0, 0.0, 0.0, 0.0]
-    return mavlink.MAVLink_home_position_message(
-        int(lat), int(lon), alt, *v.home_n, level, 0.0, 0.0, 0.0, s.us
-    )
 
 
 def gps_global_origin(v: Vehicle, now: float) -> Any:
@@ -137,34 +71,10 @@ def gps_global_origin(v: Vehicle, now: float) -> Any:
         return None
     lat, lon, alt, _ = v.origin
     return mavlink.MAVLink_gps_global_origin_message(
-        round(lat * 1e7), round(lon * 1e7), _clamped(alt * 1e3, _INT32), int(now * 1e6)
-    )
-
-
-def estimator_status(v: Vehicle, s: TelemetryState) -> Any:
-    i = v.row
-    flags = mavlink.ESTIMATOR_ATTITUDE if v.aligned else 0
-    if s.xy_valid[i]:
-        flags |= (
-            mavlink.ESTIMATOR_VELOCITY_HORIZ
-            | mavlink.ESTIMATOR_POS_HORIZ_REL
-            | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
-        )
-        flags |= mavlink.ESTIMATOR_POS_HORIZ_ABS if v.origin else 0
-    if s.z_valid[i]:
-        flags |= mavlink.ESTIMATOR_VELOCITY_VERT | mavlink.ESTIMATOR_POS_VERT_ABS
-    ratio, var = [min(float(r), _MOST_FLOAT32) for r in s.est.test_ratio[i]], s.variance[i]
-    return mavlink.MAVLink_estimator_status_message(
-        s.us,
-        flags,
-        0.0,
-        ratio[0],
-        ratio[0],
-        ratio[1],
-        _NAN,
-        _NAN,
-        math.sqrt(var[0] + var[1]),
-        math.sqrt(var[2]),
+        round(lat * 1e7),
+        round(lon * 1e7),
+        int(alt * 1e3),
+        int(now * 1e6),
     )
 
 
@@ -192,16 +102,11 @@ def autopilot_version(v: Vehicle, s: TelemetryState) -> Any:
 
 BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: lambda v, s: gps_global_origin(v, s.now_s),
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: battery_status,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
-    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: estimator_status,
-    mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position,
-    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
-    CURRENT_MODE: current_mode,
     AVAILABLE_MODES: available_modes,
     **status_messages.BUILDERS,
 }
-SUPPORTED = BUILDERS.keys() | FREQUENT.keys() | {mavlink.MAVLINK_MSG_ID_PING, CURRENT_EVENT_SEQUENCE}
+SUPPORTED = BUILDERS.keys() | PACKED.keys()
 """Ids of all messages that can be streamed or requested."""
 
 _SLOW = {
@@ -281,11 +186,3 @@ LINK_RATES: dict[str, dict[int, float]] = {
     | {mavlink.MAVLINK_MSG_ID_HOME_POSITION: 1.0, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0},
     "panic": _SLOW | {mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 1.0},
 }
-
-
-def _clamped(value: float, limits: tuple[int, int]) -> int:
-    return int(min(max(value, limits[0]), limits[1]))
-
-
-def _centi(amperes: float) -> int:
-    return _clamped(100.0 * amperes, _INT16) if math.isfinite(amperes) else 0

@@ -11,8 +11,9 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.mavlink import streams
 from arena.autopilot.mavlink.link import LinkStreams, MavlinkLink
+from arena.autopilot.mavlink.packed_messages import FREQUENT, PACKED
 from arena.autopilot.mavlink.status_messages import HAS_CONTENT as RARE_HAS_CONTENT
-from arena.autopilot.mavlink.telemetry_packer import FREQUENT, HAS_CONTENT, NEEDS_POSITION, TelemetryPacker
+from arena.autopilot.mavlink.telemetry_packer import HAS_CONTENT, NEEDS_POSITION, TelemetryPacker
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.vehicle import Vehicle
 from arena.kernels.arrays import array, integers
@@ -32,7 +33,7 @@ _HAS_CONTENT = {_COLUMNS[msgid]: test for msgid, test in {**HAS_CONTENT, **RARE_
 class Telemetry:
     """Telemetry of V vehicles: sends the message streams that are due on their links.
 
-    packer: packs the frequent messages
+    packer: packs the messages of the table `PACKED`
     read_state: function that returns the state of all vehicles at the last step; None before the first step
     wake_s: time from which the MAVLink interface of a vehicle must send, because it has more to send than streams [s] (V,)
     """
@@ -53,7 +54,8 @@ class Telemetry:
             _LINKS,
             integers(np.array([v.system_id for v in vehicles], np.int64)),
             integers(self._sequence),
-            np.array([msgid in FREQUENT for msgid in _IDS]),
+            np.array([msgid in PACKED for msgid in _IDS]),
+            np.array([msgid not in FREQUENT for msgid in _IDS]),
             np.array([msgid in NEEDS_POSITION for msgid in _IDS]),
             self._silent,
         )
@@ -105,9 +107,10 @@ class Telemetry:
 
         Values that have not changed are not copied.
         """
-        c = v.commander
+        c, p = v.commander, v.commander_params
         values = (
             (c.mode, c.armed, c.failsafe, v.landed_state, v.ready_to_arm, v.inputs.manual_control),
+            (c.intended, p.bat_low_thr, p.bat_crit_thr, p.bat_emergen_thr),
             (v.aligned, v.origin, v.home_n, v.orbit, v.leg_target_n, v.manual_control.radio > -math.inf),
             v.is_logged,
         )
@@ -119,7 +122,7 @@ class Telemetry:
                 self._silent[v.row, column] = not has_content(v)
 
     def has_content(self, v: Vehicle, msgid: int) -> bool:
-        """Return whether a vehicle has valid values for a telemetry message that is sent often."""
+        """Return whether a vehicle has valid values for a packed telemetry message."""
         return self._sender.has_content(v.row, _COLUMNS[msgid])
 
     def has_output(self, now: float) -> bool:
@@ -132,7 +135,7 @@ class Telemetry:
         sensors: as for `Autopilots.step`
 
         (row, "", b"") means that the MAVLink interface of this vehicle must send, because it has more to send than
-        frequent messages.
+        packed messages.
         """
         self.packer.begin(now, sensors)
         return self._sender.step(now)

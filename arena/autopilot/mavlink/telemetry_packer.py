@@ -1,12 +1,8 @@
-"""Telemetry messages that built-in autopilots send often: which quantity each field contains.
-
-The kernel `telemetry_packing` computes the quantities and packs the frames. pymavlink's dialect defines the layouts.
-"""
+"""Packs telemetry messages of the built-in autopilots: gives the state of the vehicles to the kernel `telemetry_packing`."""
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,165 +11,56 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.autopilot.control.controllers import Cascade
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
-from arena.autopilot.flight_modes import MANUAL_MODES, Mode
+from arena.autopilot.flight_modes import MANUAL_MODES, STANDARD_MODES, Mode
+from arena.autopilot.mavlink.packed_messages import writers
 from arena.autopilot.mavlink.telemetry_state import boot_ms
 from arena.autopilot.vehicle import Vehicle
 from arena.geometry import EARTH_M
-from arena.kernels.arrays import array, flags, integers, view
-from arena.kernels.payload_writer import KINDS, PayloadWriter
-from arena.kernels.telemetry_packing import (
-    COLUMNS,
-    PLACE,
-    SIZES,
-    STATUS,
-    VALUES,
-    TelemetryPacking,
-)
-from arena.wire.mavlink_frame import SEEDS
-from arena.wire.mavlink_layout import layout, payload_bytes
-from arena.wire.px4_messages import ESC_INFO, ESC_STATUS
+from arena.kernels.arrays import array, flags, integers, new_integers, view
+from arena.kernels.telemetry_packing import HOME, MODES, PLACE, STATUS, TelemetryPacking, global_position
 
 Array = NDArray[np.float64]
 _NAN = float("nan")
-_EXACT = 2.0**53  # integers up to this size are exact in a float
-
-_UNKNOWN_TEMPERATURE = 32767
-_BOOT = {"time_boot_ms": "time_ms"}
-_TIME = {"time_usec": "time_us"}
-_RATES = "rollspeed pitchspeed yawspeed"
-FREQUENT: dict[int, dict[str, str | float]] = {
-    mavlink.MAVLINK_MSG_ID_HEARTBEAT: {
-        "type": "mav_type",
-        "autopilot": mavlink.MAV_AUTOPILOT_PX4,
-        "base_mode": "base_mode",
-        "custom_mode": "custom_mode",
-        "system_status": "status",
-        "mavlink_version": 3,
-    },
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: {
-        "onboard_control_sensors_present": "present",
-        "onboard_control_sensors_enabled": "present",
-        "onboard_control_sensors_health": "health",
-        "load": 100,
-        "voltage_battery": "voltage_mv",
-        "current_battery": "current_ca",
-        "battery_remaining": "remaining",
-    },
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: {**_BOOT, "roll pitch yaw": "rpy", _RATES: "omega_b"},
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: {**_BOOT, "q1 q2 q3 q4": "q_nb", _RATES: "omega_b"},
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: {**_BOOT, "x y z": "p_n", "vx vy vz": "v_n"},
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: {
-        **_BOOT,
-        "lat": "lat",
-        "lon": "lon",
-        "alt": "alt_mm",
-        "relative_alt": "relative_alt_mm",
-        "vx vy vz": "velocity_cm_s",
-        "hdg": "heading_cdeg",
-    },
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: {
-        # SDKs wait for a satellite fix before they fly to a global position. The position is the estimate.
-        **_TIME,
-        "fix_type": mavlink.GPS_FIX_TYPE_3D_FIX,
-        "lat": "lat",
-        "lon": "lon",
-        "alt": "alt_mm",
-        "eph": 65535,
-        "epv": 65535,
-        "vel": 65535,
-        "cog": 65535,
-        "satellites_visible": 255,
-    },
-    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: {
-        "time_usec": "time_us_32",
-        " ".join(f"servo{k}_raw" for k in range(1, 9)): "servos",
-    },
-    mavlink.MAVLINK_MSG_ID_VFR_HUD: {
-        "airspeed": "speed",
-        "groundspeed": "speed",
-        "alt": "alt",
-        "climb": "climb",
-        "heading": "heading_deg",
-        "throttle": "throttle",
-    },
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: {
-        **_BOOT,
-        "q": "q_sp",
-        "body_roll_rate body_pitch_rate body_yaw_rate": "omega_sp",
-        "thrust": "thrust",
-    },
-    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: {
-        **_BOOT,
-        "x y z vx vy vz afx afy afz yaw yaw_rate": "setpoint",
-        "type_mask": "ignored",
-        "coordinate_frame": mavlink.MAV_FRAME_LOCAL_NED,
-    },
-    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: {
-        **_TIME,
-        "xacc yacc zacc": "accel_b",
-        "xgyro ygyro zgyro": "gyro_b",
-        "xmag ymag zmag": "mag_b",
-        "abs_pressure": "pressure_hpa",
-        "pressure_alt": "baro_alt",
-        "temperature": 25.0,
-        "fields_updated": 0x1BFF,
-    },
-    mavlink.MAVLINK_MSG_ID_TIMESYNC: {"ts1": "time_ns"},
-    ESC_INFO: {
-        **_TIME,
-        "counter": "esc_counter",
-        "temperature": _UNKNOWN_TEMPERATURE,
-        "index": "esc_first",
-        "count": "esc_count",
-        "info": "esc_online",
-    },
-    ESC_STATUS: {
-        # The speeds are proportional to the motor commands, and the battery's current is divided among the ESCs.
-        **_TIME,
-        "rpm": "esc_rpm",
-        "voltage": "esc_voltage",
-        "current": "esc_current",
-        "index": "esc_first",
-    },
-    mavlink.MAVLINK_MSG_ID_ALTITUDE: {
-        **_TIME,
-        "altitude_monotonic altitude_amsl altitude_local altitude_relative": "heights",
-        "altitude_terrain": _NAN,
-        "bottom_clearance": _NAN,
-    },
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: {"landed_state": "landed"},
-    mavlink.MAVLINK_MSG_ID_ODOMETRY: {
-        **_TIME,
-        # PX4 sends the velocity in NED and declares it in child_frame_id.
-        "frame_id": mavlink.MAV_FRAME_LOCAL_NED,
-        "child_frame_id": mavlink.MAV_FRAME_LOCAL_NED,
-        "x y z": "p_n",
-        "q": "q_nb",
-        "vx vy vz": "v_n",
-        _RATES: "omega_b",
-        "pose_covariance": "pose_covariance",
-        "velocity_covariance": "velocity_covariance",
-        "reset_counter": "reset_counter",
-        "estimator_type": mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT,
-    },
-}
-"""Message id -> names of fields -> the quantity that these fields contain, or a constant. All other fields are 0."""
 
 
 class TelemetryPacker:
-    """Packs the frequent telemetry messages of V vehicles with at most R rotors each.
+    """Packs the telemetry messages of the table `PACKED`, of V vehicles with at most R rotors each.
 
     Use `begin` once per step, before `pack`.
 
     est, sp, cascade: estimator, setpoints and controllers of the vehicles
     thrust, motors: collective thrust (V,) and motor commands (V, R) 0..1
+    consumed_mah: consumed charge [mAh] (V,)
+    links: number of MAVLink links of all vehicles
+    boot_unix_us: Unix time of the boot [us]
     law: the compiled packing
     """
 
-    def __init__(self, est: Estimator, sp: Setpoints, cascade: Cascade, thrust: Array, motors: Array) -> None:
-        self.law = packing = TelemetryPacking(view(thrust), view(motors), *_tables(), EARTH_M)
+    def __init__(
+        self,
+        est: Estimator,
+        sp: Setpoints,
+        cascade: Cascade,
+        thrust: Array,
+        motors: Array,
+        consumed_mah: Array,
+        *,
+        links: int,
+        boot_unix_us: int,
+    ) -> None:
+        self.law = packing = TelemetryPacking(
+            view(thrust),
+            view(motors),
+            view(consumed_mah),
+            new_integers(links),
+            *writers(),
+            EARTH_M,
+            boot_unix_us,
+        )
         inputs, place = array(packing.inputs), len(STATUS) + len(PLACE)
         self._status, self._place, self._lost = np.split(inputs, [len(STATUS), place], axis=1)
+        rare, home = array(packing.rare_inputs), len(MODES) + len(HOME)
+        self._modes, self._home, self._events = np.split(rare, [len(MODES), home], axis=1)
         self._xy_valid, self._escs = est.xy_valid, array(packing.escs)
         self._baro_alt = array(packing.baro_alt)
         self._mag_b = array(packing.mag_b)
@@ -191,6 +78,7 @@ class TelemetryPacker:
             integers(est.reset_counter),
             flags(est.xy_valid(0.0)),
         )
+        packing.read_validity_from(flags(est.z_valid(0.0)), view(est.test_ratio))
         position = cascade.position
         used = (sp.p_n, sp.yaw, sp.yaw_rate, position.v_sp_n, position.a_sp_n, cascade.q_sp, cascade.omega_sp)
         packing.read_setpoints_from(integers(sp.level), *(view(each) for each in used))
@@ -209,23 +97,25 @@ class TelemetryPacker:
         self._xy_valid(now)
         self.law.set_time(boot_ms(now), int(now * 1e6), int(now * 1e9))
 
-    def pack(self, v: Vehicle, message_ids: list[int], seq: int) -> bytes:
+    def pack(self, v: Vehicle, message_ids: list[int], link: int, seq: int) -> bytes:
         """Return the encoded frames of several messages of a vehicle.
 
+        link: row of the link, which numbers the PINGs
         seq: sequence number of the first frame
         """
-        return self.law.pack(v.row, message_ids, seq, v.system_id, 1)
+        return self.law.pack(v.row, message_ids, link, seq, v.system_id, 1)
 
     def frame_count(self, v: Vehicle, message_ids: list[int]) -> int:
         """Return how many frames `pack` returns for several messages of a vehicle."""
         return self.law.frame_count(v.row, message_ids)
 
     def set_status(self, v: Vehicle) -> None:
-        """Copy mode, arming state and health of a vehicle to the compiled packer (attribute `law`)."""
+        """Copy mode, arming state, health and battery thresholds of a vehicle to the compiled packer (attribute `law`)."""
+        c, p = v.commander, v.commander_params
         present, lost = _present(v, xy_valid=True), _present(v, xy_valid=False)
         self._status[v.row] = (
             v.mav_type,
-            v.commander.mode.custom_mode,
+            c.mode.custom_mode,
             _base_mode(v),
             _status(v),
             v.landed_state,
@@ -233,70 +123,27 @@ class TelemetryPacker:
             _health(v, present),
         )
         self._lost[v.row] = lost, _health(v, lost & ~mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION)
+        self._modes[v.row] = (
+            c.intended.custom_mode,
+            STANDARD_MODES.get(c.mode, 0),
+            v.aligned,
+            p.bat_low_thr,
+            p.bat_crit_thr,
+            p.bat_emergen_thr,
+        )
 
     def set_place(self, v: Vehicle) -> None:
         """Copy a vehicle's arming state, origin, home and number of rotors to the compiled packer (attribute `law`)."""
         self._escs[v.row] = v.rotors
         lat, lon, alt, _ = v.origin or (_NAN, _NAN, _NAN, 0.0)
-        home_d = v.home_n[2] if v.home_n else _NAN
+        north, east, home_d = v.home_n or (_NAN, _NAN, _NAN)
         self._place[v.row] = v.commander.armed, lat, lon, alt, v.heading, home_d
+        home = global_position(north, east, v.heading, lat, lon, EARTH_M)
+        self._home[v.row] = *home, (alt - home_d) * 1e3, north, east
 
-
-def _tables() -> tuple[list[float], list[PayloadWriter]]:
-    """Return the constant field values of the frequent messages, and a compiled encoder for each message."""
-    constants: list[float] = []
-    writers, ranges = [], view(_ranges())
-    for msgid, contents in FREQUENT.items():
-        fields: list[tuple[int, int, int]] = []
-        for names, content in contents.items():
-            if isinstance(content, str):
-                fields += _fields_of(msgid, names.split(), COLUMNS[content], SIZES[content])
-            else:
-                size = layout(msgid)[names].elements
-                fields += _fields_of(msgid, [names], VALUES + len(constants), size)
-                constants += [content] * size
-        table, by_escs = integers(np.array(fields, np.int64)), msgid in (ESC_INFO, ESC_STATUS)
-        writers.append(PayloadWriter(msgid, payload_bytes(msgid), SEEDS[msgid], table, ranges, by_escs))
-    return constants, writers
-
-
-def _fields_of(msgid: int, names: Sequence[str], column: int, size: int) -> list[tuple[int, int, int]]:
-    """Return the column in the table of values, and the place in the message, of each number in some fields.
-
-    Each result is (column in the table of values, index of the number type in `KINDS`, byte offset divided by the type's size).
-
-    column: position of the first value in the table of values.  size: number of values.
-    Raises ValueError if the number of elements in the fields is not `size`.
-    """
-    rows: list[tuple[int, int, int]] = []
-    for name in names:
-        code, offset, count = layout(msgid)[name]
-        place, rest = divmod(offset, struct.calcsize(f"<{code}"))
-        if rest:
-            raise ValueError(
-                f"MAVLink message {msgid}: the offset of field {name} is not a multiple of its size"
-            )
-        rows += [(column + len(rows) + k, KINDS.index(code), place + k) for k in range(count)]
-    if len(rows) != size:
-        raise ValueError(
-            f"MAVLink message {msgid}: the fields {names} contain {len(rows)} numbers, expected {size}"
-        )
-    return rows
-
-
-def _ranges() -> Array:
-    """Return the smallest and largest value of each number type in `KINDS` (9, 2).
-
-    The types of 64 bits have the range of integers that a float represents exactly.
-    """
-    found = []
-    for code in KINDS:
-        bits = 8 * struct.calcsize(f"<{code}")
-        low, high = (
-            (0.0, 2.0**bits - 1.0) if code.isupper() else (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1.0)
-        )
-        found.append((max(low, -_EXACT), min(high, _EXACT)))
-    return np.array(found)
+    def set_newest_event(self, v: Vehicle, sequence: int, flags: int) -> None:
+        """Copy the number of a vehicle's newest event, and the flags of CURRENT_EVENT_SEQUENCE, to the compiled packer."""
+        self._events[v.row] = sequence, flags
 
 
 def _base_mode(v: Vehicle) -> int:
@@ -374,10 +221,15 @@ def _has_origin(v: Vehicle) -> bool:
     return v.origin is not None
 
 
+def _has_home(v: Vehicle) -> bool:
+    return v.home_n is not None and _has_origin(v)
+
+
 HAS_CONTENT: dict[int, Callable[[Vehicle], bool]] = {
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _is_aligned,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _has_origin,
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: _has_origin,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: _has_home,
 }
 """Message id -> function that returns whether a vehicle has content for the message. All other messages always have content."""
 NEEDS_POSITION = {
