@@ -34,7 +34,7 @@ def main() -> None:
 
     aside, below = np.linspace(-1.5, 1.5, 121), np.linspace(0.0, 4.0, 121)
     model = Downwash([profile] * (len(aside) + 1), strength=1.0)
-    axis = np.tile([0.0, 0.0, 1.0], (len(aside) + 1, 1))
+    r_nb = np.tile(np.eye(3), (len(aside) + 1, 1, 1))
     thrust = np.zeros(len(aside) + 1)
     thrust[0] = profile["mass_kg"] * GRAVITY_M_S2
     rows = []
@@ -42,7 +42,7 @@ def main() -> None:
         z
     ) in below:  # the first vehicle hovers at the origin; the others, without thrust, are places in its wind
         places = np.stack([np.zeros_like(aside), aside, np.full_like(aside, z)], axis=1)
-        rows.append(model.wind(np.vstack([np.zeros(3), places]), axis, lambda: thrust)[1:, 2])
+        rows.append(model.wind(np.vstack([np.zeros(3), places]), r_nb, lambda: thrust)[1:, 2])
     wind_n = np.array(rows)
     filled = left.contourf(aside, -below, wind_n, levels=np.arange(0.0, 6.1, 0.5), cmap="Blues")
     figure.colorbar(filled, ax=left, label="wind at a vehicle below [m/s]")

@@ -282,8 +282,7 @@ class Autopilots:
             self._log(lambda ulog: ulog.record_vision(rows, array(vision.pose), now))
         self.est.fuse_vision(now)
         if self._steps % self._decide_every == min(1, self._decide_every - 1):
-            failed = np.array([v.failures.baro for v in self.vehicles])
-            self.est.fuse_baro(np.where(failed, np.nan, sensors["baro_alt_m"]), now)
+            self.est.fuse_baro(sensors["baro_alt_m"], now)
 
     # -- decisions, every 0.02 s ------------------------------------------------------------------------------------
 

@@ -296,6 +296,7 @@ class Vehicle:
         """
         result = self.failures.inject(p, enabled=bool(self.params["SYS_FAILURE_EN"][self.row]))
         self.vision_input.failed[self.row] = self.failures.vision
+        self._estimator.baro_failed[self.row] = self.failures.baro
         if result == 0:
             self.commander.report(
                 WARNING, f"Failure injected: unit {p[0]:.0f}, type {p[1]:.0f}, instance {p[2]:.0f}"

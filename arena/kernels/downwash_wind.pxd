@@ -9,10 +9,9 @@ cdef class DownwashWind:
     cdef readonly double[::1] factor, length, radius, rotors_out2
     cdef readonly double[:, ::1] wind_n
     @cython.locals(upper=Py_ssize_t, lower=Py_ssize_t)
-    cpdef bint reaches(self, double[:, :] p_n, double[:, :] axis_n) except -1
+    cpdef bint reaches(self, double[:, ::1] p_n, double[:, :, ::1] r_nb) except -1
     @cython.locals(upper=Py_ssize_t, lower=Py_ssize_t, k=Py_ssize_t, root=double, shape=double, s=double, speed=double)
-    cpdef void compute(self, double[:, :] p_n, double[:, :] axis_n, double[:] thrust) except *
-    @cython.locals(k=Py_ssize_t, total=double)
-    cdef double _along(self, double[:, :] p_n, double[:, :] axis_n, Py_ssize_t upper, Py_ssize_t lower) except? -1.0
-    @cython.locals(k=Py_ssize_t, along=double, apart2=double, aside2=double, half=double, bell=double)
-    cdef double _shape(self, double[:, :] p_n, double[:, :] axis_n, Py_ssize_t upper, Py_ssize_t lower) except? -1.0
+    cpdef void compute(self, double[:, ::1] p_n, double[:, :, ::1] r_nb, double[::1] thrust) except *
+    cdef double _along(self, double[:, ::1] p_n, double[:, :, ::1] r_nb, Py_ssize_t upper, Py_ssize_t lower) except? -1.0
+    @cython.locals(along=double, north=double, east=double, down=double, apart2=double, aside2=double, half=double, bell=double)
+    cdef double _shape(self, double[:, ::1] p_n, double[:, :, ::1] r_nb, Py_ssize_t upper, Py_ssize_t lower) except? -1.0

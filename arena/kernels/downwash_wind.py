@@ -30,23 +30,23 @@ class DownwashWind:
         self.factor, self.length, self.radius, self.rotors_out2 = factor, length, radius, rotors_out2
         self.wind_n = floats(len(factor), 3)
 
-    def reaches(self, p_n: Floats, axis_n: Floats) -> bool:
+    def reaches(self, p_n: Floats, r_nb: Floats) -> bool:
         """Return whether the jet of any vehicle reaches another vehicle.
 
         p_n: position of the body origins [m] [NED] (V, 3)
-        axis_n: direction of the body's z axis [-] [NED] (V, 3)
+        r_nb: rotation matrix of the attitude (V, 3, 3)
         """
         count = len(self.factor)
         for upper in range(count):
             for lower in range(count):
-                if self._shape(p_n, axis_n, upper, lower) > 0.0:
+                if self._shape(p_n, r_nb, upper, lower) > 0.0:
                     return True
         return False
 
-    def compute(self, p_n: Floats, axis_n: Floats, thrust: Floats) -> None:
+    def compute(self, p_n: Floats, r_nb: Floats, thrust: Floats) -> None:
         """Compute the wind at all vehicles.
 
-        p_n, axis_n: as for `reaches`
+        p_n, r_nb: as for `reaches`
         thrust: thrust of each vehicle [N] (V,)
         """
         count, wind = len(self.factor), self.wind_n
@@ -55,31 +55,32 @@ class DownwashWind:
         for upper in range(count):
             root = self.factor[upper] * math.sqrt(max(thrust[upper], 0.0))
             for lower in range(count):
-                shape = self._shape(p_n, axis_n, upper, lower)
+                shape = self._shape(p_n, r_nb, upper, lower)
                 if shape > 0.0:
-                    s = self._along(p_n, axis_n, upper, lower)
+                    s = self._along(p_n, r_nb, upper, lower)
                     speed = _SPEED * root / (s / self.length[upper] + _ORIGIN)
                     speed *= shape * min(s / self.radius[upper], 1.0)
                     for k in range(3):
-                        wind[lower, k] += speed * axis_n[upper, k]
+                        wind[lower, k] += speed * r_nb[upper, k, 2]
 
-    def _along(self, p_n: Floats, axis_n: Floats, upper: int, lower: int) -> float:
+    def _along(self, p_n: Floats, r_nb: Floats, upper: int, lower: int) -> float:
         """Return the distance of the lower vehicle from the upper one along the axis of its jet [m]."""
-        total = 0.0
-        for k in range(3):
-            total += axis_n[upper, k] * (p_n[lower, k] - p_n[upper, k])
-        return total
+        return (
+            r_nb[upper, 0, 2] * (p_n[lower, 0] - p_n[upper, 0])
+            + r_nb[upper, 1, 2] * (p_n[lower, 1] - p_n[upper, 1])
+            + r_nb[upper, 2, 2] * (p_n[lower, 2] - p_n[upper, 2])
+        )
 
-    def _shape(self, p_n: Floats, axis_n: Floats, upper: int, lower: int) -> float:
+    def _shape(self, p_n: Floats, r_nb: Floats, upper: int, lower: int) -> float:
         """Return the speed of the upper vehicle's jet at the lower vehicle, divided by the speed on the axis [-]; 0 outside the jet."""
         if self.factor[upper] == 0.0:
             return 0.0
-        along = self._along(p_n, axis_n, upper, lower)
+        along = self._along(p_n, r_nb, upper, lower)
         if along <= 0.0:
             return 0.0
-        apart2 = 0.0
-        for k in range(3):
-            apart2 += (p_n[lower, k] - p_n[upper, k]) * (p_n[lower, k] - p_n[upper, k])
+        north, east = p_n[lower, 0] - p_n[upper, 0], p_n[lower, 1] - p_n[upper, 1]
+        down = p_n[lower, 2] - p_n[upper, 2]
+        apart2 = north * north + east * east + down * down
         aside2 = max(apart2 - along * along, 0.0) + self.rotors_out2[lower]
         half = _SPREAD * (along + _ORIGIN * self.length[upper])
         if aside2 >= (_END * half) * (_END * half):

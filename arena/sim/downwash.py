@@ -61,14 +61,14 @@ class Downwash:
         self._wind_n = array(self._law.wind_n)
         self.acts = len(profiles) > 1 and bool(per_root.any())
 
-    def wind(self, p_n: Array, axis_n: Array, thrust: Callable[[], Array]) -> Array:
+    def wind(self, p_n: Array, r_nb: Array, thrust: Callable[[], Array]) -> Array:
         """Return the wind at each vehicle from the rotors of the other vehicles [m/s] [NED] (V, 3).
 
         p_n: position of the body origins [m] [NED] (V, 3)
-        axis_n: direction of the body's z axis [-] [NED] (V, 3)
+        r_nb: rotation matrix of the attitude (V, 3, 3)
         thrust: function that returns the thrust of each vehicle [N] (V,). It is called only if a jet reaches a vehicle
         """
-        at, axes = view(p_n), view(axis_n)
+        at, axes = view(p_n), view(r_nb)
         if not self._law.reaches(at, axes):
             return np.zeros_like(p_n)
         self._law.compute(at, axes, view(thrust()))

@@ -179,8 +179,7 @@ class World:
             wind_n = wind_n + self._gusts.step(-bodies.p_n[:, 2], bodies.v_n, self.wind_n)
         if self._downwash is not None:
             if self.steps % self._downwash_steps == 0:
-                axis_n = bodies.r_nb[:, :, 2]
-                self._downwash_n = self._downwash.wind(bodies.p_n, axis_n, self._dynamics.thrust)
+                self._downwash_n = self._downwash.wind(bodies.p_n, bodies.r_nb, self._dynamics.thrust)
             wind_n = wind_n + self._downwash_n
         return wind_n
 

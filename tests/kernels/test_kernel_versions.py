@@ -38,17 +38,18 @@ def fill(law: object, rng: np.random.Generator, **scales: float) -> None:
 @needs_compiled
 def test_downwash_and_pressure_are_equal_compiled_and_interpreted() -> None:
     rng = np.random.default_rng(3)
-    p_n, axis_n = rng.normal(size=(VEHICLES, 3)) * (0.4, 0.4, 2.0), rng.normal(size=(VEHICLES, 3)) * 0.1
-    axis_n[:, 2] = 1.0
+    p_n, r_nb = rng.normal(size=(VEHICLES, 3)) * (0.4, 0.4, 2.0), rng.normal(size=(VEHICLES, 3, 3)) * 0.1
+    r_nb[:, 2, 2] = 1.0
     given = [rng.random(VEHICLES) + 0.1 for _ in range(4)]
     given[0][0] = given[1][0] = 0.0  # a vehicle without a jet
     winds, pressures = [], []
     for modules in (compiled_modules, interpreted_modules):
         law = modules("downwash_wind")["downwash_wind"].DownwashWind(*map(memoryview, given))
-        assert law.reaches(memoryview(p_n), memoryview(axis_n))
-        law.compute(memoryview(p_n), memoryview(axis_n), memoryview(np.full(VEHICLES, 9.0)))
+        assert law.reaches(memoryview(p_n), memoryview(r_nb))
+        law.compute(memoryview(p_n), memoryview(r_nb), memoryview(np.full(VEHICLES, 9.0)))
         winds.append(np.array(law.wind_n))
-        assert not law.reaches(memoryview(p_n * (9.0, 9.0, 0.0)), memoryview(axis_n))
+        upright = np.repeat(np.eye(3)[None], VEHICLES, 0)
+        assert not law.reaches(memoryview(p_n * (9.0, 9.0, 0.0)), memoryview(upright))
         pressure = modules("standard_atmosphere")["standard_atmosphere"].pressure_hpa
         pressures.append([pressure(height) for height in (-300.0, 0.0, 0.1, 5000.0)])
     assert np.array_equal(*winds) and np.abs(winds[0]).max() > 0.5

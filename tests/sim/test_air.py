@@ -17,7 +17,6 @@ from .sim_slices import PROFILE, vehicle
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 JET = {"rotor_radius_m": 0.127, "strength": 1.0}
-DOWN = np.array([[0.0, 0.0, 1.0]])
 STILL = np.zeros((1, 3))
 FADE = {**PROFILE["thrust_curve"], "fade_speed_m_s": 25.0}
 INERTIA = {"moment_kg_m2": 2.74e-5, "thrust_n_s2": 8.54858e-6}
@@ -55,7 +54,9 @@ def jets(**changes: Any) -> Downwash:
 def blown(p_n: Any, thrust: float = WEIGHT, axis: Any = (0.0, 0.0, 1.0), **changes: Any) -> Any:
     """Return the wind at a vehicle at p_n, below one at the origin (3,)."""
     places = np.array([[0.0, 0.0, 0.0], p_n])
-    return jets(**changes).wind(places, np.array([axis, (0.0, 0.0, 1.0)]), lambda: np.array([thrust, 0.0]))[1]
+    r_nb = np.repeat(np.eye(3)[None], 2, 0)
+    r_nb[0, :, 2] = axis
+    return jets(**changes).wind(places, r_nb, lambda: np.array([thrust, 0.0]))[1]
 
 
 def test_downwash_on_the_axis_is_the_papers_jet() -> None:
@@ -79,7 +80,7 @@ def test_the_jet_keeps_the_momentum_of_the_thrust() -> None:
             [
                 model.wind(
                     np.array([[0, 0, 0], [x, 0, below]]),
-                    np.repeat(DOWN, 2, 0),
+                    np.repeat(np.eye(3)[None], 2, 0),
                     lambda: np.array([WEIGHT, 0.0]),
                 )[1, 2]
                 for x in r

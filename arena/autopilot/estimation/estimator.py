@@ -75,6 +75,7 @@ class Estimator:
     rejected, reset_counter: number of rejected samples, and number of realignments (V,)
     at_rest: True while the vehicle stands on the ground with idle motors, set by the caller. Only such a
         vehicle aligns again with poses that the gate rejects for EKF2_NOAID_TOUT (V,)
+    baro_failed: True for a failed barometer, set by the caller (V,)
     vision_input: poses of external vision, from their arrival to their fusion
     """
 
@@ -121,7 +122,7 @@ class Estimator:
         )
         self.tilt = array(validity.tilt)
         self.aligned_at, self.reset_counter = array(validity.aligned_at), np.zeros(v, int)
-        self._without_vision = np.zeros(v, bool)
+        self._without_vision, self.baro_failed = np.zeros(v, bool), np.zeros(v, bool)
         self._baro = baro = BarometerOffset(state, vision, np.zeros(v, bool), self._without_vision)
         self._baro_altitude, self._baro_offset = array(baro.altitude), array(baro.offset)
         self.last_baro = array(validity.last_baro)  # time of the last fusion [s]
@@ -243,12 +244,13 @@ class Estimator:
     def fuse_baro(self, baro_alt_m: Array, now: float) -> None:
         """Fuse the barometer if vision gives no height; otherwise estimate the offset of the barometer.
 
-        baro_alt_m: altitude, up [m], NaN for a failed sensor (V,)
+        baro_alt_m: altitude, up [m]; not used if it is NaN or where `baro_failed` is set (V,)
         now: time since boot [s]
         """
         if self._version != self.params.version:
             self._read_params()
         self._baro_altitude[...] = baro_alt_m
+        self._baro_altitude[self.baro_failed] = np.nan
         if self._baro.update(now):
             lost = self._without_vision
             self.last_baro[lost] = now

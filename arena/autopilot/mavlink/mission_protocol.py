@@ -6,6 +6,7 @@ unchanged.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,12 +26,14 @@ from arena.autopilot.navigation.mission_items import (
     item_of,
 )
 from arena.autopilot.navigation.mission_store import CAPACITY, MissionStore
+from arena.wire.px4_messages import Px4Message
 
 _CRITICAL, _INFO = 2, 6
 _RETRY_S, _TIMEOUT_S, _PROGRESS_PERIOD_S, _TRANSFER_PERIOD_S = 0.25, 5.0, 1.0, 0.05
 _REACHED_REPEATS = 10
 _NO_MISSION_TOTAL = 65535
 _IDLE, _RECEIVING, _SENDING = "idle", "receiving", "sending"
+_CURRENT = struct.Struct("<HHBBIII")  # seq, total, mission_state, mission_mode, ids
 
 
 class _Ack(mavlink.MAVLink_mission_ack_message):  # type: ignore[misc]
@@ -60,18 +63,6 @@ class _Count(mavlink.MAVLink_mission_count_message):  # type: ignore[misc]
             self.unpacker.pack(self.count, self.target_system, self.target_component, self.mission_type)
             + self._tail
         )
-        return bytes(self._pack(mav, self.crc_extra, payload))
-
-
-class _Current(mavlink.MAVLink_mission_current_message):  # type: ignore[misc]
-    """MISSION_CURRENT with mission_id, fence_id and rally_points_id, which pymavlink's message lacks."""
-
-    def __init__(self, seq: int, total: int, ids: dict[int, int]) -> None:
-        super().__init__(seq, total)
-        self._tail = b"".join(ids[kind].to_bytes(4, "little") for kind in (MISSION, FENCE, RALLY))
-
-    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
-        payload = self.unpacker.pack(self.seq, self.total, self.mission_state, self.mission_mode) + self._tail
         return bytes(self._pack(mav, self.crc_extra, payload))
 
 
@@ -334,9 +325,11 @@ class MissionProtocol:
         texts, self._texts = self._texts, []
         return texts
 
-    def _current(self) -> _Current:
-        store = self.store
-        return _Current(store.current, len(store.items[MISSION]) or _NO_MISSION_TOTAL, store.ids)
+    def _current(self) -> Px4Message:
+        """Return MISSION_CURRENT with mission_id, fence_id and rally_points_id, which pymavlink's message lacks."""
+        ids, total = self.store.ids, len(self.store.items[MISSION]) or _NO_MISSION_TOTAL
+        payload = _CURRENT.pack(self.store.current, total, 0, 0, ids[MISSION], ids[FENCE], ids[RALLY])
+        return Px4Message(mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, payload)
 
     def _request(self, link: str, t: _Transfer, now: float) -> None:
         t.sent_at = now
