@@ -65,7 +65,10 @@ class StreamSender:
         found = []
         count = len(self.links)
         for i in range(len(self.wake_s)):
-            if now >= self.wake_s[i] or self._has_unpacked(i, now):
+            wakes = now >= self.wake_s[i]
+            if not (wakes or self._is_any_due(i, now)):
+                continue
+            if wakes or self._has_unpacked(i, now):
                 found.append((i, "", b""))
                 continue
             for k in range(count):
@@ -83,6 +86,14 @@ class StreamSender:
         if self.silent[i, column]:
             return False
         return not self.needs_position[column] or bool(self.packing.xy_valid[i])
+
+    def _is_any_due(self, i: int, now: float) -> bool:
+        """Return whether any message of vehicle i must be sent at `now` [s]."""
+        count = len(self.links)
+        for row in range(i * count, (i + 1) * count):
+            if self.schedule.is_due(row, now):
+                return True
+        return False
 
     def _has_unpacked(self, i: int, now: float) -> bool:
         """Return whether a due message of vehicle i must be built by Python code, because this kernel cannot build it."""
