@@ -30,8 +30,7 @@ NOT_COMPILED = (
 TOOLS = runpy.run_path(str(HERE / KERNELS / "source_digest.py"))
 # Without contraction a * b + c is rounded twice on every architecture, as Python rounds it.
 # Cython writes the C code, so nobody can mend what the compiler warns of.
-# The last two concern errno and exception flags, which nobody reads; they change no result.
-FLAGS = ["-O3", "-g0", "-w", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
+FLAGS = ["-O3", "-g0", "-w", "-ffp-contract=off"]
 DIRECTIVES = {
     "language_level": 3,
     "annotation_typing": False,
