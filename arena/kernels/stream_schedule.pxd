@@ -13,7 +13,7 @@ cdef class StreamSchedule:
     cpdef void set_interval(self, Py_ssize_t link, Py_ssize_t column, double interval_s, double first_s) except *
     cpdef bint is_due(self, Py_ssize_t link, double now) except -1
     @cython.locals(first=double)
-    cpdef bint is_any_due(self, double now) except -1
+    cpdef bint is_any_due(self, Py_ssize_t begin, Py_ssize_t end, double now) except -1
     cpdef bint is_stream_due(self, Py_ssize_t link, Py_ssize_t column, double now) except -1
     @cython.locals(column=Py_ssize_t)
     cpdef Py_ssize_t due_column(self, Py_ssize_t link, Py_ssize_t place, double now) except -2

@@ -50,10 +50,10 @@ class StreamSchedule:
         """Return whether any message of a link must be sent at `now` [s]."""
         return self.next_s[link] <= now + _ROUNDING_S
 
-    def is_any_due(self, now: float) -> bool:
-        """Return whether any message of any link must be sent at `now` [s]."""
+    def is_any_due(self, begin: int, end: int, now: float) -> bool:
+        """Return whether any message of the links from `begin` to `end` - 1 must be sent at `now` [s]."""
         first = _NEVER
-        for link in range(len(self.next_s)):
+        for link in range(begin, end):
             first = min(first, self.next_s[link])
         return first <= now + _ROUNDING_S
 

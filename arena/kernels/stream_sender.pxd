@@ -18,8 +18,6 @@ cdef class StreamSender:
     @cython.locals(found=list, count=Py_ssize_t, datagram=bytes, wakes=bint)
     cpdef list step(self, double now)
     cpdef bint has_content(self, Py_ssize_t i, Py_ssize_t column) except -1
-    @cython.locals(count=Py_ssize_t, row=Py_ssize_t)
-    cdef bint _is_any_due(self, Py_ssize_t i, double now) except -1
     @cython.locals(count=Py_ssize_t, schedule=StreamSchedule, row=Py_ssize_t, place=Py_ssize_t, column=Py_ssize_t)
     cdef bint _has_unpacked(self, Py_ssize_t i, double now) except -1
     @cython.locals(due=list, rare=list, column=Py_ssize_t, first=long)

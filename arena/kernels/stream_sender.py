@@ -55,7 +55,7 @@ class StreamSender:
         first = float("inf")
         for i in range(len(self.wake_s)):
             first = min(first, self.wake_s[i])
-        return first <= now or self.schedule.is_any_due(now)
+        return first <= now or self.schedule.is_any_due(0, len(self.schedule.next_s), now)
 
     def step(self, now: float) -> list[tuple[int, str, bytes]]:
         """Return (vehicle, link, datagram) for the periodic messages that are due at `now` [s].
@@ -66,7 +66,7 @@ class StreamSender:
         count = len(self.links)
         for i in range(len(self.wake_s)):
             wakes = now >= self.wake_s[i]
-            if not (wakes or self._is_any_due(i, now)):
+            if not (wakes or self.schedule.is_any_due(i * count, (i + 1) * count, now)):
                 continue
             if wakes or self._has_unpacked(i, now):
                 found.append((i, "", b""))
@@ -86,14 +86,6 @@ class StreamSender:
         if self.silent[i, column]:
             return False
         return not self.needs_position[column] or bool(self.packing.xy_valid[i])
-
-    def _is_any_due(self, i: int, now: float) -> bool:
-        """Return whether any message of vehicle i must be sent at `now` [s]."""
-        count = len(self.links)
-        for row in range(i * count, (i + 1) * count):
-            if self.schedule.is_due(row, now):
-                return True
-        return False
 
     def _has_unpacked(self, i: int, now: float) -> bool:
         """Return whether a due message of vehicle i must be built by Python code, because this kernel cannot build it."""

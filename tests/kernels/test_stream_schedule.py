@@ -27,7 +27,7 @@ def test_due_messages_come_in_the_order_of_their_times_then_of_their_ids(module)
     schedule = schedule_of(module)
     for column, first_s in ((3, 0.1), (1, 0.3), (0, 0.2), (2, 0.2)):
         schedule.set_interval(1, column, 1.0, first_s)
-    assert schedule.take_due(1, 0.05) == [] and not schedule.is_any_due(0.05)
+    assert schedule.take_due(1, 0.05) == [] and not schedule.is_any_due(0, 2, 0.05)
     assert schedule.take_due(1, 0.35) == [3, 0, 2, 1]
     assert schedule.take_due(1, 1.1) == [3] and schedule.take_due(0, 9.0) == []
 
