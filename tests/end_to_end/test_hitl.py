@@ -14,7 +14,7 @@ from arena.schema import load_arena
 
 from .flight import ROOT, Hangar, end_with_us
 
-pytestmark = pytest.mark.crowd  # real time, which a neighbour on the cores would take
+pytestmark = [pytest.mark.crowd, pytest.mark.alone]  # real time, which a neighbour on the cores would take
 REPORT = True  # these tests read the summary
 EXAMPLE = ROOT / "examples" / "01_two_quads" / "position_setpoints.py"
 BOARD = ROOT / "tests" / "children" / "hitl_board.py"
