@@ -310,7 +310,7 @@ class Autopilots:
         self._release.update()
 
     def _sense(self, now: float, masks: Sequence[NDArray[np.bool_]], deciding: Sequence[Vehicle]) -> None:
-        """Update the inputs of the commanders.
+        """Copy the measured state of the vehicles to the inputs of their commanders.
 
         now: time since boot [s]
         masks: whether the horizontal position, the height and the heading are valid (V,)

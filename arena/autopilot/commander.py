@@ -59,6 +59,7 @@ class Commander:
     armed_since: float = float("inf")
     took_off: bool = False
     failsafe: str = ""
+    had_manual_control: bool = False
     disarmed_why: str = ""
     texts: list[tuple[int, str]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
@@ -67,7 +68,6 @@ class Commander:
     _battery_level: int = 0
     _fence: str = ""
     _tilted_since: float | None = None
-    had_manual_control: bool = False
     _manual_control_lost: bool = False
     _mode_was_requested: bool = False
 

@@ -63,4 +63,4 @@ STANDARD_MODES = {
     Mode.DESCEND: 7,
     Mode.TAKEOFF: 8,
 }
-"""Mode -> MAV_STANDARD_MODE. All other modes have 0: no standard mode."""
+"""MAV_STANDARD_MODE of each flight mode that has one. It is 0 for all other modes."""

@@ -22,8 +22,9 @@ from arena.kernels.steady_flight import SteadyFlight
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_DECISION_PERIOD_S = 0.2
-"""Longest time between two decisions [s]. It limits the harm if a cause of a decision is missing here."""
+_LONGEST_PAUSE_S = 0.2
+"""Longest time between two decisions of a vehicle [s]. If a cause of a decision is missing in this module, the decision is late
+by this time at most."""
 
 
 class SteadyFlights:
@@ -56,14 +57,14 @@ class SteadyFlights:
         law, row = self._law, v.row
         if _may_be_steady(v):
             p = v.commander_params
-            law.decide_at[row] = now + _DECISION_PERIOD_S
+            law.decide_at[row] = now + _LONGEST_PAUSE_S
             law.max_tilt[row], law.max_setpoint_age[row] = p.fd_fail_rad, p.com_of_loss_t
             law.min_battery[row] = max(p.bat_low_thr, p.bat_crit_thr, p.bat_emergen_thr)
             law.set_steady(row, now, v.inputs.battery)
 
 
 def _may_be_steady(v: Vehicle) -> bool:
-    """Return whether all conditions of a steady flight hold that the kernel does not check."""
+    """Return whether those conditions of a steady flight hold that the kernel does not check."""
     c, s = v.commander, v.inputs
     return (
         c.mode is Mode.OFFBOARD

@@ -33,9 +33,8 @@ _LANDING_TIMEOUT_S = 180.0  # time for interrupted flights to land, before their
 # HTTP/2: the first bytes of a client, with an empty SETTINGS frame. The server answers with a SETTINGS frame.
 _HTTP2_GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))
 _SETTINGS = 4  # byte 3 of the answer: the type of the frame
-_REPLACED_HOSTS = frozenset(
-    {"localhost", "127.0.0.1", "::1"}
-)  # Ray uses the computer's network address instead
+# Hosts that Ray replaces by the computer's network address
+_REPLACED_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
 _CURRENT_CLUSTER = Path(tempfile.gettempdir(), "ray", "ray_current_cluster")  # written by `ray start`
 
 
@@ -195,9 +194,9 @@ def check_address(address: str) -> None:
 
 
 def _check_own_address(address: str, ray: Any) -> None:
-    """Check that a cluster at a loopback address also replies at this computer's network address, which Ray uses instead.
+    """Check that a cluster at a loopback address also replies at this computer's network address, to which Ray connects.
 
-    Otherwise Ray would try for minutes.
+    Without this check Ray would try for minutes.
 
     Raises RunError if the cluster does not reply.
     """
@@ -215,7 +214,7 @@ def _check_own_address(address: str, ray: Any) -> None:
 
 
 def _address_of(address: str) -> str:
-    """Return the HOST:PORT of an address, which may be `auto`; "" if no cluster was started on this computer."""
+    """Return HOST:PORT of the cluster's address. For `auto` it is the cluster of this computer; "" if none was started."""
     return (os.environ.get("RAY_ADDRESS") or _read(_CURRENT_CLUSTER)) if address == "auto" else address
 
 

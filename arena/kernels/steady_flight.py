@@ -45,7 +45,7 @@ class SteadyFlight:
         self.min_battery, self.max_setpoint_age = floats(v), floats(v)
 
     def rows_to_decide(self, now: float, battery: Floats) -> list[int]:
-        """Return the rows of the vehicles that need a decision now. The setpoints of all others are copied to their controllers.
+        """Return the rows of the vehicles that need a decision now. For all others, copy the newest setpoint to the controllers.
 
         now: time since boot [s].  battery: remaining charge 0..1 (V,)
         """
@@ -59,11 +59,14 @@ class SteadyFlight:
         return rows
 
     def set_steady(self, i: int, now: float, battery: float) -> None:
-        """Mark vehicle i as steady, if all conditions of a steady flight hold now. The other inputs are set already."""
+        """Set whether vehicle i is steady: whether all conditions of a steady flight hold now.
+
+        The caller sets the time and the limits of the vehicle before.
+        """
         self.steady[i] = self._holds(i, now, battery)
 
     def _holds(self, i: int, now: float, battery: float) -> bool:
-        """Return whether all conditions of a steady flight hold for vehicle i. A value that is NaN does not fulfil its condition."""
+        """Return whether all conditions of a steady flight hold for vehicle i. NaN fulfils no condition."""
         validity = self.validity
         return (
             now < self.decide_at[i]

@@ -2,7 +2,7 @@
 cimport cython
 from libc cimport math
 
-from arena.kernels cimport limits, payload_writer, rotations, standard_atmosphere
+from arena.kernels cimport global_coordinates, limits, payload_writer, rotations, standard_atmosphere
 from arena.kernels.payload_writer cimport PayloadWriter
 
 cdef Py_ssize_t _TIME_MS, _TIME_US, _TIME_US_32, _TIME_NS, _RPY, _Q, _OMEGA, _P, _V
@@ -17,9 +17,6 @@ cdef Py_ssize_t _UNIX_US, _TIME_US_HIGH, _PING_NUMBER, _CHARGE_STATE, _CONSUMED,
 cdef Py_ssize_t _RARE_INPUTS, _ALIGNED, _BAT_LOW
 cdef long _PING
 cdef double _DEG, _NAN, _FULL_SPEED_RPM, _MOST_FLOAT32, _CHARGE_OK, _ATTITUDE, _HORIZONTAL, _VERTICAL, _GLOBAL
-
-cpdef (double, double) global_position(double north, double east, double heading, double lat0, double lon0, double earth_m)
-cpdef double rounded(double x) except? -1.0
 
 @cython.final
 cdef class TelemetryPacking:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from arena.kernels import limits, payload_writer, rotations, standard_atmosphere
+from arena.kernels import global_coordinates, limits, payload_writer, rotations, standard_atmosphere
 from arena.kernels.arrays import array, floats
 
 if TYPE_CHECKING:
@@ -27,8 +27,9 @@ instead of present and health while the horizontal position is invalid."""
 MODES = ("intended_mode", "standard_mode", "aligned", "bat_low", "bat_crit", "bat_emergen")
 HOME = ("home_lat", "home_lon", "home_alt_mm", "home_north", "home_east")
 EVENTS = ("event_sequence", "event_flags")
-"""Inputs of a vehicle that only rare messages contain, each one number. aligned: 1 if the estimator is aligned, else 0.
-bat_low, bat_crit, bat_emergen: BAT_LOW_THR, BAT_CRIT_THR and BAT_EMERGEN_THR. event_sequence: number of the newest event."""
+"""Further inputs of a vehicle, which only rare messages contain, each one number. aligned: 1 if the estimator is aligned, else 0.
+bat_low, bat_crit, bat_emergen: BAT_LOW_THR, BAT_CRIT_THR and BAT_EMERGEN_THR 0..1. home_lat, home_lon: [1e-7 deg].
+home_alt_mm: altitude AMSL [mm]. home_north, home_east: [m]. event_sequence: number of the newest event."""
 SIZES = {
     **dict.fromkeys(("time_ms", "time_us", "time_us_32", "time_us_high", "time_ns", "unix_us"), 1),
     **{"rpy": 3, "q_nb": 4, "omega_b": 3, "p_n": 3, "v_n": 3},
@@ -94,33 +95,6 @@ _ATTITUDE, _HORIZONTAL, _VERTICAL, _GLOBAL = 1.0, 266.0, 36.0, 16.0
 """ESTIMATOR_STATUS_FLAGS of a valid attitude, of a valid horizontal position and velocity (VELOCITY_HORIZ, POS_HORIZ_REL,
 PRED_POS_HORIZ_REL), of a valid height (VELOCITY_VERT, POS_VERT_ABS), and of a valid global position (POS_HORIZ_ABS)."""
 _MOST_DATAGRAM = 16384  # bytes of all messages of a vehicle, with many ESCs
-
-
-def global_position(
-    north: float, east: float, heading: float, lat0: float, lon0: float, earth_m: float
-) -> tuple[float, float]:
-    """Return latitude and longitude [1e-7 deg] of a local position, rounded to integers.
-
-    `arena.geometry.globe_from_local` has the formula for arrays.
-
-    north, east: position from the origin [m]
-    heading: direction of the local frame's north, clockwise from true north [rad]
-    lat0, lon0: origin [deg]
-    earth_m: radius of the Earth [m]
-    """
-    cos, sin = math.cos(heading), math.sin(heading)
-    true_north, true_east = cos * north - sin * east, sin * north + cos * east
-    lat = limits.within(lat0 + _DEG * (true_north / earth_m), -90.0, 90.0)
-    lon = lon0 + _DEG * (true_east / (earth_m * math.cos(lat0 / _DEG)))
-    return rounded(lat * 1e7), rounded(((lon + 180.0) % 360.0 - 180.0) * 1e7)
-
-
-def rounded(x: float) -> float:
-    """Return the nearest integer as a float.
-
-    A value without a nearest integer, such as NaN, is returned unchanged.
-    """
-    return math.floor(x + 0.5) if abs(x) < 1e15 else x
 
 
 class TelemetryPacking:
@@ -229,7 +203,9 @@ class TelemetryPacking:
         low = time_us % 4294967296.0
         self.values[_TIME_US_32], self.values[_TIME_US_HIGH] = low, (time_us - low) / 4294967296.0
         self.values[_UNIX_US] = self.boot_unix_us + time_us
-        self.values[_ESC_COUNTER] = rounded(time_ns * 1e-8) % 65536.0  # ten messages a second
+        self.values[_ESC_COUNTER] = (
+            global_coordinates.rounded(time_ns * 1e-8) % 65536.0
+        )  # ten messages a second
 
     def frame_count(self, i: int, message_ids: list[int]) -> int:
         """Return how many MAVLink frames `pack` makes of the given messages of vehicle i."""
@@ -285,7 +261,7 @@ class TelemetryPacking:
         self._compute_setpoints(i)
 
     def _compute_rare(self, i: int) -> None:
-        """Compute the values of vehicle i that only rare messages contain, after `_compute`."""
+        """Compute the values of vehicle i that only rare messages contain. Call it after `_compute`."""
         out = self.values
         for k in range(VALUES - _RARE_INPUTS):
             out[_RARE_INPUTS + k] = self.rare_inputs[i, k]
@@ -335,7 +311,10 @@ class TelemetryPacking:
         out[_PRESSURE] = standard_atmosphere.pressure_hpa(self.baro_alt[i])
         out[_BARO_ALT] = self.baro_alt[i]
         out[_VOLTAGE] = limits.within(self.battery_v[i] * 1e3, 0.0, 65534.0)
-        out[_CURRENT], out[_REMAINING] = self.battery_a[i] * 100.0, rounded(100.0 * self.battery[i])
+        out[_CURRENT], out[_REMAINING] = (
+            self.battery_a[i] * 100.0,
+            global_coordinates.rounded(100.0 * self.battery[i]),
+        )
         for k in range(8):
             out[_SERVOS + k] = 900.0
             if k < self.rotors and out[_ARMED] != 0.0:
@@ -371,7 +350,7 @@ class TelemetryPacking:
     def _compute_global(self, i: int) -> None:
         """Compute the global position and velocity; NaN if the vehicle has no origin (latitude, longitude)."""
         out, heading = self.values, self.values[_HEADING]
-        out[_LAT], out[_LON] = global_position(
+        out[_LAT], out[_LON] = global_coordinates.global_position(
             out[_P], out[_P + 1], heading, out[_LAT0], out[_LON0], self.earth_m
         )
         home_d = 0.0 if math.isnan(out[_HOME_D]) else out[_HOME_D]

@@ -31,7 +31,6 @@ from arena.autopilot.mavlink.file_server import FileServer
 from arena.autopilot.mavlink.link import MavlinkLink
 from arena.autopilot.mavlink.log_server import LogServer
 from arena.autopilot.mavlink.offboard_setpoints import receive_setpoint
-from arena.autopilot.mavlink.packed_messages import FREQUENT, PACKED
 from arena.autopilot.mavlink.telemetry import Telemetry
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.mavlink.vehicle_files import VehicleFiles
@@ -277,7 +276,7 @@ class MavlinkInterface:
         """Send one message that a client requested. Return False if it is not supported or has no valid content."""
         state = self._telemetry.begin()
         self._telemetry.update(self.vehicle)
-        return state is not None and self._send_telemetry(link, [msgid], state)
+        return state is not None and self._telemetry.send(self.vehicle, link, [msgid], state)
 
     # -- sending ---------------------------------------------------------------------------------------------
 
@@ -307,50 +306,10 @@ class MavlinkInterface:
         self._telemetry.update(self.vehicle)
         for link in self.links.values():
             if due := link.streams.take_due(now):
-                self._send_telemetry(link, due, state)
+                self._telemetry.send(self.vehicle, link, due, state)
         busy = any(server.busy for server in self._servers)
         self._telemetry.wake_s[self.vehicle.row] = 0.0 if busy else self.mission_protocol.due
         return [(link.name, link.take_datagram()) for link in self.links.values() if link.queue]
-
-    def _send_telemetry(self, link: MavlinkLink, message_ids: list[int], state: TelemetryState) -> bool:
-        """Queue telemetry messages. Return whether any message was queued.
-
-        The rare messages are the first, as in the kernel `stream_sender`. A message is not queued if it is not supported or
-        has no valid content.
-
-        state: state of all vehicles
-        """
-        frequent, sent = [], False
-        for msgid in message_ids:
-            if msgid in FREQUENT:
-                frequent.append(msgid)
-            else:
-                sent = self._send_rare(link, msgid, state) or sent
-        return self._send_packed(link, frequent) or sent
-
-    def _send_packed(self, link: MavlinkLink, message_ids: list[int]) -> bool:
-        """Queue telemetry messages that the kernel packs, as one entry of the queue. Return whether any message was queued.
-
-        A message is not queued if it has no valid content.
-        """
-        v, telemetry = self.vehicle, self._telemetry
-        packed = [msgid for msgid in message_ids if telemetry.has_content(v, msgid)]
-        if packed:
-            count = telemetry.packer.frame_count(v, packed)
-            link.send_frames(count, lambda seq: telemetry.packer.pack(v, packed, link.row, seq))
-        return bool(packed)
-
-    def _send_rare(self, link: MavlinkLink, msgid: int, state: TelemetryState) -> bool:
-        """Queue a telemetry message that is sent rarely. Return whether the message was queued.
-
-        A message is not queued if it is not supported or has no valid content.
-        """
-        if msgid in PACKED:
-            return self._send_packed(link, [msgid])
-        builder = streams.BUILDERS.get(msgid)
-        message = builder(self.vehicle, state) if builder else None
-        link.send(message)
-        return message is not None
 
     def _send_texts(self, now: float) -> None:
         """Send new texts to links with a ground station, and new events to all links."""

@@ -33,37 +33,8 @@ _RETRY_S, _TIMEOUT_S, _PROGRESS_PERIOD_S, _TRANSFER_PERIOD_S = 0.25, 5.0, 1.0, 0
 _REACHED_REPEATS = 10
 _NO_MISSION_TOTAL = 65535
 _IDLE, _RECEIVING, _SENDING = "idle", "receiving", "sending"
-_CURRENT = struct.Struct("<HHBBIII")  # seq, total, mission_state, mission_mode, ids
-
-
-class _Ack(mavlink.MAVLink_mission_ack_message):  # type: ignore[misc]
-    """MISSION_ACK with the extension field opaque_id, which pymavlink's message lacks."""
-
-    def __init__(self, to: tuple[int, int], result: int, kind: int, opaque_id: int) -> None:
-        super().__init__(*to, result, kind)
-        self._tail = opaque_id.to_bytes(4, "little")
-
-    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
-        payload = (
-            self.unpacker.pack(self.target_system, self.target_component, self.type, self.mission_type)
-            + self._tail
-        )
-        return bytes(self._pack(mav, self.crc_extra, payload))
-
-
-class _Count(mavlink.MAVLink_mission_count_message):  # type: ignore[misc]
-    """MISSION_COUNT with the extension field opaque_id, which pymavlink's message lacks."""
-
-    def __init__(self, to: tuple[int, int], count: int, kind: int, opaque_id: int) -> None:
-        super().__init__(*to, count, kind)
-        self._tail = opaque_id.to_bytes(4, "little")
-
-    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
-        payload = (
-            self.unpacker.pack(self.count, self.target_system, self.target_component, self.mission_type)
-            + self._tail
-        )
-        return bytes(self._pack(mav, self.crc_extra, payload))
+# Payloads with the extension fields of PX4's messages (opaque_id; mission_id, fence_id, rally_points_id), which pymavlink lacks
+_ACK, _COUNT, _CURRENT = struct.Struct("<4BI"), struct.Struct("<H3BI"), struct.Struct("<2H2B3I")
 
 
 @dataclass(slots=True)
@@ -133,7 +104,8 @@ class MissionProtocol:
         if t.state == _IDLE or (t.state == _SENDING and (t.kind, t.partner) == (kind, sender)):
             count = len(self.store.items.get(kind, ()))
             t.state, t.kind, t.partner, t.seq, t.count, t.received_at = _SENDING, kind, sender, 0, count, now
-            self._send(link, _Count(sender, count, kind, self.store.ids.get(kind, 0)))
+            payload = _COUNT.pack(count, *sender, kind, self.store.ids.get(kind, 0))
+            self._send(link, Px4Message(mavlink.MAVLINK_MSG_ID_MISSION_COUNT, payload))
         else:
             self._texts.append((_INFO, "Mission download request ignored, already active"))
 
@@ -326,7 +298,6 @@ class MissionProtocol:
         return texts
 
     def _current(self) -> Px4Message:
-        """Return MISSION_CURRENT with mission_id, fence_id and rally_points_id, which pymavlink's message lacks."""
         ids, total = self.store.ids, len(self.store.items[MISSION]) or _NO_MISSION_TOTAL
         payload = _CURRENT.pack(self.store.current, total, 0, 0, ids[MISSION], ids[FENCE], ids[RALLY])
         return Px4Message(mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, payload)
@@ -339,7 +310,8 @@ class MissionProtocol:
         self._send(link, message(*t.partner, t.seq, t.kind))
 
     def _ack(self, link: str, to: tuple[int, int], result: int, kind: int, opaque_id: int = 0) -> None:
-        self._send(link, _Ack(to, int(result), kind, opaque_id))
+        payload = _ACK.pack(*to, int(result), kind, opaque_id)
+        self._send(link, Px4Message(mavlink.MAVLINK_MSG_ID_MISSION_ACK, payload))
 
     def _send(self, link: str, message: Any) -> None:
         self._out.append((link, message))

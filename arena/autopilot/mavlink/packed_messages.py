@@ -210,7 +210,7 @@ def writers() -> tuple[list[float], list[PayloadWriter]]:
 
 
 def _columns(msgid: int, names: str, content: Content, constants: list[float]) -> list[int]:
-    """Return the positions of the contents of some fields in the table of values. Append new constants to `constants`.
+    """Return where the contents of some fields stand in the table of values. Constants are appended to `constants`.
 
     A single constant is the content of each element of one field.
     """

@@ -17,7 +17,7 @@ from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.vehicle import LANDED_STATE_ON_GROUND, Vehicle
 from arena.constants import GRAVITY_M_S2
 from arena.geometry import EARTH_M
-from arena.kernels.telemetry_packing import global_position
+from arena.kernels.global_coordinates import global_position
 from arena.wire import px4_messages
 
 _RC_TIMEOUT_S = 1.0

@@ -1,4 +1,4 @@
-"""Telemetry streams: default rate of each message on each link, and functions that build messages which no kernel packs.
+"""Telemetry streams: default rate of each message on each link, and functions that build the messages that no kernel packs.
 
 The rates are those of PX4's modes ONBOARD and NORMAL, measured on v1.16 SITL in simulation time. `packed_messages` is the
 table of the messages that a kernel packs. Each function here builds the message of one vehicle;

@@ -121,9 +121,32 @@ class Telemetry:
             for column, has_content in _HAS_CONTENT.items():
                 self._silent[v.row, column] = not has_content(v)
 
-    def has_content(self, v: Vehicle, msgid: int) -> bool:
-        """Return whether a vehicle has valid values for a packed telemetry message."""
-        return self._sender.has_content(v.row, _COLUMNS[msgid])
+    def send(self, v: Vehicle, link: MavlinkLink, message_ids: Sequence[int], state: TelemetryState) -> bool:
+        """Queue telemetry messages of a vehicle on a link. Return whether any message was queued.
+
+        The rare messages are the first, as in the kernel `stream_sender`. A message is not queued if it is not supported or
+        has no valid content.
+
+        state: state of all vehicles
+        """
+        frequent, sent = [], False
+        for msgid in message_ids:
+            if msgid in FREQUENT:
+                frequent.append(msgid)
+            elif msgid in PACKED:
+                sent = self._send_packed(v, link, [msgid]) or sent
+            elif (build := streams.BUILDERS.get(msgid)) and (message := build(v, state)) is not None:
+                link.send(message)
+                sent = True
+        return self._send_packed(v, link, frequent) or sent
+
+    def _send_packed(self, v: Vehicle, link: MavlinkLink, message_ids: Sequence[int]) -> bool:
+        """Queue messages that the kernel packs, as one entry of the link's queue. Return whether any message was queued."""
+        packed = [msgid for msgid in message_ids if self._sender.has_content(v.row, _COLUMNS[msgid])]
+        if packed:
+            count = self.packer.frame_count(v, packed)
+            link.send_frames(count, lambda seq: self.packer.pack(v, packed, link.row, seq))
+        return bool(packed)
 
     def has_output(self, now: float) -> bool:
         """Return whether any vehicle has a MAVLink message to send at `now` [s]."""

@@ -17,7 +17,8 @@ from arena.autopilot.mavlink.telemetry_state import boot_ms
 from arena.autopilot.vehicle import Vehicle
 from arena.geometry import EARTH_M
 from arena.kernels.arrays import array, flags, integers, new_integers, view
-from arena.kernels.telemetry_packing import HOME, MODES, PLACE, STATUS, TelemetryPacking, global_position
+from arena.kernels.global_coordinates import global_position
+from arena.kernels.telemetry_packing import HOME, MODES, PLACE, STATUS, TelemetryPacking
 
 Array = NDArray[np.float64]
 _NAN = float("nan")

@@ -20,7 +20,7 @@ from arena.autopilot.ulog.topics import PERIODIC, STATE, TOPICS
 from arena.autopilot.vehicle import Vehicle
 from arena.builtin_parameters import SPECS
 from arena.geometry import EARTH_M
-from arena.kernels.telemetry_packing import global_position
+from arena.kernels.global_coordinates import global_position
 from arena.wire import ulog_messages as ulog
 
 Array = NDArray[np.float64]
