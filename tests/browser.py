@@ -44,6 +44,7 @@ def open_page(url: str, *, width: int = 1440, height: int = 900) -> Iterator[Any
         browser = playwright.chromium.launch(executable_path=str(patient), args=list(SOFTWARE_GL))
         page = browser.new_page(viewport={"width": width, "height": height})
         page.add_init_script(_DRAW_RARELY)
-        page.goto(url, timeout=120_000)
+        page.set_default_timeout(120_000)  # beside other flights the page has little of the cores
+        page.goto(url)
         yield page
         browser.close()

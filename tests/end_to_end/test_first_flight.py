@@ -20,7 +20,7 @@ from served import Connection, Served, UdpPort
 from .carried_vehicle import TELEMETRY, Cameras, CarriedAutopilot
 from .flight import PROGRAMS, Flight, Hangar, eventually
 
-pytestmark = [pytest.mark.crowd, pytest.mark.alone]  # a vehicle and cameras that must not pause for half a second
+pytestmark = [pytest.mark.crowd, pytest.mark.alone]  # neither vehicle nor cameras may pause for half a second
 CLIMB_M_S = 0.5
 SETPOINT_LOSS_S = 1.0  # COM_OF_LOSS_T
 SENSORS = mavlink.MAV_SYS_STATUS_PREARM_CHECK | mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER

@@ -23,6 +23,11 @@ from .flight import Flight, Hangar, end_with_us, eventually, started_by
 
 pytestmark = [pytest.mark.flight, pytest.mark.browser]
 VEHICLES = {"uav1": "hovers", "uav2": "hovers"}
+_CLICK = """name => {
+    const button = [...document.querySelectorAll('button')].find(one => one.innerText.trim() === name);
+    button?.click();
+    return button !== undefined;
+}"""
 
 
 @contextlib.contextmanager
@@ -68,10 +73,11 @@ def shown_height(page: Any, vehicle: str) -> float:
 
 
 def press(page: Any, name: str) -> None:
-    """Press a button. The click is made by the page itself, because a page drawn in software is slow to react to a mouse."""
-    button = page.get_by_role("button", name=name, exact=True)
-    button.wait_for(timeout=60_000)
-    button.evaluate("element => element.click()")
+    """Press a button.
+
+    The page finds it and makes the click in one call. A page drawn in software beside other flights is slow to react to each call.
+    """
+    eventually(lambda: page.evaluate(_CLICK, name), 60, f"button {name}", lambda: text_of(page))
 
 
 def plotted(page: Any, line: str) -> float | None:
@@ -231,7 +237,7 @@ def test_time_bar_of_a_replay_is_moved_by_mouse_and_keyboard(hangar):
     try:
         with monitor(hangar) as url, open_page(url, width=1000, height=640) as page:
             until_shown(page, r"uav1", 60)
-            page.get_by_role("button", name="CONTINUE", exact=True).wait_for(timeout=60_000)
+            page.get_by_role("button", name="CONTINUE", exact=True).wait_for()
             drive_time_bar(page, run)
     finally:
         flight.cli("down", "--run", str(run))
@@ -275,4 +281,4 @@ def drive_time_bar(page: Any, run: Path) -> None:
     until_at(1.0, duration_s)
     press(page, "PAUSE")
     eventually(lambda: stats()["paused"], 30, "the replay is paused", stats)
-    page.get_by_role("button", name="CONTINUE", exact=True).wait_for(timeout=60_000)
+    page.get_by_role("button", name="CONTINUE", exact=True).wait_for()
