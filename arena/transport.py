@@ -49,6 +49,11 @@ _UNPLUGGED = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF)
 _MIN_BAUD = 300  # a shorter number after a device's name belongs to the name
 
 
+def is_loopback(address: Address) -> bool:
+    """Return whether an address is on this computer's loopback network."""
+    return address[0].startswith("127.")
+
+
 def source_text(source: Source | None) -> str:
     """Return the source of received data as text for the user, such as host:port; "" for None."""
     if source is None or isinstance(source, str):

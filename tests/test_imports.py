@@ -15,6 +15,7 @@ GROUND = {
     "authority",
     "builtin_parameters",
     "background_writer",
+    "closed_ports",
     "socket_watch",
     "constants",
     "datagrams",
@@ -60,6 +61,7 @@ MAY: dict[str, set[str]] = {
     "motion_check": {"constants", "geometry"},
     "clock": {"errors"},
     "clock_reading": set(),
+    "closed_ports": {"transport"},
     "socket_watch": set(),
     "process_context": {"background_writer", "errors", "process_title"},
     "process_ties": set(),
@@ -157,7 +159,7 @@ MAY: dict[str, set[str]] = {
 }
 # Rooms without a row: a package with a `__main__` is a process, one inside `mocap` holds a vendor's protocol.
 PROCESS = GROUND | {"mocap.client"}
-VENDOR = {"errors", "geometry", "kernels", "mocap", "mocap.client", "mocap.emulator"}
+VENDOR = {"errors", "geometry", "kernels", "mocap", "mocap.client", "mocap.emulator", "transport"}
 # Only the world's shell puts two cores together; the package re-exports the user's names.
 EXCEPT: dict[str, set[str]] = {
     "sim/__main__.py": {"autopilot", "px4"},

@@ -116,6 +116,7 @@ class Members:
         if self._joined != len(self._clock.joined):  # a new program may listen at a port that was closed
             self._joined = len(self._clock.joined)
             self._router.closed.search()
+            self._mocap.search_receivers()
         if self._watch.has_data(self._panic.fileno()):
             self._panic.drain(receive)
         if self._watch.has_data(self._router.fileno()):

@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
+from arena.closed_ports import ClosedPorts
 from arena.fault_injection import FaultReceiver
-from arena.fused.closed_ports import ClosedPorts
 from arena.fused.held_telemetry import HeldTelemetry
 from arena.fused.memory_links import Inbox, address
 from arena.mavlink_router.endpoints import Out

@@ -146,8 +146,3 @@ class Counts:
     bytes_out: int = 0
     unknown: int = 0
     dropped: Counter[str] = field(default_factory=Counter)
-
-
-def is_loopback(address: Address) -> bool:
-    """Return whether an address is on this computer's loopback network."""
-    return address[0].startswith("127.")

@@ -7,8 +7,7 @@ import socket
 from collections.abc import Iterable
 from pathlib import Path
 
-from arena.mavlink_router.endpoints import is_loopback
-from arena.transport import MAX_DATAGRAM_BYTES
+from arena.transport import MAX_DATAGRAM_BYTES, is_loopback
 
 _IP_MTU_DISCOVER, _IP_PMTUDISC_PROBE = 10, 3  # linux/in.h; the socket module does not name them
 _LOOPBACK_MTU = Path("/sys/class/net/lo/mtu")

@@ -32,7 +32,6 @@ from arena.mavlink_router.endpoints import (
     Endpoint,
     Out,
     VehicleRoutes,
-    is_loopback,
 )
 from arena.mavlink_router.routing_table import Link, Table, Vehicle
 from arena.mavlink_router.shortcut import Shortcut
@@ -40,7 +39,7 @@ from arena.mavlink_router.socket_table import SocketTable
 from arena.mavlink_router.vehicle_sets import VehicleSets
 from arena.mavlink_router.vehicle_status import Fact, VehicleStatus
 from arena.mavlink_router.vehicle_telemetry import LOCAL_POSITION_NED, STATUSTEXT, SYS_STATUS
-from arena.transport import Address
+from arena.transport import Address, is_loopback
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, parse_frames
 from arena.wire.mavlink_ids import SENSORS_COMPONENT as SENSORS
 from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT, TIMESYNC

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from arena.authority import Role
-from arena.mavlink_router.endpoints import Endpoint, Out, is_loopback
-from arena.transport import Address
+from arena.mavlink_router.endpoints import Endpoint, Out
+from arena.transport import Address, is_loopback
 from arena.wire.mavlink_frame import Buffer
 
 Handler = Callable[[Address, Buffer, float], list[Out]]

@@ -48,7 +48,9 @@ class NatNetRig:
     def packet(self, number: int, truth: Truth, sent_s: float | None = None) -> bytes:
         """Return the packet of one frame, sent when it is due unless `sent_s` says otherwise."""
         frame = self.cameras.measure(number, row(truth))
-        return self.server.encode(frame, self.cameras.leaves_at(frame) if sent_s is None else sent_s)
+        sent_s = self.cameras.leaves_at(frame) if sent_s is None else sent_s
+        self.server.begin(sent_s)
+        return self.server.encode(frame, sent_s)
 
     def reply(self, request: bytes) -> bytes:
         reply = self.server.reply(request, ADDRESS, 0.0)

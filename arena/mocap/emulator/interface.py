@@ -42,6 +42,9 @@ class MocapServer(Protocol):
     def answer(self, wall: float) -> None:
         """Reply to the requests that clients have sent. wall: monotonic wall time [s]."""
 
+    def search_receivers(self) -> None:
+        """Search again for programs that receive frames without a request, because one may have been started."""
+
     def fileno(self) -> int:
         """Return a file descriptor that is readable when a request has arrived."""
 

@@ -65,6 +65,10 @@ class EmulatorShell:
         if wall - self._reported >= 1.0:
             self._report(wall)
 
+    def search_receivers(self) -> None:
+        """Search again for programs that receive frames without a request, because one may have been started."""
+        self._server.search_receivers()
+
     def apply_faults(self) -> None:
         """Apply the injected faults that have arrived, and report each fault as an event."""
         for text in self.faults.apply(lambda fault: apply_fault(self._cameras, fault)):

@@ -10,10 +10,10 @@ import socket
 from collections import Counter
 from typing import Protocol
 
+from arena.closed_ports import ClosedPorts
 from arena.errors import RunError
 from arena.mocap.emulator.interface import MeasuredFrame
-
-Address = tuple[str, int]
+from arena.transport import Address, is_loopback
 
 _MAX_REQUESTS = 64  # per call: a flood of requests must not delay the frames
 
@@ -22,9 +22,13 @@ class ServerProtocol(Protocol):
     """Interface of the protocol of a motion-capture vendor: encodes frames, replies to requests. No sockets.
 
     wall: monotonic wall time [s].
+    counts: the server counts the frames in it; the protocol counts the requests.
     """
 
     counts: Counter[str]
+
+    def begin(self, sent_s: float) -> None:
+        """Store the simulation time at which the next frame is sent [s]. Called for each frame, also if nobody receives it."""
 
     def encode(self, frame: MeasuredFrame, sent_s: float) -> bytes:
         """Return one frame as a datagram. sent_s: simulation time of sending [s]."""
@@ -39,21 +43,32 @@ class ServerProtocol(Protocol):
 class UdpServer:
     """Emulated motion-capture server with one UDP socket for requests and one for frames.
 
+    A multicast frame on the loopback network costs much CPU time even if nobody receives it. So it is not sent while no program of
+    this computer has the port of the group open.
+
     requests: address and port on which requests are received. Frames are sent from the same address, but from another
     port.
+    group: multicast group to which frames are sent, if the protocol has one
     """
 
-    def __init__(self, protocol: ServerProtocol, requests: Address, name: str) -> None:
+    def __init__(
+        self, protocol: ServerProtocol, requests: Address, name: str, *, group: Address | None = None
+    ) -> None:
         self._protocol = protocol
         self._requests, self._frames = _request_socket(requests, name), _frame_socket(requests[0])
+        self._closed = ClosedPorts((), group=group if is_loopback(requests) else None)
 
     @property
     def counts(self) -> Counter[str]:
         return self._protocol.counts
 
     def send(self, frame: MeasuredFrame, sent_s: float, wall: float) -> int:
-        data, failed = self._protocol.encode(frame, sent_s), 0
-        for address in self._protocol.destinations(wall):
+        self.counts["frames"] += 1
+        self._protocol.begin(sent_s)
+        self._closed.refresh(wall)
+        receivers = [to for to in self._protocol.destinations(wall) if to not in self._closed.now]
+        data, failed = self._protocol.encode(frame, sent_s) if receivers else b"", 0
+        for address in receivers:
             try:
                 self._frames.sendto(data, address)
             except OSError:  # a full queue, or a network that is away: the next frame will be newer
@@ -61,15 +76,20 @@ class UdpServer:
         return failed
 
     def answer(self, wall: float) -> None:
-        for _ in range(_MAX_REQUESTS):
+        for k in range(_MAX_REQUESTS):
             try:
                 data, sender = self._requests.recvfrom(2048)
             except OSError:
                 return
+            if k == 0:  # a client has probably opened its port before it sends a request
+                self.search_receivers()
             reply = self._protocol.reply(data, sender, wall)
             if reply is not None:
                 with contextlib.suppress(OSError):
                     self._requests.sendto(reply, sender)
+
+    def search_receivers(self) -> None:
+        self._closed.search()
 
     def fileno(self) -> int:
         return self._requests.fileno()

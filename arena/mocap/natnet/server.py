@@ -6,10 +6,11 @@ from collections import Counter
 
 from arena.errors import WireError
 from arena.mocap.emulator.interface import MeasuredFrame
-from arena.mocap.emulator.udp_server import Address, UdpServer
+from arena.mocap.emulator.udp_server import UdpServer
 from arena.mocap.natnet import codec, echo
 from arena.mocap.natnet.unicast_clients import UnicastClients
 from arena.mocap.vendors import Settings
+from arena.transport import Address
 
 CLOCK_HZ = 10_000_000
 _NEVER_ANSWERED = (codec.KEEPALIVE, codec.DISCONNECT)
@@ -23,14 +24,15 @@ def open_server(settings: Settings) -> UdpServer:
 
     Raises RunError if the command port is taken.
     """
-    requests = settings["address"], int(settings["command_port"])
-    return UdpServer(NatNetServer(settings), requests, "NatNet")
+    server, requests = NatNetServer(settings), (settings["address"], int(settings["command_port"]))
+    return UdpServer(server, requests, "NatNet", group=server.group)
 
 
 class NatNetServer:
     """NatNet server without sockets, which implements the interface `ServerProtocol`.
 
     settings: configuration of the `mocap` process.
+    group: multicast group and port to which frames are sent; None: by unicast to each client.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -38,22 +40,23 @@ class NatNetServer:
         self._encoder = codec.FrameEncoder(self.version)
         self.counts: Counter[str] = Counter()
         self._bodies = [(int(b["number"]), str(b["name"])) for b in settings["bodies"]]
-        self._unicast = settings["transport"] == "unicast"
         self._data_port = int(settings["data_port"])
-        self._group: Address = (settings["group"], self._data_port)
+        unicast = settings["transport"] == "unicast"
+        self.group: Address | None = None if unicast else (settings["group"], self._data_port)
         self._clients = UnicastClients(self._data_port)
         self._now_s = 0.0
 
-    def encode(self, frame: MeasuredFrame, sent_s: float) -> bytes:
-        self.counts["frames"] += 1
+    def begin(self, sent_s: float) -> None:
         self._now_s = sent_s
+
+    def encode(self, frame: MeasuredFrame, sent_s: float) -> bytes:
         exposed = round(frame.exposed_s * CLOCK_HZ)
         return self._encoder.encode(
             frame.number, frame.exposed_s, exposed, round(sent_s * CLOCK_HZ), frame.bodies
         )
 
     def destinations(self, wall: float) -> list[Address]:
-        return self._clients.destinations(wall) if self._unicast else [self._group]
+        return [self.group] if self.group else self._clients.destinations(wall)
 
     def reply(self, data: bytes, sender: Address, wall: float) -> bytes | None:
         try:
@@ -93,6 +96,6 @@ class NatNetServer:
                 version=self.version,
                 clock_hz=CLOCK_HZ,
                 data_port=self._data_port,
-                group="" if self._unicast else self._group[0],
+                group=self.group[0] if self.group else "",
             )
         )

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from arena.mocap.emulator.udp_server import Address
 from arena.mocap.natnet import codec
+from arena.transport import Address
 
 _SILENT_S = 10.0
 _QUIET_S = 0.5  # after CONNECT, no frames to the requesting port: the next packet there must be the answer to its next request

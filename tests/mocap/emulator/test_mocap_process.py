@@ -179,6 +179,21 @@ print(sorted(bodies), *bodies["uav1"].position)
     assert np.allclose([north, east, -up], World.P_N[0], atol=0.003)
 
 
+def test_program_that_only_listens_receives_frames(tmp_path):
+    """Some receivers of multicast send no request. The emulator must find their port by itself."""
+    address, group = "127.51.1.3", "239.243.51.3"
+    with (
+        emulator(tmp_path, address, group=group) as s,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
+    ):
+        time.sleep(0.3)  # the emulator finds the port closed
+        one.settimeout(30)
+        one.bind((group, s["data_port"]))
+        member = socket.inet_aton(group) + socket.inet_aton(address)
+        one.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+        assert all(len(one.recv(4096)) > 100 for _ in range(20))
+
+
 @pytest.mark.parametrize("version", ["3.1", "4.1"])
 @pytest.mark.parametrize("transport", ["multicast", "unicast"])
 def test_our_receiver_gets_180_frames_a_second_in_ned(tmp_path, version, transport):

@@ -119,7 +119,8 @@ def test_frames_that_wait_in_the_socket_have_the_time_of_their_arrival(server, s
         found += until(capture, got_some)
     assert [f.number for f in found] == list(range(1, 41))
     if stamps:
-        assert all(began - 0.02 <= f.arrived_s <= sent + 0.02 for f in found)
+        late_s = 0.15  # a busy kernel delivers later than it sends; the frames then wait twice as long
+        assert all(began - 0.02 <= f.arrived_s <= sent + late_s for f in found)
     else:
         assert all(f.arrived_s is None for f in found)
     capture.close()

@@ -6,8 +6,9 @@ import json
 from collections import Counter
 
 from arena.mocap.emulator import MeasuredFrame
-from arena.mocap.emulator.udp_server import Address, UdpServer
+from arena.mocap.emulator.udp_server import UdpServer
 from arena.mocap.vendors import Settings
+from arena.transport import Address
 
 
 def open_server(settings: Settings) -> UdpServer:
@@ -20,8 +21,10 @@ class ToyServer:
         self._names = {b["number"]: b["name"] for b in settings["bodies"]}
         self._client = settings["address"], settings["port"]
 
+    def begin(self, sent_s: float) -> None:
+        """Do nothing: a frame has its own time."""
+
     def encode(self, frame: MeasuredFrame, sent_s: float) -> bytes:
-        self.counts["frames"] += 1
         bodies = [
             {
                 "name": self._names[b.number],

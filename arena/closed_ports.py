@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from arena.mavlink_router.endpoints import is_loopback
-from arena.transport import Address
+from arena.transport import Address, is_loopback
 
 REFRESH_S = 0.1
 """Shortest wall time between two searches [s]."""
@@ -20,12 +19,19 @@ class ClosedPorts:
 
     Only addresses on the loopback network can be among them, because the ports of other computers are unknown.
 
-    addresses: receivers to search for.  folder: folder of the kernel's tables `udp` and `udp6`
+    addresses: receivers to search for.  group: multicast group to search for, to which is sent on the loopback network only
+    folder: folder of the kernel's tables `udp` and `udp6`
     now: the receivers at which no program listened at the last search
     """
 
-    def __init__(self, addresses: Iterable[Address], folder: Path = Path("/proc/net")) -> None:
-        self._addresses = frozenset(filter(is_loopback, addresses))
+    def __init__(
+        self,
+        addresses: Iterable[Address],
+        *,
+        group: Address | None = None,
+        folder: Path = Path("/proc/net"),
+    ) -> None:
+        self._addresses = frozenset(filter(is_loopback, addresses)) | ({group} if group else set())
         self._folder, self._next = folder, float("-inf")
         self.now: frozenset[Address] = frozenset()
 
