@@ -26,6 +26,7 @@ from arena.recorder.truth_sampler import TruthSampler
 from arena.sim.vehicle_links import Receive, VehicleLinks
 from arena.socket_watch import SocketWatch
 from arena.transport import Address
+from arena.wire.pose_page import PosePageWriter
 from arena.wire.truth_page import TruthReader
 
 READY_TIMEOUT_S = 30.0
@@ -100,6 +101,8 @@ class Members:
         self._next_tick = 0.0
         self._frames = FrameConverter(mocap.settings["bodies"])
         self._mocap = EmulatorShell(mocap, self._time.now(), self._on_frame)
+        poses = process.settings.get("poses")
+        self._poses = poses and PosePageWriter(poses, [str(b["name"]) for b in mocap.settings["bodies"]])
         self._watch = watch
         capture = self._mocap, self._mocap.faults
         members = self._panic, *capture, self._router, self._router.faults, self._recorder.link
@@ -202,6 +205,8 @@ class Members:
 
     def _on_frame(self, frame: MeasuredFrame, now: float) -> None:
         captured = self._frames.convert(frame, now)
+        if self._poses is not None:
+            self._poses.write(captured.poses)
         self._capture.waiting.append(captured)
         if self._sensors is not None:
             self._sensors.on_frame(captured, now)

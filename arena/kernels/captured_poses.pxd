@@ -14,5 +14,8 @@ cpdef object pose_ned(object body, (double, double, double) position_w, (double,
 @cython.locals(poses=list, untracked=list)
 cpdef tuple measured_poses(object bodies, object names)
 
+@cython.locals(at=Py_ssize_t, last=Py_ssize_t, count=double, p_n=tuple, q_nb=tuple)
+cpdef void store_poses(object poses, dict begins, double[::1] page) except *
+
 @cython.locals(found=list, untracked=list, invalid=long, body=tuple, east=double, north=double, up=double, x=double, y=double, z=double, w=double, params=long)
 cpdef tuple natnet_poses(list bodies, dict names, object left_out)

@@ -13,11 +13,14 @@ from arena.kernels.capture_types import Pose
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping, Sequence
 
+    from arena.kernels.arrays import Floats
     from arena.kernels.capture_types import MeasuredBody, Quad, Triple
     from arena.kernels.natnet_payload import RawBody
 
 _H = math.sqrt(0.5)
 _MAX_DISTANCE_M = 1e4
+POSE_ROW = 9
+"""Numbers of a body in the pose page, see `arena.wire.pose_page`."""
 _TRACKED = 1  # bit of a NatNet body's parameters
 _new = tuple.__new__  # a NamedTuple's constructor costs twice as much
 
@@ -70,6 +73,23 @@ def measured_poses(
         else:
             poses.append(pose)
     return tuple(poses), tuple(untracked)
+
+
+def store_poses(poses: Sequence[Pose], begins: Mapping[str, int], page: Floats) -> None:
+    """Write poses to the pose page, see `arena.wire.pose_page`.
+
+    begins: name of each body -> index of its first number in the page. Other bodies are left out.
+    """
+    last = POSE_ROW - 1
+    for body, p_n, q_nb in poses:
+        if body not in begins:
+            continue
+        at = begins[body]
+        count = page[at] + 1.0
+        page[at] = count
+        page[at + 1], page[at + 2], page[at + 3] = p_n
+        page[at + 4], page[at + 5], page[at + 6], page[at + 7] = q_nb
+        page[at + last] = count
 
 
 def natnet_poses(

@@ -6,7 +6,7 @@ This module decides whether a simulated arena is fused, and converts its plan.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from arena.errors import InputError
@@ -16,6 +16,8 @@ from arena.schema import Arena
 
 _MEMBERS = frozenset({"mocap", "forward", "router", "sensors", "recorder"})
 MODULE, SLICE = "arena.fused", "fused.json"
+POSES = "{rt}/poses"
+"""Path of the pose page."""
 # ports that are not opened for vehicles with the built-in autopilot
 _IN_MEMORY = ("router link", "vision link", "ground station link")
 # autopilots of vehicles whose other parts can share the world's process
@@ -105,6 +107,8 @@ def fused_slices(
     The world keeps the simulation time stopped until all user programs in Python use the simulation clock. With a copilot the
     world does not wait, because the copilot needs simulation time to become ready. The same holds for MAVROS if a program waits
     for it. In real time the world never waits.
+
+    On the simulation clock, user programs read their captured poses from shared memory (the pose page).
     """
     members = ["world", *(p.name for p in processes if p.kind in _MEMBERS)]
     programs = {
@@ -118,8 +122,21 @@ def fused_slices(
         if arena.copilot is not None or arena.sim.speed == 1.0 or _program_waits_for_mavros(arena)
         else list(dict.fromkeys(programs.values())),
     }
-    sleepers = {} if arena.sim.speed == 1.0 else programs
-    return {**made, "world.json": world, SLICE: {"name": "world", "members": members, "sleepers": sleepers}}
+    fused: dict[str, Any] = {"name": "world", "members": members, "sleepers": {}, "poses": None}
+    if arena.sim.speed != 1.0:
+        fused |= {"sleepers": programs, "poses": POSES}
+        made = {**made, **_programs_with_page(made)}
+    return {**made, "world.json": world, SLICE: fused}
+
+
+def _programs_with_page(made: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the configuration files of the user programs, changed so that they read their poses from shared memory."""
+    rows = {body["name"]: row for row, body in enumerate(made["mocap.json"]["bodies"])}
+    programs = {file: one for file, one in made.items() if file.startswith("program.")}
+    return {
+        file: {**one, "capture": {"kind": "page", "path": POSES, "row": rows[one["body"]]}}
+        for file, one in programs.items()
+    }
 
 
 def _program_waits_for_mavros(arena: Arena) -> bool:

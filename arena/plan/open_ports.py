@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from arena.constants import MONITOR_PORT
-from arena.mocap.vendors import SocketUse, vendor_settings
+from arena.mocap.vendors import VENDORS, SocketUse, vendor_settings
 from arena.plan.model import Plan, ProcessSpec
 from arena.schema.ports import MONITOR, MONITOR_ANSWERS, PORTS
 
@@ -157,7 +157,8 @@ def _option(argv: Sequence[str], name: str) -> str:
 def _captures(slice_: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the settings of all motion-capture receivers in a configuration file (slice)."""
     found = slice_.get("captures", slice_.get("capture"))
-    return [found] if isinstance(found, dict) else list(found or ())
+    captures = [found] if isinstance(found, dict) else list(found or ())
+    return [each for each in captures if each["kind"] in VENDORS]
 
 
 def _vendor_socket(spec: ProcessSpec, used: SocketUse) -> OpenSocket:

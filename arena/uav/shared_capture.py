@@ -1,6 +1,7 @@
 """Motion capture for the vehicles of one process, with one client per server for all of them.
 
-So each frame is received and decoded once per process, and not once per vehicle.
+So each frame is received and decoded once per process, and not once per vehicle. In a fused arena on the simulation clock, no frame is
+decoded: the poses come from shared memory.
 """
 
 from __future__ import annotations
@@ -9,17 +10,57 @@ import json
 import math
 import threading
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from arena.errors import ArenaError
 from arena.uav.poses import Poses
+from arena.wire.pose_page import PoseRow
 
 if TYPE_CHECKING:
     from arena.mocap.client import MocapClient
     from arena.mocap.client import Pose as CapturedPose
 
 Capture = Mapping[str, Any]
-"""Settings for `arena.mocap.client.open_client`. The key `bodies` is not used."""
+"""Settings for `arena.mocap.client.open_client`, of which the key `bodies` is not used, or for a `PageCapture`."""
+PAGE = "page"
+"""Value of `kind` in the settings for a `PageCapture`."""
+
+
+class VehicleCapture(Protocol):
+    """Interface of a motion capture client of one or several vehicles.
+
+    fault: why the client failed; "" if it did not.
+    """
+
+    fault: str
+
+    def poll(self, now: float, *, once: bool) -> None:
+        """Store the newest pose that has arrived for each vehicle.
+
+        now: time of arrival [s]. once: do nothing if this method was called at the same time before, by another vehicle.
+        """
+
+    def remove(self, poses: Poses) -> None:
+        """Stop storing poses in `poses`."""
+
+
+class PageCapture:
+    """Motion capture of one vehicle that reads the poses from shared memory, see `arena.wire.pose_page`.
+
+    settings: `path` of the page, and the `row` of the rigid body.  Raises RunError if there is no page.
+    """
+
+    def __init__(self, settings: Capture, body: str, poses: Poses) -> None:
+        self.fault = ""
+        self._row, self._body, self._poses = PoseRow(settings["path"], int(settings["row"])), body, poses
+
+    def poll(self, now: float, *, once: bool) -> None:
+        pose = self._row.new_pose()
+        if pose is not None:
+            self._poses.receive(self._body, pose[:3], pose[3:], now)
+
+    def remove(self, poses: Poses) -> None:
+        """Do nothing, because the page belongs to the world."""
 
 
 class SharedClient:
@@ -86,17 +127,19 @@ class SharedClient:
 
 
 class SharedCapture:
-    """Motion capture clients of a process, one per server."""
+    """Motion capture clients of a process, one per server, or one per vehicle if they read shared memory."""
 
     def __init__(self) -> None:
         self._clients: dict[str, SharedClient] = {}
         self._lock = threading.Lock()
 
-    def open(self, settings: Capture, body: str, poses: Poses) -> SharedClient:
+    def open(self, settings: Capture, body: str, poses: Poses) -> VehicleCapture:
         """Return the motion capture client that stores the poses of a rigid body in `poses`.
 
-        Vehicles with the same settings share one client.
+        Vehicles with the same settings share one client. Raises RunError if the shared memory with the poses is missing.
         """
+        if settings.get("kind") == PAGE:
+            return PageCapture(settings, body, poses)
         from arena.mocap.client import open_client
 
         server = json.dumps({k: v for k, v in settings.items() if k != "bodies"}, sort_keys=True)

@@ -113,6 +113,20 @@ def test_compiled_and_interpreted_conversion_give_the_same_poses(compiled):
 
 
 @needs_compiled
+def test_compiled_and_interpreted_code_write_the_same_pose_page(compiled):
+    rng = random.Random(4)
+    begins = {f"uav{k}": 9 * k for k in range(0, 20, 2)}
+    pages = [memoryview(bytearray(8 * 9 * 20)).cast("d") for _ in range(2)]
+    for _ in range(50):
+        bodies = [random_body(rng, k) for k in range(rng.randrange(20))]
+        poses, _ = INTERPRETED["captured_poses"].measured_poses(bodies, {k: f"uav{k}" for k in range(20)})
+        for module, page in zip((compiled, INTERPRETED), pages, strict=True):
+            module["captured_poses"].store_poses(poses, begins, page)
+    assert bytes(pages[0]) == bytes(pages[1])
+    assert pages[0][0] > 10 and pages[0][9] == 0.0
+
+
+@needs_compiled
 def test_compiled_and_interpreted_encoder_give_the_same_bytes(compiled):
     rng = random.Random(3)
     encoders = [m["natnet_bodies"].BodyEncoder(1) for m in (compiled, INTERPRETED)]

@@ -70,13 +70,27 @@ def test_fused_plan_keeps_ports_slices_and_needs(tmp_path):
     joined = [p.name for p in many.processes if p.name not in ("world", "program.uav1")]
     assert [m.name for m in world.members] == joined
     assert program.needs == ("world", "forward.uav1", "router", "recorder")
-    assert one.slices["fused.json"] == {"name": "world", "members": ["world", *joined], "sleepers": {}}
+    expected = {"name": "world", "members": ["world", *joined], "sleepers": {}, "poses": None}
+    assert one.slices["fused.json"] == expected
     assert one.slices["world.json"]["expected"] == []
     fast = plan_of(tmp_path, TWO, "sim.speed=max").slices
     assert fast["world.json"]["expected"] == ["uav1"]
     assert fast["fused.json"]["sleepers"] == {"uav1": "uav1"}
     assert all(one.slices[f"{name}.json"] == many.slices[f"{name}.json"] for name in joined)
     assert Plan.from_json(one.to_json()) == one
+
+
+def test_programs_on_the_simulation_clock_read_poses_from_shared_memory(tmp_path):
+    text = TWO.replace("[1, 0, 0]}}", "[1, 0, 0]}, program: fly.py, mocap_body: big}")
+    fast, slow = plan_of(tmp_path, text, "sim.speed=max"), plan_of(tmp_path, text, "sim.processes=one")
+    assert fast.slices["fused.json"]["poses"] == "{rt}/poses"
+    rows = {body["name"]: row for row, body in enumerate(fast.slices["mocap.json"]["bodies"])}
+    assert rows == {"uav1": 0, "big": 1}
+    for name, row in (("uav1", 0), ("uav2", 1)):
+        found = fast.slices[f"program.{name}.json"]["capture"]
+        assert found == {"kind": "page", "path": "{rt}/poses", "row": row}
+        assert slow.slices[f"program.{name}.json"]["capture"]["kind"] == "natnet", "in real time"
+    assert not [x for x in open_sockets(fast) if x.process.startswith("program.") and "NatNet" in x.what]
 
 
 @pytest.mark.parametrize("processes", ["one", "many"])

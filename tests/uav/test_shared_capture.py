@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from arena.kernels.capture_types import Pose
 from arena.uav.poses import Poses
 from arena.uav.shared_capture import SharedCapture, SharedClient
+from arena.wire.pose_page import PosePageWriter
 
 
 class Client:
@@ -58,3 +61,17 @@ def test_client_that_another_vehicle_closes_at_this_moment_is_not_used(
     monkeypatch.setattr(SharedClient, "add", closed_before)
     second = capture.open({"host": "a"}, "uav2", poses())
     assert second is not shared and not second.closed
+
+
+def test_poses_of_a_page_are_stored_with_the_time_at_which_they_are_read(tmp_path: Path) -> None:
+    page, own = PosePageWriter(tmp_path / "poses", ["uav1", "uav2"]), Poses("uav2")
+    settings = {"kind": "page", "path": str(tmp_path / "poses"), "row": 1}
+    client = SharedCapture().open(settings, "uav2", own)
+    client.poll(0.5, once=True)
+    assert own.own is None
+    page.write((Pose("uav2", (1.0, 2.0, -3.0), (1.0, 0.0, 0.0, 0.0)),))
+    client.poll(1.5, once=True)
+    assert own.own is not None
+    assert (own.own.received_at, own.own.p_n.tolist()) == (1.5, [1.0, 2.0, -3.0])
+    client.poll(2.5, once=True)
+    assert own.own.received_at == 1.5, "an old pose does not become new"
