@@ -106,8 +106,9 @@ class Members:
         self._watch = watch
         capture = self._mocap, self._mocap.faults
         members = self._panic, *capture, self._router, self._router.faults, self._recorder.link
-        for member in members:
-            watch.add(member.fileno())
+        self._fds = tuple(member.fileno() for member in members)
+        for fd in self._fds:
+            watch.add(fd)
 
     @property
     def ready(self) -> bool:
@@ -120,9 +121,10 @@ class Members:
             self._joined = len(self._clock.joined)
             self._router.closed.search()
             self._mocap.search_receivers()
-        if self._watch.has_data(self._panic.fileno()):
+        panic, _, _, router, _, _ = self._fds
+        if self._watch.has_data(panic):
             self._panic.drain(receive)
-        if self._watch.has_data(self._router.fileno()):
+        if self._watch.has_data(router):
             self._router.drain(self._time.now())
         waiting = self._inbox[:]
         self._inbox.clear()
@@ -157,10 +159,12 @@ class Members:
         if self._ready_at_once:
             self._ready_at_once = False
             self._process.ready()
-        if self._watch.has_data(self._mocap.faults.fileno()):
+        has_data = self._watch.has_data
+        _, mocap, mocap_faults, _, router_faults, references = self._fds
+        if has_data(mocap_faults):
             self._mocap.apply_faults()
         while self._mocap.due <= now + _EARLY_S:
-            self._mocap.advance(now, requests=self._watch.has_data(self._mocap.fileno()))
+            self._mocap.advance(now, requests=has_data(mocap))
         frames = self._capture.poll(now)
         due = now >= self._next_tick
         if due:
@@ -170,8 +174,8 @@ class Members:
         self._served.clear()
         if self._sensors is not None:
             self._sensors.step(now)
-        self._router.step(now, faults=self._watch.has_data(self._router.faults.fileno()))
-        self._recorder.step(now, references=self._watch.has_data(self._recorder.link.fileno()))
+        self._router.step(now, faults=has_data(router_faults))
+        self._recorder.step(now, references=has_data(references))
 
     def on_request(self, request: Mapping[str, Any]) -> None:
         """Pass a request of the supervisor, such as `release`, to the router."""

@@ -53,6 +53,7 @@ class FusedRouter:
         self._process, self._inbox = process, inbox
         table = Table.from_slice(process.settings)
         self._router = Router(table, now)
+        self._counts = self._router.counts
         self.sockets = self._router.sockets
         self.record: Callable[[int, bytes], None] = lambda socket, data: None
         self._recorder = table.recorder
@@ -179,7 +180,7 @@ class FusedRouter:
             self._send(self._router.on_datagram(key, sender, data, now), now, join=key not in self._in_calls)
 
     def _send(self, out: list[Out], now: float, *, join: bool = True) -> None:
-        counts = self._router.counts
+        counts = self._counts
         for data, destinations in out:
             for key, to in destinations:
                 counts.bytes_out += len(data)
@@ -194,7 +195,7 @@ class FusedRouter:
         try:
             self._sockets[key].sendto(data, to)
         except OSError:  # full queue or no network: the next message is newer
-            self._router.counts.dropped["not sent"] += 1
+            self._counts.dropped["not sent"] += 1
 
     def _tick(self, now: float) -> None:
         self.closed.refresh(time.monotonic())

@@ -88,6 +88,11 @@ class CommandFilter:
             gate.on_request(request, self._time(gate, now))
         self._news |= set(self._gates)
 
+    @property
+    def has_news(self) -> bool:
+        """True if `changes` may return something new."""
+        return bool(self._news)
+
     def changes(self) -> tuple[list[str], dict[str, Any]]:
         """Return what is new since the last call: events (lines of text), and changed facts as {name: value}.
 

@@ -13,6 +13,8 @@ READY_TIMEOUT_S = 10.0  # a vehicle without a heartbeat for this time is no long
 
 def report_changes(process: ProcessContext, router: Router) -> None:
     """Report to the supervisor the warnings, facts (such as `armed`) and events that are new since the last call."""
+    if not router.take_news():
+        return
     for warning in router.warnings():  # first, so that a failsafe is shown before the mode that it enters
         process.event(warning)
     events, control = router.commands.changes()

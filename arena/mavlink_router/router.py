@@ -83,6 +83,7 @@ class Router:
         self._gcs = self._socket_table.serve(table.gcs_local, self._from_gcs, table.gcs, Role.GROUND_STATION)
         self._gcs_received_at = float("-inf")
         self._changed_facts: dict[str, Fact] = {}
+        self._may_have_news = True
         self._vehicles = [self._open(i, vehicle) for i, vehicle in enumerate(table.vehicles)]
         self._ids = frozenset(v.vehicle.id for v in self._vehicles)
         self._sets = VehicleSets(self._vehicles)
@@ -128,6 +129,7 @@ class Router:
     def on_other_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
         """Route a datagram in Python. Needed if the compiled shortcut cannot route the datagram, such as a command."""
         self._counts.bytes_in += len(data)
+        self._may_have_news = True
         return self._socket_table.handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
@@ -135,6 +137,7 @@ class Router:
 
         A tool is any program on this computer that sends to the `tools` address of a vehicle. now: monotonic [s].
         """
+        self._may_have_news = True
         for v in self._vehicles:
             v.status.tick(now)
             silent = [address for address, tool in v.tools.items() if now - tool.last > TOOL_TIMEOUT_S]
@@ -154,6 +157,12 @@ class Router:
         if self._gcs_received_at > float("-inf"):
             places += tuple(place for v in served if v.ground is not None for place in v.ground.up)
         return [(frame, places)] if places else []
+
+    def take_news(self) -> bool:
+        """Return whether there may be warnings, changed facts or events since the last call. Datagrams on the shortcut cause none."""
+        found = self._may_have_news or self.commands.has_news
+        self._may_have_news = False
+        return found
 
     def changed_facts(self) -> dict[str, Fact]:
         """Return the facts (status values) that have changed since the last call, as {"uav1.armed": True}."""

@@ -278,7 +278,11 @@ class Loop:
         """
         if not (self._until_done and self._expected):
             return False
-        if self._done_at == math.inf and all(map(self._is_finished, self._expected)):
+        if self._done_at == math.inf:
+            if not self._expected.isdisjoint(self._clock.asleep):
+                return False  # that program has not ended
+            if not all(map(self._is_finished, self._expected)):
+                return False
             self._done_at = math.inf if np.any(self._autopilots.armed) else self._world.now
         if self._world.now < self._done_at + _AFTER_DONE_S:
             return False
