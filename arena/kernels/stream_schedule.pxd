@@ -17,8 +17,11 @@ cdef class StreamSchedule:
     cpdef bint is_stream_due(self, Py_ssize_t link, Py_ssize_t column, double now) except -1
     @cython.locals(column=Py_ssize_t)
     cpdef Py_ssize_t due_column(self, Py_ssize_t link, Py_ssize_t place, double now) except -2
-    @cython.locals(due=list, column=Py_ssize_t, again=double)
+    @cython.locals(column=Py_ssize_t, again=double)
+    cpdef Py_ssize_t take_next(self, Py_ssize_t link, double now) except -2
+    @cython.locals(due=list, column=Py_ssize_t)
     cpdef list take_due(self, Py_ssize_t link, double now)
     @cython.locals(order="long[:, ::1]", column=Py_ssize_t)
-    cdef void _set_due(self, Py_ssize_t link, Py_ssize_t place, double due_s) except *
-    cdef bint _is_before(self, Py_ssize_t link, Py_ssize_t a, Py_ssize_t b) except -1
+    cdef int _set_due(self, Py_ssize_t link, Py_ssize_t place, double due_s) except -1
+    @cython.locals(other_s=double)
+    cdef bint _is_after(self, Py_ssize_t link, Py_ssize_t other, double due_s, Py_ssize_t column) except -1

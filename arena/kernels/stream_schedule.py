@@ -71,18 +71,27 @@ class StreamSchedule:
         column = self.order[link, place]
         return column if self.is_stream_due(link, column, now) else -1
 
+    def take_next(self, link: int, now: float) -> int:
+        """Return the column (index in `ids`) of the first message that is due at `now` [s], and set its next time.
+
+        Return -1 if no message of the link is due.
+        """
+        column = self.due_column(link, 0, now)
+        if column >= 0:
+            again = self.due_s[link, column] + self.interval_s[link, column]
+            self._set_due(link, 0, max(again, now - _CATCH_UP_S))
+        return column
+
     def take_due(self, link: int, now: float) -> list[int]:
         """Return the columns (indices in `ids`) of the messages that are due at `now` [s], and set their next times.
 
         The earliest is first.
         """
         due = []
-        column = self.due_column(link, 0, now)
+        column = self.take_next(link, now)
         while column >= 0:
             due.append(column)
-            again = self.due_s[link, column] + self.interval_s[link, column]
-            self._set_due(link, 0, max(again, now - _CATCH_UP_S))
-            column = self.due_column(link, 0, now)
+            column = self.take_next(link, now)
         return due
 
     def _set_due(self, link: int, place: int, due_s: float) -> None:
@@ -92,17 +101,19 @@ class StreamSchedule:
         """
         order, column = self.order, self.order[link, place]
         self.due_s[link, column] = due_s
-        while place > 0 and self._is_before(link, column, order[link, place - 1]):
+        while place > 0 and self._is_after(link, order[link, place - 1], due_s, column):
             order[link, place] = order[link, place - 1]
             place -= 1
-        while place + 1 < len(self.ids) and self._is_before(link, order[link, place + 1], column):
+        while place + 1 < len(self.ids) and not self._is_after(link, order[link, place + 1], due_s, column):
             order[link, place] = order[link, place + 1]
             place += 1
         order[link, place] = column
         self.next_s[link] = self.due_s[link, order[link, 0]]
 
-    def _is_before(self, link: int, a: int, b: int) -> bool:
-        """Return whether a link must send the message of column a before the message of column b."""
-        return self.due_s[link, a] < self.due_s[link, b] or (
-            self.due_s[link, a] == self.due_s[link, b] and a < b
-        )
+    def _is_after(self, link: int, other: int, due_s: float, column: int) -> bool:
+        """Return whether a link sends the message of column `other` after a message that is due at `due_s` [s].
+
+        column: of the message that is due at `due_s`. Of equal times the smaller column is first.
+        """
+        other_s = self.due_s[link, other]
+        return other_s > due_s or (other_s == due_s and other > column)
