@@ -15,7 +15,7 @@ KINDS = "BbHhIiQqf"
 _MOST_BYTES = 264  # more than every payload and CRC
 HEAD, _PAYLOAD = 6, 16
 """Offset of a frame in the buffer of its writer, and of the payload, which is aligned to 8 bytes."""
-_UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64 = range(8)  # positions in KINDS
+_UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64, _FLOAT32 = range(9)  # positions in KINDS
 
 
 class PayloadWriter:
@@ -26,8 +26,7 @@ class PayloadWriter:
     fields: for each number in the payload: its position in the values, its type as position in `KINDS`, and its offset in
         units of the type's size (F, 3). The other bytes of the payload are 0
     ranges: smallest and largest value of each type in `KINDS` (9, 2)
-    by_escs: True for a message that describes four ESCs; a vehicle with more sends several
-    is_rare: True for a message that is sent rarely, and contains values that no other message needs
+    needs: set of the groups of quantities that the payload contains, one bit each (`telemetry_quantities.BITS`)
     """
 
     def __init__(
@@ -37,16 +36,14 @@ class PayloadWriter:
         seed: bytes,
         fields: Integers,
         ranges: Floats,
-        by_escs: bool,
-        is_rare: bool,
+        needs: int,
     ) -> None:
         """Create the writer for one message type, with a buffer for the payload.
 
         size: number of bytes of the payload
         """
         self.number, self.seed, self.fields, self.ranges = number, seed, fields, ranges
-        self.by_escs, self.is_rare = by_escs, is_rare
-        self.size, self.end = size, _PAYLOAD
+        self.needs, self.size, self.end = needs, size, _PAYLOAD
         whole = memoryview(bytearray(_PAYLOAD + _MOST_BYTES))
         self.frame, raw = whole, whole[_PAYLOAD:]
         self.u8, self.i8 = raw, raw.cast("b")
@@ -61,10 +58,13 @@ class PayloadWriter:
         values: values of a vehicle
         seq, sysid, compid: sequence number, system and component of the sender
         """
-        frame = self.frame
+        frame, fields = self.frame, self.fields
         frame[self.end] = frame[self.end + 1] = 0  # the last CRC, which may be in the payload
-        for k in range(len(self.fields)):
-            self._store(values[self.fields[k, 0]], self.fields[k, 1], self.fields[k, 2])
+        for k in range(len(fields)):
+            if fields[k, 1] == _FLOAT32:
+                self.f32[fields[k, 2]] = values[fields[k, 0]]
+            else:
+                self._store_whole(values[fields[k, 0]], fields[k, 1], fields[k, 2])
         size = self.size
         while size > 1 and frame[_PAYLOAD + size - 1] == 0:
             size -= 1
@@ -79,16 +79,11 @@ class PayloadWriter:
         self.end = end
         return end + 2 - HEAD
 
-    def _store(self, value: float, kind: int, at: int) -> None:
-        """Store a number in the payload.
-
-        An integer is truncated toward zero and limited to its range. NaN becomes 0.
+    def _store_whole(self, value: float, kind: int, at: int) -> None:
+        """Store a number in the payload as an integer, truncated toward zero and limited to its range. NaN becomes 0.
 
         at: offset in units of the type's size
         """
-        if kind > _INT64:
-            self.f32[at] = value
-            return
         whole = 0
         if not math.isnan(value):
             whole = int(limits.within(value, self.ranges[kind, 0], self.ranges[kind, 1]))

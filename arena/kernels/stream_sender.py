@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from arena.kernels.arrays import Integers
+    from arena.kernels.payload_writer import PayloadWriter
     from arena.kernels.stream_schedule import StreamSchedule
     from arena.kernels.telemetry_packing import TelemetryPacking
 
@@ -25,7 +26,7 @@ class StreamSender:
     links: names of the links of each vehicle (K,)
     system_ids: MAVLink system ids of the vehicles (V,)
     sequence: sequence number of the next frame of each link (V * K,)
-    packed: True for the messages that `packing` packs. All others are built in Python (S,)
+    writers: of `packing`, one for each message that it packs; None for a message that is built in Python (S,)
     rare: True for the messages that are placed before the others in a datagram (S,)
     needs_position: True for the messages that are sent only while the horizontal position is valid (S,)
     silent: input: True while a vehicle has no content for a message (V, S)
@@ -39,14 +40,14 @@ class StreamSender:
         links: list[str],
         system_ids: Integers,
         sequence: Integers,
-        packed: Mask,
+        writers: list[PayloadWriter | None],
         rare: Mask,
         needs_position: Mask,
         silent: Mask,
     ) -> None:
         self.schedule, self.packing, self.links = schedule, packing, links
         self.system_ids, self.sequence = system_ids, sequence
-        self.packed, self.rare = flags(packed), flags(rare)
+        self.writers, self.rare = writers, flags(rare)
         self.needs_position, self.silent = flags(needs_position), flags(silent)
         self.wake_s = floats(len(system_ids))
 
@@ -93,7 +94,7 @@ class StreamSender:
         for row in range(i * count, (i + 1) * count):
             place, column = 0, schedule.due_column(row, 0, now)
             while column >= 0:
-                if not self.packed[column] and not self.silent[i, column]:
+                if self.writers[column] is None and not self.silent[i, column]:
                     return True
                 place += 1
                 column = schedule.due_column(row, place, now)
@@ -104,17 +105,24 @@ class StreamSender:
 
         row: of the link in the schedule
         """
-        rare, due = [], []
-        for column in self.schedule.take_due(row, now):
-            if self.packed[column] and self.has_content(i, column):
+        rare, due, needs = [], [], 0
+        column = self.schedule.take_next(row, now)
+        while column >= 0:
+            writer = self.writers[column]
+            if writer is not None and self.has_content(i, column):
+                needs |= writer.needs
                 if self.rare[column]:
-                    rare.append(self.schedule.ids[column])
+                    rare.append(writer)
                 else:
-                    due.append(self.schedule.ids[column])
+                    due.append(writer)
+            column = self.schedule.take_next(row, now)
         if rare:
             due = rare + due
         if not due:
             return b""
-        first = self.sequence[row]
-        self.sequence[row] = (first + self.packing.frame_count(i, due)) % 256
-        return self.packing.pack(i, due, row, first, self.system_ids[i], 1)
+        packing, seq = self.packing, self.sequence[row]
+        packing.begin(i, needs)
+        for writer in due:
+            seq = packing.append(i, writer, row, seq, self.system_ids[i], 1)
+        self.sequence[row] = seq
+        return packing.datagram()

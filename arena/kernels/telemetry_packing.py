@@ -1,7 +1,8 @@
 """Telemetry of the built-in autopilots: computes the values of a vehicle, and packs them into MAVLink frames.
 
-A quantity is one or several numbers, such as the position. The tables of a message say which quantity its fields contain.
-They are made from pymavlink's dialect (`arena.autopilot.mavlink.packed_messages`), so no layout is in this module.
+A quantity is one or several numbers, such as the position (`telemetry_quantities`). The tables of a message say which quantity
+its fields contain. They are made from pymavlink's dialect (`arena.autopilot.mavlink.packed_messages`), so no layout is in this
+module. Quantities that no message of a datagram contains are not computed.
 """
 
 from __future__ import annotations
@@ -11,45 +12,13 @@ from typing import TYPE_CHECKING
 
 from arena.kernels import global_coordinates, limits, payload_writer, rotations, standard_atmosphere
 from arena.kernels.arrays import array, floats
+from arena.kernels.telemetry_quantities import BITS, COLUMNS, RARE_INPUTS, STATUS_INPUTS, VALUES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from arena.kernels.arrays import Flags, Floats, Integers
     from arena.kernels.payload_writer import PayloadWriter
-
-
-STATUS = ("mav_type", "custom_mode", "base_mode", "status", "landed", "present", "health")
-PLACE = ("armed", "lat0", "lon0", "alt0", "heading", "home_d")
-LOST = ("present_lost", "health_lost")
-"""Inputs of a vehicle, each one number. alt0, home_d: NaN if the origin, or home, is not set. present_lost, health_lost: used
-instead of present and health while the horizontal position is invalid."""
-MODES = ("intended_mode", "standard_mode", "aligned", "bat_low", "bat_crit", "bat_emergen")
-HOME = ("home_lat", "home_lon", "home_alt_mm", "home_north", "home_east")
-EVENTS = ("event_sequence", "event_flags")
-"""Further inputs of a vehicle, which only rare messages contain, each one number. aligned: 1 if the estimator is aligned, else 0.
-bat_low, bat_crit, bat_emergen: BAT_LOW_THR, BAT_CRIT_THR and BAT_EMERGEN_THR 0..1. home_lat, home_lon: [1e-7 deg].
-home_alt_mm: altitude AMSL [mm]. home_north, home_east: [m]. event_sequence: number of the newest event."""
-SIZES = {
-    **dict.fromkeys(("time_ms", "time_us", "time_us_32", "time_us_high", "time_ns", "unix_us"), 1),
-    **{"rpy": 3, "q_nb": 4, "omega_b": 3, "p_n": 3, "v_n": 3},
-    **{"pose_covariance": 21, "velocity_covariance": 21, "reset_counter": 1},
-    **{"accel_b": 3, "gyro_b": 3, "mag_b": 3, "pressure_hpa": 1, "baro_alt": 1},
-    **{"lat": 1, "lon": 1, "alt_mm": 1, "relative_alt_mm": 1, "velocity_cm_s": 3, "heading_cdeg": 1},
-    **{"speed": 1, "alt": 1, "climb": 1, "heading_deg": 1, "throttle": 1, "heights": 4},
-    **{"q_sp": 4, "omega_sp": 3, "thrust": 1, "setpoint": 11, "ignored": 1, "servos": 8},
-    **{"voltage_mv": 1, "current_ca": 1, "remaining": 1},
-    **{"esc_counter": 1, "esc_first": 1, "esc_count": 1, "esc_online": 1},
-    **{"esc_rpm": 4, "esc_voltage": 4, "esc_current": 4},
-    **{"ping": 1, "charge_state": 1, "consumed_mah": 1},
-    **{"estimator_flags": 1, "ratio_position": 1, "ratio_yaw": 1, "accuracies": 2},
-    **dict.fromkeys(STATUS + PLACE + LOST, 1),
-    **dict.fromkeys(MODES + HOME + EVENTS, 1),
-}
-"""Quantity -> number of its values. The constant values of messages follow after the last quantity."""
-COLUMNS = {name: sum(list(SIZES.values())[:k]) for k, name in enumerate(SIZES)}
-"""Quantity -> position of its first value."""
-VALUES = sum(SIZES.values())
 
 _TIME_MS, _TIME_US = COLUMNS["time_ms"], COLUMNS["time_us"]
 _TIME_US_32, _TIME_US_HIGH = COLUMNS["time_us_32"], COLUMNS["time_us_high"]
@@ -70,7 +39,7 @@ _HEIGHTS, _Q_SP = COLUMNS["heights"], COLUMNS["q_sp"]
 _OMEGA_SP, _THRUST = COLUMNS["omega_sp"], COLUMNS["thrust"]
 _SETPOINT, _IGNORED, _SERVOS = COLUMNS["setpoint"], COLUMNS["ignored"], COLUMNS["servos"]
 _VOLTAGE, _CURRENT, _REMAINING = COLUMNS["voltage_mv"], COLUMNS["current_ca"], COLUMNS["remaining"]
-_INPUTS, _ARMED = COLUMNS["mav_type"], COLUMNS["armed"]
+_STATUS, _ARMED = COLUMNS["mav_type"], COLUMNS["armed"]
 _LAT0, _LON0 = COLUMNS["lat0"], COLUMNS["lon0"]
 _ALT0, _HEADING, _HOME_D = COLUMNS["alt0"], COLUMNS["heading"], COLUMNS["home_d"]
 _PRESENT, _PRESENT_LOST = COLUMNS["present"], COLUMNS["present_lost"]
@@ -80,8 +49,12 @@ _ESC_COUNT, _ESC_ONLINE = COLUMNS["esc_count"], COLUMNS["esc_online"]
 _ESC_RPM, _ESC_VOLTAGE, _ESC_CURRENT = COLUMNS["esc_rpm"], COLUMNS["esc_voltage"], COLUMNS["esc_current"]
 _PING_NUMBER, _CHARGE_STATE, _CONSUMED = COLUMNS["ping"], COLUMNS["charge_state"], COLUMNS["consumed_mah"]
 _ESTIMATOR_FLAGS, _RATIOS = COLUMNS["estimator_flags"], COLUMNS["ratio_position"]
-_ACCURACIES, _RARE_INPUTS, _ALIGNED = COLUMNS["accuracies"], COLUMNS["intended_mode"], COLUMNS["aligned"]
+_ACCURACIES, _MODES, _ALIGNED = COLUMNS["accuracies"], COLUMNS["intended_mode"], COLUMNS["aligned"]
 _BAT_LOW = COLUMNS["bat_low"]
+_ANGLES, _COVARIANCE, _SENSORS, _POWER = BITS["angles"], BITS["covariance"], BITS["sensors"], BITS["power"]
+_ALTITUDES, _GLOBAL, _SETPOINTS = BITS["heights"], BITS["global"], BITS["setpoints"]
+_ESC, _PING, _RARE = BITS["escs"], BITS["ping"], BITS["rare"]
+_STATUS_INPUTS, _RARE_INPUTS = len(STATUS_INPUTS), len(RARE_INPUTS)
 _HEAD = payload_writer.HEAD
 _ESCS = 4  # in one message
 _FULL_SPEED_RPM = 6000.0  # at motor command 1; PX4 SITL reports the same, because no rotor speed is simulated
@@ -89,9 +62,8 @@ _POSITION = 3  # level of a setpoint, as in `cascade`
 _DEG = 180.0 / math.pi
 _NAN = float("nan")
 _MOST_FLOAT32 = 3.4e38  # an infinite test ratio is sent as a number
-_PING = 4  # message id
 _CHARGE_OK = 1.0  # MAV_BATTERY_CHARGE_STATE; LOW, CRITICAL and EMERGENCY follow
-_ATTITUDE, _HORIZONTAL, _VERTICAL, _GLOBAL = 1.0, 266.0, 36.0, 16.0
+_ATTITUDE_OK, _HORIZONTAL_OK, _VERTICAL_OK, _GLOBAL_OK = 1.0, 266.0, 36.0, 16.0
 """ESTIMATOR_STATUS_FLAGS of a valid attitude, of a valid horizontal position and velocity (VELOCITY_HORIZ, POS_HORIZ_REL,
 PRED_POS_HORIZ_REL), of a valid height (VELOCITY_VERT, POS_VERT_ABS), and of a valid global position (POS_HORIZ_ABS)."""
 _MOST_DATAGRAM = 16384  # bytes of all messages of a vehicle, with many ESCs
@@ -100,8 +72,7 @@ _MOST_DATAGRAM = 16384  # bytes of all messages of a vehicle, with many ESCs
 class TelemetryPacking:
     """Packs the telemetry of V vehicles with at most R rotors each.
 
-    inputs: input: `STATUS`, then `PLACE`, then `LOST` (V, 15)
-    rare_inputs: input: `MODES`, then `HOME`, then `EVENTS` (V, 13)
+    inputs, rare_inputs: input: values of `STATUS_INPUTS` (V, 15) and of `RARE_INPUTS` (V, 13)
     mag_b: input: magnetic field [gauss] [FRD] (V, 3)
     baro_alt: input: barometric altitude [m] (V,)
     battery_v, battery_a, battery: input: voltage [V], current [A] and remaining charge 0..1 (V,)
@@ -110,7 +81,8 @@ class TelemetryPacking:
     rotors: R
     pings: number of the last PING of each link (L,)
     escs: input: number of ESCs, one for each rotor (V,)
-    values: the quantities of one vehicle, then the constants of the messages
+    values: the quantities of one vehicle, then the constants of the messages. Only the groups that the newest datagram contains
+        are of its vehicle
     """
 
     def __init__(
@@ -139,14 +111,15 @@ class TelemetryPacking:
             self.values[VALUES + k] = constant
         for k in range(21):
             self.values[_POSE_COVARIANCE + k] = self.values[_VELOCITY_COVARIANCE + k] = _NAN
-        self.inputs = floats(vehicles, len(STATUS) + len(PLACE) + len(LOST))
-        self.rare_inputs = floats(vehicles, len(MODES) + len(HOME) + len(EVENTS))
+        self.inputs = floats(vehicles, len(STATUS_INPUTS))
+        self.rare_inputs = floats(vehicles, len(RARE_INPUTS))
         self.mag_b = floats(vehicles, 3)
         self.baro_alt = floats(vehicles)
         self.battery_v, self.battery_a, self.battery = floats(vehicles), floats(vehicles), floats(vehicles)
         self.thrust, self.motors, self.rotors = thrust, motors, array(motors).shape[1]
         self.escs = floats(vehicles)
         self._bytes = self._datagram = memoryview(bytearray(_MOST_DATAGRAM))
+        self._end, self._begins = 0, dict[int, memoryview]()
 
     def read_estimates_from(
         self,
@@ -221,77 +194,112 @@ class TelemetryPacking:
         seq: sequence number of the first frame; the other frames have the next ones
         sysid, compid: sender
         """
-        self._compute(i)
-        end, has_rare = 0, False
-        for number in message_ids:
-            writer = self.writers[number]
-            if writer.is_rare:
-                if not has_rare:
-                    self._compute_rare(i)
-                    has_rare = True
-                if number == _PING:
-                    self.pings[link] += 1
-                    self.values[_PING_NUMBER] = self.pings[link]
-            for part in range(self._parts(i, writer)):
-                if writer.by_escs:
-                    self._compute_escs(i, part * _ESCS)
-                size = writer.write(self.values, seq, sysid, compid)
-                self._datagram[end : end + size] = writer.frame[_HEAD : _HEAD + size]
-                end += size
-                seq = (seq + 1) % 256
-        return self._bytes[:end].tobytes()
+        needs, writers = 0, [self.writers[number] for number in message_ids]
+        for writer in writers:
+            needs |= writer.needs
+        self.begin(i, needs)
+        for writer in writers:
+            seq = self.append(i, writer, link, seq, sysid, compid)
+        return self.datagram()
+
+    def begin(self, i: int, needs: int) -> None:
+        """Begin a datagram of vehicle i, and compute the values that its messages contain.
+
+        needs: set of groups of quantities, one bit each (`BITS`), which contains `needs` of all writers of the datagram
+        """
+        self._end = 0
+        self._compute_common(i)
+        if needs & _ANGLES:
+            self._compute_angles(i)
+        if needs & _COVARIANCE:
+            self._compute_covariance(i)
+        if needs & _SENSORS:
+            self._compute_sensors(i)
+        if needs & _POWER:
+            self._compute_power(i)
+        if needs & _ALTITUDES:
+            self._compute_heights(i)
+        if needs & _GLOBAL:
+            self._compute_global(i)
+        if needs & _SETPOINTS:
+            self._compute_setpoints(i)
+        if needs & _RARE:
+            self._compute_rare(i)
+
+    def append(self, i: int, writer: PayloadWriter, link: int, seq: int, sysid: int, compid: int) -> int:
+        """Append a message of vehicle i to the datagram that `begin` began. Return the sequence number of the next frame.
+
+        link, seq, sysid, compid: as for `pack`
+        """
+        if writer.needs & _PING:
+            self.pings[link] += 1
+            self.values[_PING_NUMBER] = self.pings[link]
+        for part in range(self._parts(i, writer)):
+            if writer.needs & _ESC:
+                self._compute_escs(i, part * _ESCS)
+            size = writer.write(self.values, seq, sysid, compid)
+            for k in range(size):
+                self._datagram[self._end + k] = writer.frame[_HEAD + k]
+            self._end += size
+            seq = (seq + 1) % 256
+        return seq
+
+    def datagram(self) -> bytes:
+        """Return the messages that were appended since `begin`."""
+        found = self._begins.get(self._end)
+        if found is None:  # making a view takes longer than the copy
+            found = self._begins[self._end] = self._bytes[: self._end]
+        return found.tobytes()
 
     def _parts(self, i: int, writer: PayloadWriter) -> int:
         """Return how many frames vehicle i needs for a message: one per four ESCs for ESC messages, else one."""
-        return int((self.escs[i] + (_ESCS - 1)) // _ESCS) if writer.by_escs else 1
+        return int((self.escs[i] + (_ESCS - 1)) // _ESCS) if writer.needs & _ESC else 1
 
-    def _compute(self, i: int) -> None:
-        """Compute all values of vehicle i that its messages contain."""
-        for k in range(_RARE_INPUTS - _INPUTS):
-            self.values[_INPUTS + k] = self.inputs[i, k]
+    def _compute_common(self, i: int) -> None:
+        """Compute the values that most messages contain, or that the other functions use."""
+        out = self.values
+        for k in range(_STATUS_INPUTS):
+            out[_STATUS + k] = self.inputs[i, k]
         if not self.xy_valid[i]:
-            self.values[_PRESENT], self.values[_HEALTH] = (
-                self.values[_PRESENT_LOST],
-                self.values[_HEALTH_LOST],
-            )
-        self._compute_estimates(i)
-        self._compute_sensors(i)
-        self._compute_heights(i)
-        self._compute_global(i)
-        self._compute_setpoints(i)
+            out[_PRESENT], out[_HEALTH] = out[_PRESENT_LOST], out[_HEALTH_LOST]
+        for k in range(4):
+            out[_Q + k] = self.q_nb[i, k]
+        for k in range(3):
+            out[_OMEGA + k], out[_P + k], out[_V + k] = self.omega_b[i, k], self.p_n[i, k], self.v_n[i, k]
 
     def _compute_rare(self, i: int) -> None:
-        """Compute the values of vehicle i that only rare messages contain. Call it after `_compute`."""
+        """Compute the values of vehicle i that only rare messages contain."""
         out = self.values
-        for k in range(VALUES - _RARE_INPUTS):
-            out[_RARE_INPUTS + k] = self.rare_inputs[i, k]
+        for k in range(_RARE_INPUTS):
+            out[_MODES + k] = self.rare_inputs[i, k]
         out[_CONSUMED], state = self.consumed_mah[i], _CHARGE_OK
         for k in range(3):
             if self.battery[i] <= out[_BAT_LOW + k]:
                 state += 1.0
         out[_CHARGE_STATE] = state
-        found = _ATTITUDE if out[_ALIGNED] != 0.0 else 0.0
+        found = _ATTITUDE_OK if out[_ALIGNED] != 0.0 else 0.0
         if self.xy_valid[i]:
-            found += _HORIZONTAL
+            found += _HORIZONTAL_OK
             if not math.isnan(out[_ALT0]):
-                found += _GLOBAL
+                found += _GLOBAL_OK
         if self.z_valid[i]:
-            found += _VERTICAL
+            found += _VERTICAL_OK
         out[_ESTIMATOR_FLAGS] = found
         for k in range(2):
             out[_RATIOS + k] = limits.within(self.test_ratio[i, k], 0.0, _MOST_FLOAT32)
         out[_ACCURACIES] = math.sqrt(self.cov[i, 0, 0] + self.cov[i, 1, 1])
         out[_ACCURACIES + 1] = math.sqrt(self.cov[i, 2, 2])
 
-    def _compute_estimates(self, i: int) -> None:
+    def _compute_angles(self, i: int) -> None:
         out, r = self.values, self.r_nb
         out[_RPY] = math.atan2(r[i, 2, 1], r[i, 2, 2])
         out[_RPY + 1] = math.asin(limits.within(-r[i, 2, 0], -1.0, 1.0))
         out[_RPY + 2] = math.atan2(r[i, 1, 0], r[i, 0, 0])
-        for k in range(4):
-            out[_Q + k] = self.q_nb[i, k]
-        for k in range(3):
-            out[_OMEGA + k], out[_P + k], out[_V + k] = self.omega_b[i, k], self.p_n[i, k], self.v_n[i, k]
+        out[_HEADING_DEG] = (_DEG * (out[_RPY + 2] + out[_HEADING])) % 360.0
+        out[_HEADING_CDEG] = out[_HEADING_DEG] * 100.0
+
+    def _compute_covariance(self, i: int) -> None:
+        out = self.values
         at = 0  # position of a diagonal element in the row-major upper triangle
         for k in range(6):
             out[_POSE_COVARIANCE + at] = self.cov[i, k if k < 3 else k + 3, k if k < 3 else k + 3]
@@ -310,6 +318,9 @@ class TelemetryPacking:
             )
         out[_PRESSURE] = standard_atmosphere.pressure_hpa(self.baro_alt[i])
         out[_BARO_ALT] = self.baro_alt[i]
+
+    def _compute_power(self, i: int) -> None:
+        out = self.values
         out[_VOLTAGE] = limits.within(self.battery_v[i] * 1e3, 0.0, 65534.0)
         out[_CURRENT], out[_REMAINING] = (
             self.battery_a[i] * 100.0,
@@ -344,7 +355,6 @@ class TelemetryPacking:
         out[_HEIGHTS + 2], out[_HEIGHTS + 3] = up, up + out[_HOME_D]
         out[_ALT] = up if math.isnan(out[_ALT0]) else up + out[_ALT0]
         out[_SPEED], out[_CLIMB] = limits.length(out[_V], out[_V + 1]), -out[_V + 2]
-        out[_HEADING_DEG] = (_DEG * (out[_RPY + 2] + out[_HEADING])) % 360.0
         out[_THROTTLE] = 100.0 * self.thrust[i]
 
     def _compute_global(self, i: int) -> None:
@@ -360,7 +370,6 @@ class TelemetryPacking:
         out[_VELOCITY_CM_S] = (cos * out[_V] - sin * out[_V + 1]) * 100.0
         out[_VELOCITY_CM_S + 1] = (sin * out[_V] + cos * out[_V + 1]) * 100.0
         out[_VELOCITY_CM_S + 2] = out[_V + 2] * 100.0
-        out[_HEADING_CDEG] = out[_HEADING_DEG] * 100.0
 
     def _compute_setpoints(self, i: int) -> None:
         """Compute the setpoints that the controllers follow; NaN for values that are not controlled."""

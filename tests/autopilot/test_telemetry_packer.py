@@ -25,6 +25,7 @@ from arena.geometry import (
     turn_horizontal,
     yaw_from_quat,
 )
+from arena.kernels.telemetry_quantities import BITS, COLUMNS, VALUES
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import parse_frames
 from arena.wire.px4_messages import CURRENT_EVENT_SEQUENCE, ESC_INFO, ESC_STATUS
@@ -414,6 +415,29 @@ def test_each_link_numbers_its_own_pings(rig):
     assert packed(rig, 1, ping, link=2) == framed(rig, 1, first)
 
 
+@pytest.mark.parametrize("number", [n for n in PACKED if n != mavlink.MAVLINK_MSG_ID_PING])
+def test_a_message_alone_has_the_bytes_that_it_has_among_all(rig, number):
+    """The kernel computes only what the messages of a datagram contain, so a value must not be that of another vehicle."""
+    law = rig.packer.law
+    for i in range(VEHICLES):
+        law.pack(i, list(PACKED), 0, 0, i + 1, 1)
+        among_all = law.pack(i, [number], 0, 0, i + 1, 1)
+        law.pack((i + 1) % VEHICLES, list(PACKED), 0, 0, 1, 1)
+        assert law.pack(i, [number], 0, 0, i + 1, 1) == among_all
+
+
+def test_needs_of_a_message_follow_from_its_fields(rig):
+    writers = rig.packer.law.writers
+    needs = {
+        mavlink.MAVLINK_MSG_ID_ATTITUDE: ("time", "angles", "motion"),
+        mavlink.MAVLINK_MSG_ID_PING: ("time", "ping"),
+        mavlink.MAVLINK_MSG_ID_HOME_POSITION: ("time", "rare", "status"),
+        ESC_INFO: ("time", "escs"),
+    }
+    for number, groups in needs.items():
+        assert writers[number].needs == sum(BITS[group] for group in groups)
+
+
 @needs_compiled
 def test_compiled_and_interpreted_kernel_pack_the_same_bytes(rig):
     """Also with values beyond the range of their fields. The sign of NaN has no meaning, so no estimate is NaN."""
@@ -434,10 +458,10 @@ def _interpreted_copy(modules: Any, packing: Any) -> Any:
     """Return a packing of the interpreted modules with the same inputs."""
     source, writer = modules["telemetry_packing"], modules["payload_writer"].PayloadWriter
     writers = [
-        writer(w.number, w.size, w.seed, memoryview(w.fields), memoryview(w.ranges), w.by_escs, w.is_rare)
+        writer(w.number, w.size, w.seed, memoryview(w.fields), memoryview(w.ranges), w.needs)
         for w in packing.writers.values()
     ]
-    constants = list(packing.values[source.VALUES :])
+    constants = list(packing.values[VALUES:])
     given = (memoryview(each) for each in (packing.thrust, packing.motors, packing.consumed_mah))
     pings = memoryview(np.array(packing.pings))
     found = source.TelemetryPacking(*given, pings, constants, writers, packing.earth_m, packing.boot_unix_us)
@@ -449,6 +473,6 @@ def _interpreted_copy(modules: Any, packing: Any) -> Any:
     found.read_validity_from(memoryview(packing.z_valid), memoryview(packing.test_ratio))
     setpoints = ("level", "sp_p_n", "sp_yaw", "sp_yaw_rate", "v_sp_n", "a_sp_n", "q_sp", "omega_sp")
     found.read_setpoints_from(*(memoryview(getattr(packing, name)) for name in setpoints))
-    times = [packing.values[source.COLUMNS[name]] for name in ("time_ms", "time_us", "time_ns")]
+    times = [packing.values[COLUMNS[name]] for name in ("time_ms", "time_us", "time_ns")]
     found.set_time(*times)
     return found

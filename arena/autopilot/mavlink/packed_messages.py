@@ -6,7 +6,7 @@ The kernel `telemetry_packing` computes the quantities and packs the frames. pym
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.kernels.arrays import integers, view
 from arena.kernels.payload_writer import KINDS, PayloadWriter
-from arena.kernels.telemetry_packing import COLUMNS, SIZES, VALUES
+from arena.kernels.telemetry_quantities import BITS, COLUMNS, GROUP_OF, SIZES, VALUES
 from arena.wire.mavlink_frame import SEEDS
 from arena.wire.mavlink_layout import layout, payload_bytes
 from arena.wire.px4_messages import CURRENT_EVENT_SEQUENCE, ESC_INFO, ESC_STATUS
@@ -187,8 +187,7 @@ RARE: dict[int, dict[str, Content]] = {
         "standard_mode": "standard_mode",
     },
 }
-"""Messages that are sent once a second or less by default, and are placed before the frequent ones in a datagram. Their
-quantities are computed only if such a message is packed."""
+"""Messages that are sent once a second or less by default, and are placed before the frequent ones in a datagram."""
 PACKED = FREQUENT | RARE
 """Message id -> names of fields -> the quantity that these fields contain, or a constant, or one of these for each element.
 All other fields are 0."""
@@ -202,11 +201,20 @@ def writers() -> tuple[list[float], list[PayloadWriter]]:
         fields: list[tuple[int, int, int]] = []
         for names, content in contents.items():
             fields += _fields_of(msgid, names.split(), _columns(msgid, names, content, constants))
-        table, by_escs = integers(np.array(fields, np.int64)), msgid in (ESC_INFO, ESC_STATUS)
+        table = integers(np.array(fields, np.int64))
         found.append(
-            PayloadWriter(msgid, payload_bytes(msgid), SEEDS[msgid], table, ranges, by_escs, msgid in RARE)
+            PayloadWriter(msgid, payload_bytes(msgid), SEEDS[msgid], table, ranges, _needs(contents.values()))
         )
     return constants, found
+
+
+def _needs(contents: Iterable[Content]) -> int:
+    """Return the groups of the quantities in the contents of a message, one bit each."""
+    needs = 0
+    for content in contents:
+        for each in content if isinstance(content, tuple) else (content,):
+            needs |= BITS[GROUP_OF[each]] if isinstance(each, str) else 0
+    return needs
 
 
 def _columns(msgid: int, names: str, content: Content, constants: list[float]) -> list[int]:

@@ -54,7 +54,7 @@ class Telemetry:
             _LINKS,
             integers(np.array([v.system_id for v in vehicles], np.int64)),
             integers(self._sequence),
-            np.array([msgid in PACKED for msgid in _IDS]),
+            [packer.law.writers.get(msgid) for msgid in _IDS],
             np.array([msgid not in FREQUENT for msgid in _IDS]),
             np.array([msgid in NEEDS_POSITION for msgid in _IDS]),
             self._silent,

@@ -18,7 +18,8 @@ from arena.autopilot.vehicle import Vehicle
 from arena.geometry import EARTH_M
 from arena.kernels.arrays import array, flags, integers, new_integers, view
 from arena.kernels.global_coordinates import global_position
-from arena.kernels.telemetry_packing import HOME, MODES, PLACE, STATUS, TelemetryPacking
+from arena.kernels.telemetry_packing import TelemetryPacking
+from arena.kernels.telemetry_quantities import HOME, MODES, PLACE, STATUS
 
 Array = NDArray[np.float64]
 _NAN = float("nan")
