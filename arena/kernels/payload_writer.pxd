@@ -23,7 +23,7 @@ cdef class PayloadWriter:
     cdef unsigned long long[::1] u64
     cdef long long[::1] i64
     cdef float[::1] f32
-    @cython.locals(k=Py_ssize_t, size=Py_ssize_t, end=Py_ssize_t, crc=long, frame="unsigned char[::1]", fields="long[:, ::1]")
+    @cython.locals(k=Py_ssize_t, size=Py_ssize_t, end=Py_ssize_t, crc=long, frame="unsigned char[::1]", value=double, kind=Py_ssize_t, at=Py_ssize_t)
     cpdef Py_ssize_t write(self, double[::1] values, long seq, long sysid, long compid) except -1
     @cython.locals(whole=long)
     cdef int _store_whole(self, double value, Py_ssize_t kind, Py_ssize_t at) except -1

@@ -58,13 +58,14 @@ class PayloadWriter:
         values: values of a vehicle
         seq, sysid, compid: sequence number, system and component of the sender
         """
-        frame, fields = self.frame, self.fields
+        frame = self.frame
         frame[self.end] = frame[self.end + 1] = 0  # the last CRC, which may be in the payload
-        for k in range(len(fields)):
-            if fields[k, 1] == _FLOAT32:
-                self.f32[fields[k, 2]] = values[fields[k, 0]]
+        for k in range(len(self.fields)):
+            value, kind, at = values[self.fields[k, 0]], self.fields[k, 1], self.fields[k, 2]
+            if kind == _FLOAT32:
+                self.f32[at] = value
             else:
-                self._store_whole(values[fields[k, 0]], fields[k, 1], fields[k, 2])
+                self._store_whole(value, kind, at)
         size = self.size
         while size > 1 and frame[_PAYLOAD + size - 1] == 0:
             size -= 1

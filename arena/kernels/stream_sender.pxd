@@ -21,5 +21,5 @@ cdef class StreamSender:
     cpdef bint has_content(self, Py_ssize_t i, Py_ssize_t column) except -1
     @cython.locals(count=Py_ssize_t, schedule=StreamSchedule, row=Py_ssize_t, place=Py_ssize_t, column=Py_ssize_t)
     cdef bint _has_unpacked(self, Py_ssize_t i, double now) except -1
-    @cython.locals(due=list, rare=list, column=Py_ssize_t, needs=long, writer=PayloadWriter, packing=TelemetryPacking, seq=long)
+    @cython.locals(due=list, rare_count=Py_ssize_t, column=Py_ssize_t, needs=long, writer=PayloadWriter, packing=TelemetryPacking, seq=long)
     cdef bytes _datagram(self, Py_ssize_t i, Py_ssize_t row, double now)

@@ -105,19 +105,18 @@ class StreamSender:
 
         row: of the link in the schedule
         """
-        rare, due, needs = [], [], 0
+        due, rare_count, needs = [], 0, 0
         column = self.schedule.take_next(row, now)
         while column >= 0:
             writer = self.writers[column]
             if writer is not None and self.has_content(i, column):
                 needs |= writer.needs
                 if self.rare[column]:
-                    rare.append(writer)
+                    due.insert(rare_count, writer)
+                    rare_count += 1
                 else:
                     due.append(writer)
             column = self.schedule.take_next(row, now)
-        if rare:
-            due = rare + due
         if not due:
             return b""
         packing, seq = self.packing, self.sequence[row]
