@@ -16,4 +16,4 @@ cdef class CascadeLaw:
     cdef readonly long[::1] level
     cdef readonly double[:, ::1] q_nb, omega_b
     cdef readonly double[::1] thrust, yaw_rate, yaw_rate_ff, selected_thrust
-    cdef void _select_attitude(self, Py_ssize_t i) except *
+    cdef int _select_attitude(self, Py_ssize_t i) except -1

@@ -15,8 +15,8 @@ cdef class Clearance:
     @cython.locals(most=double, speed=double)
     cpdef bint check(self) except -1
     @cython.locals(spare=double)
-    cdef void _measure(self) except *
-    cdef void _use(self, Py_ssize_t i, double spare) except *
+    cdef int _measure(self) except -1
+    cdef int _use(self, Py_ssize_t i, double spare) except -1
     cdef double _apart(self, Py_ssize_t i, Py_ssize_t j) except? -1.0
     @cython.locals(least=double, gap=double)
     cdef double _room(self, Py_ssize_t i) except? -1.0

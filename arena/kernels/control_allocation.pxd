@@ -11,6 +11,6 @@ cdef class ControlAllocation:
     cdef readonly double[:, ::1] torque, motors, saturated
     cdef readonly double[::1] thrust
     cdef double[::1] _tilt, _yaw
-    cdef void _allocate(self, Py_ssize_t i) except *
+    cdef int _allocate(self, Py_ssize_t i) except -1
     cdef double _add_yaw(self, Py_ssize_t i) except? -1.0
-    cdef void _limit(self, Py_ssize_t i) except *
+    cdef int _limit(self, Py_ssize_t i) except -1

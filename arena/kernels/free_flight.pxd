@@ -18,12 +18,12 @@ cdef class FreeFlight:
     cpdef void average(self, Py_ssize_t steps) except *
     @cython.locals(sign=double)
     cpdef void publish(self, Py_ssize_t i) except *
-    cdef void _accelerate(self, Py_ssize_t i) except *
-    cdef void _add(self, Py_ssize_t i, double[:, ::1] velocity, (double, double, double) accel) except *
+    cdef int _accelerate(self, Py_ssize_t i) except -1
+    cdef int _add(self, Py_ssize_t i, double[:, ::1] velocity, (double, double, double) accel) except -1
     @cython.locals(size=double, scale=double)
-    cdef void _move(self, Py_ssize_t i) except *
-    cdef void _set_air(self, Py_ssize_t i) except *
-    cdef void _set_matrix(self, Py_ssize_t i) except *
+    cdef int _move(self, Py_ssize_t i) except -1
+    cdef int _set_air(self, Py_ssize_t i) except -1
+    cdef int _set_matrix(self, Py_ssize_t i) except -1
 
 cdef (double, double, double, double, double, double, double, double, double) matrix_of(double[:, :, ::1] matrices, Py_ssize_t i)
 cdef (double, double, double) rotated((double, double, double, double, double, double, double, double, double) r, (double, double, double) v) noexcept

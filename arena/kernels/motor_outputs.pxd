@@ -19,4 +19,4 @@ cdef class MotorOutputs:
     @cython.locals(state=Strapdown, cascade=CascadeLaw)
     cpdef void read_estimates(self, bint with_position) except *
     @cython.locals(state=Strapdown, position=PositionLaw)
-    cdef void _read_position(self, Py_ssize_t i) except *
+    cdef int _read_position(self, Py_ssize_t i) except -1

@@ -21,4 +21,4 @@ cdef class MotorRelease:
     @cython.locals(outputs=MotorOutputs, ramp=RampLaw, cascade=CascadeLaw, started=bint, on=bint)
     cpdef void update(self) except *
     @cython.locals(position=PositionLaw, rate=RateLaw)
-    cdef void _clear(self, Py_ssize_t i) except *
+    cdef int _clear(self, Py_ssize_t i) except -1

@@ -17,10 +17,10 @@ cdef class PositionLaw:
     cdef readonly double[:, ::1] p_n, v_n, q_nb, sp_p_n, sp_v_n, sp_a_n
     cdef readonly double[:, ::1] integral, v_last, v_dot, v_sp_n, a_sp_n, thrust_n, q_sp
     cdef double[::1] _error
-    cdef void _set_velocity(self, Py_ssize_t i) except *
+    cdef int _set_velocity(self, Py_ssize_t i) except -1
     cdef double _from_position(self, Py_ssize_t i, Py_ssize_t axis) except? -1.0
     cdef double _feed_forward(self, Py_ssize_t i, Py_ssize_t axis) except? -1.0
     cdef bint _is_controlled(self, Py_ssize_t i, Py_ssize_t axis) except? -1
-    cdef void _set_acceleration(self, Py_ssize_t i, Py_ssize_t axis) except *
+    cdef int _set_acceleration(self, Py_ssize_t i, Py_ssize_t axis) except -1
     cdef double _set_thrust(self, Py_ssize_t i) except? -1.0
-    cdef void _integrate(self, Py_ssize_t i, double wanted_z) except *
+    cdef int _integrate(self, Py_ssize_t i, double wanted_z) except -1

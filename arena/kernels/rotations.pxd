@@ -9,7 +9,7 @@ cdef (double, double, double, double) conjugate((double, double, double, double)
 cdef (double, double, double, double) normalized((double, double, double, double) q)
 cdef (double, double, double, double) from_rotation_vector(double x, double y, double z)
 cdef double angle_about_z((double, double, double, double) q)
-cdef void store_matrix(double[:, :, ::1] matrices, Py_ssize_t i, (double, double, double, double) q) except *
+cdef int store_matrix(double[:, :, ::1] matrices, Py_ssize_t i, (double, double, double, double) q) except -1
 cpdef (double, double, double) euler((double, double, double, double) q)
 cpdef (double, double, double) rotated((double, double, double, double) q, (double, double, double) v)
 cpdef (double, double, double) rotated_back((double, double, double, double) q, (double, double, double) v)

@@ -15,11 +15,11 @@ cdef class Strapdown:
     cdef readonly double[:, ::1] sensed_accel_b, sensed_gyro_b, p_n, v_n, a_n, q_nb, omega_b, force_b
     cdef readonly double[:, ::1] gyro_bias, accel_bias, accel_mean
     cdef readonly double[:, :, ::1] r_nb, ring_p, ring_q
-    cdef void _turn(self, Py_ssize_t i) except *
+    cdef int _turn(self, Py_ssize_t i) except -1
     cdef double _mean_rate(self, Py_ssize_t i, Py_ssize_t axis) except? -1.0
     cdef (double, double, double) _force_n(self, Py_ssize_t i)
-    cdef void _set_attitude(self, Py_ssize_t i, (double, double, double, double) q) except *
-    cdef void _move(self, Py_ssize_t i) except *
+    cdef int _set_attitude(self, Py_ssize_t i, (double, double, double, double) q) except -1
+    cdef int _move(self, Py_ssize_t i) except -1
     @cython.locals(periods=double, part=double, whole=Py_ssize_t, size=Py_ssize_t, newer=Py_ssize_t, older=Py_ssize_t)
     cdef (double, double, double, double) find_past(self, Py_ssize_t i, double age_s)
     @cython.locals(size=Py_ssize_t, age=Py_ssize_t, at=Py_ssize_t)

@@ -20,8 +20,8 @@ cdef class VisionFusion:
     cdef double[::1] _noise
     @cython.locals(has_yaw=bint)
     cpdef void fuse(self, Py_ssize_t i, double[:, ::1] pose, Py_ssize_t row, double now) except *
-    cdef void _set_measurement(self, Py_ssize_t i, double[:, ::1] pose, Py_ssize_t row, double age_s) except *
+    cdef int _set_measurement(self, Py_ssize_t i, double[:, ::1] pose, Py_ssize_t row, double age_s) except -1
     @cython.locals(consistent=bint, use_yaw=bint, use_xy=bint, use_z=bint, use=bint, past_states=Py_ssize_t)
-    cdef void _gate(self, Py_ssize_t i, bint has_yaw, double now) except *
+    cdef int _gate(self, Py_ssize_t i, bint has_yaw, double now) except -1
     cdef double _ratio(self, Py_ssize_t i, Py_ssize_t k) except? -1.0
-    cdef void _move_gate(self, Py_ssize_t i, Py_ssize_t k, bint passed) except *
+    cdef int _move_gate(self, Py_ssize_t i, Py_ssize_t k, bint passed) except -1
