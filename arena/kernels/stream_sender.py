@@ -105,7 +105,8 @@ class StreamSender:
 
         row: of the link in the schedule
         """
-        due, rare_count, needs = [], 0, 0
+        due: list[PayloadWriter] = []
+        rare_count, needs = 0, 0
         column = self.schedule.take_next(row, now)
         while column >= 0:
             writer = self.writers[column]
