@@ -7,6 +7,10 @@ from arena.kernels.strapdown cimport Strapdown
 from arena.kernels.vision_fusion cimport VisionFusion
 
 cdef long _USE_YAW
+cdef double _ATTITUDE, _HORIZONTAL, _VERTICAL, _GLOBAL
+
+@cython.locals(found=double)
+cdef double status_flags(bint attitude, bint horizontal, bint vertical, bint has_origin)
 
 @cython.final
 cdef class EstimateValidity:

@@ -23,6 +23,25 @@ if TYPE_CHECKING:
 
 _USE_YAW = 8
 """Bit of EKF2_EV_CTRL."""
+_ATTITUDE, _HORIZONTAL, _VERTICAL, _GLOBAL = 1.0, 266.0, 36.0, 16.0
+"""ESTIMATOR_STATUS_FLAGS of a valid attitude, of a valid horizontal position and velocity (VELOCITY_HORIZ, POS_HORIZ_REL,
+PRED_POS_HORIZ_REL), of a valid height (VELOCITY_VERT, POS_VERT_ABS), and of a valid global position (POS_HORIZ_ABS)."""
+
+
+def status_flags(attitude: bool, horizontal: bool, vertical: bool, has_origin: bool) -> float:
+    """Return the ESTIMATOR_STATUS_FLAGS of a vehicle.
+
+    attitude, horizontal, vertical: whether attitude, horizontal position and height are valid
+    has_origin: whether the origin of the local frame is set
+    """
+    found = _ATTITUDE if attitude else 0.0
+    if horizontal:
+        found += _HORIZONTAL
+        if has_origin:
+            found += _GLOBAL
+    if vertical:
+        found += _VERTICAL
+    return found
 
 
 class EstimateValidity:

@@ -1,4 +1,4 @@
-"""Conversion of a local position to latitude and longitude, as integers of MAVLink messages. Pure."""
+"""Conversion of a local position to latitude and longitude, also as integers of MAVLink messages. Pure."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import math
 
 from arena.kernels import limits
 
-_DEG = 180.0 / math.pi
+_DEG, _RAD = 180.0 / math.pi, math.pi / 180.0
 
 
-def global_position(
+def latitude_longitude(
     north: float, east: float, heading: float, lat0: float, lon0: float, earth_m: float
 ) -> tuple[float, float]:
-    """Return latitude and longitude [1e-7 deg] of a local position, rounded to integers.
+    """Return latitude and longitude [deg] of a local position. The longitude is not wrapped to +-180 deg.
 
     `arena.geometry.globe_from_local` has the formula for arrays.
 
@@ -23,8 +23,19 @@ def global_position(
     """
     cos, sin = math.cos(heading), math.sin(heading)
     true_north, true_east = cos * north - sin * east, sin * north + cos * east
-    lat = limits.within(lat0 + _DEG * (true_north / earth_m), -90.0, 90.0)
-    lon = lon0 + _DEG * (true_east / (earth_m * math.cos(lat0 / _DEG)))
+    lat = lat0 + _DEG * (true_north / earth_m)
+    return lat, lon0 + _DEG * (true_east / (earth_m * math.cos(_RAD * lat0)))
+
+
+def global_position(
+    north: float, east: float, heading: float, lat0: float, lon0: float, earth_m: float
+) -> tuple[float, float]:
+    """Return latitude and longitude [1e-7 deg] of a local position, rounded to integers.
+
+    The arguments are those of `latitude_longitude`.
+    """
+    lat, lon = latitude_longitude(north, east, heading, lat0, lon0, earth_m)
+    lat = limits.within(lat, -90.0, 90.0)
     return rounded(lat * 1e7), rounded(((lon + 180.0) % 360.0 - 180.0) * 1e7)
 
 

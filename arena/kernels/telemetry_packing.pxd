@@ -2,7 +2,7 @@
 cimport cython
 from libc cimport math
 
-from arena.kernels cimport global_coordinates, limits, payload_writer, rotations, standard_atmosphere
+from arena.kernels cimport estimate_validity, global_coordinates, limits, payload_writer, rotations, standard_atmosphere
 from arena.kernels.payload_writer cimport PayloadWriter
 
 cdef Py_ssize_t _TIME_MS, _TIME_US, _TIME_US_32, _TIME_NS, _RPY, _Q, _OMEGA, _P, _V
@@ -17,7 +17,7 @@ cdef Py_ssize_t _UNIX_US, _TIME_US_HIGH, _PING_NUMBER, _CHARGE_STATE, _CONSUMED,
 cdef Py_ssize_t _MODES, _ALIGNED, _BAT_LOW
 cdef Py_ssize_t _STATUS_INPUTS, _RARE_INPUTS
 cdef long _ANGLES, _COVARIANCE, _SENSORS, _POWER, _ALTITUDES, _GLOBAL, _SETPOINTS, _ESC, _PING, _RARE
-cdef double _DEG, _NAN, _FULL_SPEED_RPM, _MOST_FLOAT32, _CHARGE_OK, _ATTITUDE_OK, _HORIZONTAL_OK, _VERTICAL_OK, _GLOBAL_OK
+cdef double _DEG, _NAN, _FULL_SPEED_RPM, _MOST_FLOAT32, _CHARGE_OK
 
 @cython.final
 cdef class TelemetryPacking:
@@ -52,7 +52,7 @@ cdef class TelemetryPacking:
     @cython.locals(k=Py_ssize_t)
     cdef int _compute_common(self, Py_ssize_t i) except -1
     cdef int _compute_angles(self, Py_ssize_t i) except -1
-    @cython.locals(k=Py_ssize_t, state=double, found=double)
+    @cython.locals(k=Py_ssize_t, state=double)
     cdef int _compute_rare(self, Py_ssize_t i) except -1
     @cython.locals(at=Py_ssize_t)
     cdef int _compute_covariance(self, Py_ssize_t i) except -1

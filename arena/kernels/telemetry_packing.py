@@ -10,7 +10,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from arena.kernels import global_coordinates, limits, payload_writer, rotations, standard_atmosphere
+from arena.kernels import (
+    estimate_validity,
+    global_coordinates,
+    limits,
+    payload_writer,
+    rotations,
+    standard_atmosphere,
+)
 from arena.kernels.arrays import array, floats
 from arena.kernels.telemetry_quantities import BITS, COLUMNS, RARE_INPUTS, STATUS_INPUTS, VALUES
 
@@ -63,9 +70,6 @@ _DEG = 180.0 / math.pi
 _NAN = float("nan")
 _MOST_FLOAT32 = 3.4e38  # an infinite test ratio is sent as a number
 _CHARGE_OK = 1.0  # MAV_BATTERY_CHARGE_STATE; LOW, CRITICAL and EMERGENCY follow
-_ATTITUDE_OK, _HORIZONTAL_OK, _VERTICAL_OK, _GLOBAL_OK = 1.0, 266.0, 36.0, 16.0
-"""ESTIMATOR_STATUS_FLAGS of a valid attitude, of a valid horizontal position and velocity (VELOCITY_HORIZ, POS_HORIZ_REL,
-PRED_POS_HORIZ_REL), of a valid height (VELOCITY_VERT, POS_VERT_ABS), and of a valid global position (POS_HORIZ_ABS)."""
 _MOST_DATAGRAM = 16384  # bytes of all messages of a vehicle, with many ESCs
 
 
@@ -277,14 +281,9 @@ class TelemetryPacking:
             if self.battery[i] <= out[_BAT_LOW + k]:
                 state += 1.0
         out[_CHARGE_STATE] = state
-        found = _ATTITUDE_OK if out[_ALIGNED] != 0.0 else 0.0
-        if self.xy_valid[i]:
-            found += _HORIZONTAL_OK
-            if not math.isnan(out[_ALT0]):
-                found += _GLOBAL_OK
-        if self.z_valid[i]:
-            found += _VERTICAL_OK
-        out[_ESTIMATOR_FLAGS] = found
+        out[_ESTIMATOR_FLAGS] = estimate_validity.status_flags(
+            out[_ALIGNED] != 0.0, self.xy_valid[i] != 0, self.z_valid[i] != 0, not math.isnan(out[_ALT0])
+        )
         for k in range(2):
             out[_RATIOS + k] = limits.within(self.test_ratio[i, k], 0.0, _MOST_FLOAT32)
         out[_ACCURACIES] = math.sqrt(self.cov[i, 0, 0] + self.cov[i, 1, 1])
