@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,7 @@ from arena.wire.mavlink_frame import SEEDS
 from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
+_Arguments = ParamSpec("_Arguments")
 
 _DECISION_PERIOD_S = 0.02
 _REALIGN_PERIOD_S = 1.0  # between two attempts
@@ -63,6 +64,7 @@ class Autopilots:
     armed: True for each armed vehicle (V,)
     motors: motor commands 0..1 (V, R)
     thrust: collective thrust 0..1 (V,)
+    consumed_mah: consumed charge [mAh] (V,)
     """
 
     def __init__(
@@ -96,14 +98,14 @@ class Autopilots:
         )
         self.motors, self.thrust = array(outputs.motors), array(outputs.thrust)
         self._ordinary = _ordinary_messages(self.vehicles, self.est, offboard, self.gates)
-        self._consumed_mah = np.zeros(n)
+        self.consumed_mah = np.zeros(n)
         packer = TelemetryPacker(
             self.est,
             self.sp,
             self.cascade,
             self.thrust,
             self.motors,
-            self._consumed_mah,
+            self.consumed_mah,
             links=n * len(LINK_RATES),
             boot_unix_us=self._boot_unix_us,
         )
@@ -184,9 +186,9 @@ class Autopilots:
         self._fuse(now, sensors)
         if self._steps % self._decide_every == 0:
             self._decide(now)
-            self._log(lambda ulog: ulog.decide(now))
+            self._log(UlogRecorder.decide, now)
         self._control(now)
-        self._log(lambda ulog: ulog.step(now, sensors, self.motors, self._consumed_mah))
+        self._log(UlogRecorder.step, now, sensors)
         self._steps += 1
         return self.motors
 
@@ -242,14 +244,20 @@ class Autopilots:
         """Close the ULog files before the process ends."""
         self._log(UlogRecorder.close)
 
-    def _log(self, write: Callable[[UlogRecorder], None]) -> None:
-        """Call a function that writes to the ULog files. An error ends the logging, but not the flight.
+    def _log(
+        self,
+        write: Callable[Concatenate[UlogRecorder, _Arguments], None],
+        *args: _Arguments.args,
+        **named: _Arguments.kwargs,
+    ) -> None:
+        """Call a method of the ULog recorder, if there is one. An error ends the logging, but not the flight.
 
-        write: function to call
+        write: method to call
+        args, named: its arguments
         """
         try:
             if self._ulog is not None:
-                write(self._ulog)
+                write(self._ulog, *args, **named)
         except Exception as error:
             self._ulog = None
             self._steady.wake_all()
@@ -258,7 +266,7 @@ class Autopilots:
             self._events.append(f"ulog: the logs of all vehicles end here, because of an error: {error!r}")
 
     def _record_text(self, row: int, severity: int, text: str) -> None:
-        self._log(lambda ulog: ulog.record_text(row, severity, text))
+        self._log(UlogRecorder.record_text, row, severity, text)
 
     def stats(self) -> dict[str, Any]:
         """Return flight mode, arming state and counts of received and refused messages, by vehicle name."""
@@ -279,7 +287,7 @@ class Autopilots:
     def _fuse(self, now: float, sensors: Mapping[str, Array]) -> None:
         vision = self.est.vision_input
         if self._ulog is not None and (rows := vision.waiting_rows()):
-            self._log(lambda ulog: ulog.record_vision(rows, array(vision.pose), now))
+            self._log(UlogRecorder.record_vision, rows, array(vision.pose), now)
         self.est.fuse_vision(now)
         if self._steps % self._decide_every == min(1, self._decide_every - 1):
             self.est.fuse_baro(sensors["baro_alt_m"], now)
@@ -287,7 +295,7 @@ class Autopilots:
     # -- decisions, every 0.02 s ------------------------------------------------------------------------------------
 
     def _decide(self, now: float) -> None:
-        self._consumed_mah += self._sensors["battery_current_a"] * (self.flight.dt / 3.6)
+        self.consumed_mah += self._sensors["battery_current_a"] * (self.flight.dt / 3.6)
         self._climb.update(self.armed)
         climbing = self._climb.climbing
         self.land.update(now, self.est, self.thrust, climbing, self._climb.sink)

@@ -48,6 +48,14 @@ def flags(array: NDArray[np.bool_]) -> Flags:
     return cast("Flags", memoryview(array))  # type: ignore[arg-type]
 
 
+def octets(array: NDArray[np.uint8]) -> memoryview[int]:
+    """Return a memoryview of a uint8 array, for use by a kernel.
+
+    The array must be contiguous in memory.
+    """
+    return memoryview(array)  # type: ignore[arg-type]
+
+
 def new_integers(*shape: int) -> Integers:
     """Return a view of a new int64 array with a given shape, filled with 0."""
     return integers(np.zeros(shape, np.int64))

@@ -14,7 +14,6 @@ from arena.kernels.arrays import integers, view
 from arena.kernels.offboard_setpoints import OffboardSetpoints
 
 Array = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 
 class Level(IntEnum):
@@ -70,10 +69,6 @@ class Setpoints:
             view(self.yaw_rate_ff),
         )
         return store
-
-    def has_level(self, level: Level) -> Bool:
-        """Return a mask (V,) of the vehicles whose setpoint has this level, for example `Level.RATE` (body rates)."""
-        return np.asarray(self.level == level.value)  # as int: numpy is slow with enums
 
     def clear(self, i: int) -> None:
         """Remove the setpoint of vehicle i; its motors stop."""

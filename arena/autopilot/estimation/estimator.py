@@ -201,15 +201,6 @@ class Estimator:
         """Return the magnitude of the specific force [m/s2] (V,), averaged over 0.2 s; 9.8 at rest."""
         return np.asarray(np.sqrt((self._accel_mean * self._accel_mean).sum(1)))
 
-    def test_ratios(self) -> Array:
-        """Return the innovation test ratios of position [NED] and yaw [-] (V, 4). A ratio above 1 rejects the pose.
-
-        test ratio = innovation^2 / (variance * gate^2)
-        """
-        variance = np.minimum(self.innovation_var, self._gate_var)
-        gates = array(self._vision.gate_squared)[:, (0, 0, 0, 1)]
-        return np.asarray(self.innovation**2 / (variance * gates))
-
     # -- prediction ------------------------------------------------------------------------------------------
 
     def predict(self, accel_b: Array, gyro_b: Array) -> None:

@@ -106,11 +106,6 @@ class FlightState:
             *(self._battery_warning(v), int(self._s.sp.level[i]), self._takeoff_state(v)),
         )
 
-    def set_time(self, now: float) -> None:
-        """Set the time stamp of all records. now: time since boot [s]"""
-        for records in self._records.values():
-            records["timestamp"] = round(1e6 * now)
-
     def update(self, i: int, now: float) -> None:
         """Fill all log records of vehicle i, because a value that `key` returns has changed.
 

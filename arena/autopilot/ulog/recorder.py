@@ -16,7 +16,7 @@ from arena.autopilot.ulog.flight_state import FlightState
 from arena.autopilot.ulog.layout import Layout
 from arena.autopilot.ulog.message_formats import FORMATS
 from arena.autopilot.ulog.quantities import Quantities, Sources
-from arena.autopilot.ulog.topics import PERIODIC, STATE, TOPICS
+from arena.autopilot.ulog.topics import STATE, TOPICS
 from arena.autopilot.vehicle import Vehicle
 from arena.builtin_parameters import SPECS
 from arena.geometry import EARTH_M
@@ -86,11 +86,8 @@ class UlogRecorder:
     def __init__(self, sources: Sources, sink: Sink) -> None:
         self._s, self._sink = sources, sink
         count = len(sources.vehicles)
-        self._quantities = quantities = Quantities(sources)
-        groups = {each.group: getattr(quantities, each.group) for each in PERIODIC.values() if each.group}
-        self._layout = Layout(
-            count, sources.dt, quantities.values, {**groups, "state": lambda: self._state.set_time(self._now)}
-        )
+        self._quantities = Quantities(sources)
+        self._layout = Layout(count, sources.dt, self._quantities.law)
         self._state = FlightState(sources, self._layout.state)
         self._every = max(1, round(_HAND_OVER_S / sources.dt))
         self._step, self._at = 0, 0
@@ -114,20 +111,21 @@ class UlogRecorder:
 
     # -- every step ------------------------------------------------------------------------------------------
 
-    def step(self, now: float, sensors: Mapping[str, Array], motors: Array, consumed_mah: Array) -> None:
+    def step(self, now: float, sensors: Mapping[str, Array]) -> None:
         """Fill the ULog records of one step (one sensor period) of all vehicles.
 
-        The arguments are those of `Quantities.begin`.
+        now: time since boot [s]
+        sensors: see `Autopilots.step`
         """
         self._now = now
         if not self._any:
             return
-        self._quantities.begin(now, sensors, motors, consumed_mah)
         due = self._layout.steps[self._step]
-        for prepare in due.prepares:
-            prepare()
-        for to, quantity in due.copies:
-            to[...] = quantity
+        if due.uses_vehicles:
+            self._quantities.read_vehicles()
+        if due.uses_sensors:
+            self._quantities.read_sensors(sensors)
+        self._layout.law.write(self._step, now, round(1e6 * now))
         self._at = due.end
         self._step += 1
         if self._step == len(self._layout.steps):
@@ -194,7 +192,7 @@ class UlogRecorder:
         else:
             self._sink.begin(name, self._header(i))
             self._keys[i], self._home[i], self._taken[i] = (), None, self._at
-        self._open[i] = not self._open[i]
+        self._open[i] = self._layout.is_logged[i] = not self._open[i]
         self._any = any(self._open)
 
     def _header(self, i: int) -> bytes:

@@ -17,20 +17,18 @@ class Topic:
     """ULog topic that is logged periodically: its period, and the quantity in each field.
 
     period_s: time between two records [s]; 0 records every sensor period
-    group: name of the method of `Quantities` that computes the quantities of this topic; "" if they always exist
-    fields: field, or an element such as `xyz[2]` -> its quantity, or a constant. Fields without an entry are 0
+    fields: field, or an element such as `xyz[2]` -> its quantity (`arena.kernels.ulog_quantities`), or a constant. Fields without
+        an entry are 0
     """
 
     period_s: float
-    group: str = ""
     fields: dict[str, Content] = field(default_factory=dict)
 
 
 _TIME: dict[str, Content] = {"timestamp": "now"}
 _TIMES: dict[str, Content] = {"timestamp": "now", "timestamp_sample": "now"}
-_STATE = Topic(
-    period_s=0.5
-)  # PX4 publishes these records at 2 Hz and at each change; `FlightState` writes them
+_STATE = Topic(period_s=0.5, fields=_TIME)
+"""PX4 publishes these records at 2 Hz and at each change; `FlightState` writes the other fields."""
 STATE = (
     "vehicle_status",
     "vehicle_control_mode",
@@ -53,7 +51,6 @@ def _innovations(kind: str) -> Topic:
     """
     return Topic(
         period_s=0.5,
-        group="innovations",
         fields={
             **_TIMES,
             **dict.fromkeys(_INNOVATION_FIELDS.split(), _NAN),
@@ -80,7 +77,6 @@ PERIODIC: dict[str, Topic] = {
     ),
     "vehicle_rates_setpoint": Topic(
         period_s=0.02,
-        group="thrust",
         fields={
             **_TIME,
             "roll": "omega_sp_x",
@@ -89,7 +85,7 @@ PERIODIC: dict[str, Topic] = {
             "thrust_body[2]": "thrust_z",
         },
     ),
-    "vehicle_thrust_setpoint": Topic(period_s=0.02, group="thrust", fields={**_TIMES, "xyz[2]": "thrust_z"}),
+    "vehicle_thrust_setpoint": Topic(period_s=0.02, fields={**_TIMES, "xyz[2]": "thrust_z"}),
     "vehicle_torque_setpoint": Topic(period_s=0.02, fields={**_TIMES, "xyz": "torque"}),
     "vehicle_attitude": Topic(
         period_s=0.05,
@@ -97,13 +93,11 @@ PERIODIC: dict[str, Topic] = {
     ),
     "vehicle_attitude_setpoint": Topic(
         period_s=0.05,
-        group="thrust",
         fields={**_TIME, "q_d": "q_sp", "yaw_sp_move_rate": "yaw_rate_ff", "thrust_body[2]": "thrust_z"},
     ),
     "vehicle_acceleration": Topic(period_s=0.05, fields={**_TIMES, "xyz": "force_b"}),
     "vehicle_local_position": Topic(
         period_s=0.1,
-        group="position",
         fields={
             **_TIMES,
             "x": "north",
@@ -142,7 +136,6 @@ PERIODIC: dict[str, Topic] = {
     ),
     "vehicle_local_position_setpoint": Topic(
         period_s=0.1,
-        group="setpoint",
         fields={
             **_TIME,
             "x": "sp_north",
@@ -169,10 +162,9 @@ PERIODIC: dict[str, Topic] = {
             "yawspeed": "yaw_rate_sp",
         },
     ),
-    "actuator_motors": Topic(period_s=0.1, group="motors", fields={**_TIMES, "control": "control"}),
+    "actuator_motors": Topic(period_s=0.1, fields={**_TIMES, "control": "control"}),
     "vehicle_global_position": Topic(
         period_s=0.2,
-        group="globe",
         fields={
             **_TIMES,
             "lat": "lat",
@@ -188,7 +180,6 @@ PERIODIC: dict[str, Topic] = {
     ),
     "vehicle_air_data": Topic(
         period_s=0.2,
-        group="air",
         fields={
             **_TIMES,
             "baro_alt_meter": "baro_alt",
@@ -197,12 +188,9 @@ PERIODIC: dict[str, Topic] = {
             "rho": "air_density",
         },
     ),
-    "vehicle_magnetometer": Topic(
-        period_s=0.2, group="magnetometer", fields={**_TIMES, "magnetometer_ga": "mag_b"}
-    ),
+    "vehicle_magnetometer": Topic(period_s=0.2, fields={**_TIMES, "magnetometer_ga": "mag_b"}),
     "battery_status": Topic(
         period_s=0.2,
-        group="battery",
         fields={
             **_TIME,
             "voltage_v": "voltage",
@@ -230,7 +218,6 @@ PERIODIC: dict[str, Topic] = {
     ),
     "control_allocator_status": Topic(
         period_s=0.2,
-        group="allocation",
         fields={
             **_TIME,
             "torque_setpoint_achieved": "torque_achieved",
@@ -241,7 +228,6 @@ PERIODIC: dict[str, Topic] = {
     ),
     "estimator_status": Topic(
         period_s=0.2,
-        group="estimator",
         fields={
             **_TIMES,
             "output_tracking_error": _NAN,
@@ -249,8 +235,8 @@ PERIODIC: dict[str, Topic] = {
             "solution_status_flags": "solution_flags",
             "pos_horiz_accuracy": "eph",
             "pos_vert_accuracy": "epv",
-            "hdg_test_ratio": "ratio_yaw",
-            "pos_test_ratio": "ratio_position",
+            "hdg_test_ratio": "test_ratio_yaw",
+            "pos_test_ratio": "test_ratio_position",
             "hgt_test_ratio": "ratio_z",
             **dict.fromkeys(("vel_test_ratio", "tas_test_ratio", "hagl_test_ratio", "beta_test_ratio"), _NAN),
             **dict.fromkeys(("mag_inclination_deg", "mag_inclination_ref_deg"), _NAN),
@@ -264,7 +250,6 @@ PERIODIC: dict[str, Topic] = {
     ),
     "estimator_status_flags": Topic(
         period_s=1.0,
-        group="estimator",
         fields={
             **_TIMES,
             "cs_tilt_align": "aligned",
@@ -285,12 +270,10 @@ PERIODIC: dict[str, Topic] = {
     "estimator_innovation_test_ratios": _innovations("ratio"),
     "estimator_states": Topic(
         period_s=0.5,
-        group="states",
         fields={**_TIMES, "states": "states", "covariances": "covariances", "n_states": 16},
     ),
     "estimator_sensor_bias": Topic(
         period_s=1.0,
-        group="biases",
         fields={
             **_TIMES,
             "gyro_bias": "gyro_bias",
