@@ -78,32 +78,44 @@ class FlightState:
         count = len(sources.vehicles)
         self._mode_since, self._mode = [0.0] * count, [Mode.HOLD] * count
         self._took_off_at = [0.0] * count
+        self.begin(0.0)
         for topic, constants in _CONSTANTS.items():
             for name, value in constants.items():
                 records[topic][name] = value
 
-    def key(self, i: int, now: float) -> tuple[object, ...]:
-        """Return the values of vehicle i, such as mode and arming, that are logged as soon as they change.
+    def begin(self, now: float) -> None:
+        """Read the land detector and the setpoint levels of all vehicles, which `key` needs. now: time since boot [s]"""
+        land = self._s.land
+        self._now, self._level = now, self._s.sp.level.tolist()
+        self._landed, self._contact = land.landed.tolist(), land.contact.tolist()
 
-        now: time since boot [s]
-        """
-        v, land = self._s.vehicles[i], self._s.land
+    def key(self, i: int) -> tuple[object, ...]:
+        """Return the values of vehicle i, such as mode and arming, that are logged as soon as they change."""
+        v = self._s.vehicles[i]
         c, s = v.commander, v.inputs
         return (
-            *(c.mode, c.intended, c.armed, c.failsafe, c.took_off, v.ready_to_arm),
-            *(bool(land.landed[i]), bool(land.contact[i]), s.flying),
-            *(
-                s.xy_valid,
-                s.z_valid,
-                s.aligned,
-                s.fence != "",
-                s.manual_control,
-                s.global_ok,
-                s.home_ok,
-                s.mission_ok,
-            ),
-            *(v.gcs_age(now) > _GCS_LOST_S, s.offboard_age > v.commander_params.com_of_loss_t),
-            *(self._battery_warning(v), int(self._s.sp.level[i]), self._takeoff_state(v)),
+            c.mode,
+            c.intended,
+            c.armed,
+            c.failsafe,
+            c.took_off,
+            v.ready_to_arm,
+            self._landed[i],
+            self._contact[i],
+            s.flying,
+            s.xy_valid,
+            s.z_valid,
+            s.aligned,
+            s.fence != "",
+            s.manual_control,
+            s.global_ok,
+            s.home_ok,
+            s.mission_ok,
+            v.gcs_age(self._now) > _GCS_LOST_S,
+            s.offboard_age > v.commander_params.com_of_loss_t,
+            self._battery_warning(v),
+            self._level[i],
+            self._takeoff_state(v),
         )
 
     def update(self, i: int, now: float) -> None:

@@ -161,6 +161,7 @@ class UlogRecorder:
         self._now = now
         if self._params_version != self._s.params.version:
             self._record_parameters()
+        self._state.begin(now)
         for i, v in enumerate(self._s.vehicles):
             if self._open[i] != self._is_wanted(i, v.commander, now):
                 self._switch(i)
@@ -209,7 +210,7 @@ class UlogRecorder:
         )
 
     def _record_changes(self, i: int, v: Vehicle, now: float) -> None:
-        key = self._state.key(i, now)
+        key = self._state.key(i)
         if key != self._keys[i]:
             self._keys[i] = key
             self._state.update(i, now)
