@@ -42,7 +42,8 @@ from arena.wire.mavlink_frame import SEEDS
 from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
-_Arguments = ParamSpec("_Arguments")
+_P = ParamSpec("_P")
+_Write = Callable[Concatenate[UlogRecorder, _P], None]
 
 _DECISION_PERIOD_S = 0.02
 _REALIGN_PERIOD_S = 1.0  # between two attempts
@@ -244,17 +245,8 @@ class Autopilots:
         """Close the ULog files before the process ends."""
         self._log(UlogRecorder.close)
 
-    def _log(
-        self,
-        write: Callable[Concatenate[UlogRecorder, _Arguments], None],
-        *args: _Arguments.args,
-        **named: _Arguments.kwargs,
-    ) -> None:
-        """Call a method of the ULog recorder, if there is one. An error ends the logging, but not the flight.
-
-        write: method to call
-        args, named: its arguments
-        """
+    def _log(self, write: _Write[_P], *args: _P.args, **named: _P.kwargs) -> None:
+        """Call a method of the ULog recorder with arguments. An error ends the logging, but not the flight."""
         try:
             if self._ulog is not None:
                 write(self._ulog, *args, **named)
