@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 REPLY_TIMEOUT_S = 0.5
 _CONNECT_TIMEOUT_S = 20.0  # then an event reports who has not connected
-_BYTES = 65536
+_BYTES = 8192
 _SLEEP_FROM = 4  # number of PX4s from which on the world sleeps instead of waking up for each reply
 _SLEEP_STEP_S, _MAX_SLEEP_S = 2e-5, 1.5e-3
 _LATE_SAMPLE_S = 0.004  # between two samples for a vehicle that is late

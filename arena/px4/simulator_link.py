@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.constants import GRAVITY_M_S2
-from arena.geometry import globe_from_local
+from arena.geometry import EARTH_M
+from arena.kernels.global_coordinates import latitude_longitude
 from arena.wire import hil
 from arena.wire.mavlink_frame import Stream
 from arena.wire.truth_page import Truth
@@ -55,23 +56,25 @@ class SimulatorLink:
         self.motors = [0.0] * self._rotors
         self.armed, self.in_step, self.unanswered = False, False, 0
         self._samples, self._sent_us, self._stamped = 0, 0, False
+        self._values = [0.0] * _READINGS
         self._sent_times: deque[int] = deque(maxlen=_SENT_TIMES)
         self._stream = Stream()
 
     def sample(self, now: float, sensors: Mapping[str, Array], row: int) -> bytes:
         """Return the latest sensor readings as HIL_SENSOR, with RC_CHANNELS if radio control is on.
 
-        The sticks of the radio control are centred.
+        PX4 uses only the readings that are marked as new. The others are repeated. The sticks of the radio control are centred.
 
         now: simulation time at the end of the period [s]
         sensors: readings of the world's sensors
         row: row of this vehicle in the readings
         """
-        values, bits = [0.0] * _READINGS, 0
+        values, bits = self._values, 0
         for sensor in self._fields:
-            found = sensor.values(sensors, row)
-            values[sensor.first : sensor.first + len(found)] = found
-            bits |= sensor.bits if self._samples % sensor.every == 0 else 0
+            if self._samples % sensor.every == 0:
+                found = sensor.values(sensors, row)
+                values[sensor.first : sensor.first + len(found)] = found
+                bits |= sensor.bits
         self._sent_us = round(now * 1e6)
         self._sent_times.append(self._sent_us)
         self._samples += 1
@@ -105,7 +108,7 @@ class SimulatorLink:
         """
         if self._samples % _TRUTH_EVERY:
             return b""
-        lat, lon, alt = _global(truth.p_n[row], origin or (0.0, 0.0, 0.0))
+        lat, lon, alt = _global(truth.p_n[row].tolist(), origin or (0.0, 0.0, 0.0))
         v, a = truth.v_n[row].tolist(), truth.accel_b[row].tolist()
         return self._sender.state(
             round(now * 1e6),
@@ -146,10 +149,10 @@ class SimulatorLink:
         self.counts["answers"] += 1
 
 
-def _global(p_n: Array, origin: tuple[float, float, float]) -> tuple[int, int, float]:
+def _global(p_n: Sequence[float], origin: tuple[float, float, float]) -> tuple[int, int, float]:
     lat0, lon0, alt0 = origin
-    lat, lon = globe_from_local(lat0, lon0, p_n[0], p_n[1])
-    return round(lat * 1e7), round(lon * 1e7), float(alt0 - p_n[2])
+    lat, lon = latitude_longitude(p_n[0], p_n[1], 0.0, lat0, lon0, EARTH_M)
+    return round(lat * 1e7), round(lon * 1e7), alt0 - p_n[2]
 
 
 def _int16(x: float) -> int:

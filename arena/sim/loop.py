@@ -189,7 +189,7 @@ class Loop:
             self._links.send(autopilots.transmit(), world.now)
             self._clock.tick(world.now, poll=self._speed == 1.0)
         else:
-            truth = world.truth()
+            truth = world.live_truth()  # it does not change before `advance`
             self._external.receive_truth(truth)
             self._external.begin(world.now, world.sense(self._external.requested))
             world.observe()
