@@ -11,7 +11,7 @@ from pathlib import Path
 from arena.transport import Address, is_loopback
 
 REFRESH_S = 0.1
-"""Shortest wall time between two searches [s]."""
+"""Default of the shortest wall time between two searches [s]."""
 
 
 class ClosedPorts:
@@ -20,6 +20,7 @@ class ClosedPorts:
     Only addresses on the loopback network can be among them, because the ports of other computers are unknown.
 
     addresses: receivers to search for.  group: multicast group to search for, to which is sent on the loopback network only
+    period_s: shortest wall time between two calls of `refresh` that search [s]
     folder: folder of the kernel's tables `udp` and `udp6`
     now: the receivers at which no program listened at the last search
     """
@@ -29,10 +30,11 @@ class ClosedPorts:
         addresses: Iterable[Address],
         *,
         group: Address | None = None,
+        period_s: float = REFRESH_S,
         folder: Path = Path("/proc/net"),
     ) -> None:
         self._addresses = frozenset(filter(is_loopback, addresses)) | ({group} if group else set())
-        self._folder, self._next = folder, float("-inf")
+        self._folder, self._period_s, self._next = folder, period_s, float("-inf")
         self.now: frozenset[Address] = frozenset()
 
     def refresh(self, wall: float) -> None:
@@ -41,7 +43,7 @@ class ClosedPorts:
         wall: monotonic [s].
         """
         if self._addresses and wall >= self._next:
-            self._next = wall + REFRESH_S
+            self._next = wall + self._period_s
             self.search()
 
     def search(self) -> None:

@@ -15,6 +15,8 @@ from arena.errors import RunError
 from arena.mocap.emulator.interface import MeasuredFrame
 from arena.transport import Address, is_loopback
 
+SEARCH_S = 0.5
+"""Shortest wall time between two searches for programs that receive frames without a request [s]."""
 _MAX_REQUESTS = 64  # per call: a flood of requests must not delay the frames
 
 
@@ -56,7 +58,7 @@ class UdpServer:
     ) -> None:
         self._protocol = protocol
         self._requests, self._frames = _request_socket(requests, name), _frame_socket(requests[0])
-        self._closed = ClosedPorts((), group=group if is_loopback(requests) else None)
+        self._closed = ClosedPorts((), group=group if is_loopback(requests) else None, period_s=SEARCH_S)
 
     @property
     def counts(self) -> Counter[str]:

@@ -7,9 +7,8 @@ from collections import Counter
 
 import pytest
 
-from arena.closed_ports import REFRESH_S
 from arena.mocap.emulator.interface import MeasuredFrame
-from arena.mocap.emulator.udp_server import UdpServer
+from arena.mocap.emulator.udp_server import SEARCH_S, UdpServer
 from arena.transport import Address
 
 ADDRESS, GROUP = "127.51.2.1", "239.243.51.4"
@@ -71,7 +70,7 @@ def test_nothing_is_encoded_while_nobody_listens_but_frames_are_counted(server):
 def test_listener_is_found_at_the_next_search(server, port):
     server.send(FRAME, 0.5, 100.0)
     with listener(port) as one:
-        server.send(FRAME, 0.5, 100.0 + REFRESH_S)
+        server.send(FRAME, 0.5, 100.0 + SEARCH_S)
         assert one.recv(100) == b"7"
 
 
