@@ -80,6 +80,7 @@ class Loop:
         self._keep_to_a_core(settings["vehicles"])
         self._truth_path = Path(settings["truth"])
         self._truth, self._clock = self._pages(settings["clock"])
+        self._truth.follow(self._world.live_truth())
         self._watch = SocketWatch()
         self._watch.add(self._clock.fileno())
         try:
@@ -102,7 +103,7 @@ class Loop:
     def run(self) -> None:
         """Run steps of the world until the process must end."""
         if self._external is None:  # else the step itself begins with publishing
-            self._truth.write(self._world.truth())
+            self._truth.append(self._world.now)
             self._clock.tick(self._world.now)
         self._step()
         # All objects created so far live as long as the process, so the garbage collector can skip them.
@@ -185,7 +186,7 @@ class Loop:
         if self._external is None:
             self._read_sockets()
             world.step(autopilots.step(world.now, world.sense()))
-            self._truth.write(world.live_truth())
+            self._truth.append(world.now)
             self._links.send(autopilots.transmit(), world.now)
             self._clock.tick(world.now, poll=self._speed == 1.0)
         else:
@@ -195,7 +196,7 @@ class Loop:
             world.observe()
             self._until_clients_sleep()
             self._read_sockets()
-            self._truth.write(truth)
+            self._truth.append(world.now)
             self._links.send(self._unsent, world.now)
             self._clock.tick(world.now, poll=self._speed == 1.0)
             world.advance(self._external.finish())

@@ -220,7 +220,7 @@ class World:
         requested: names of the sensors to sample in addition, which are sampled on request only, such as
             "gps"
 
-        Returns the readings of `arena.sim.sensors`, and battery_v [V], battery_current_a [A],
+        The next call overwrites the arrays. Returns the readings of `arena.sim.sensors`, and battery_v [V], battery_current_a [A],
         battery_remaining 0..1 [-], each (V,).
         """
         battery = self._battery

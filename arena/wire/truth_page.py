@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.constants import MAX_MOCAP_LATENCY_MS, MAX_ROTORS
-from arena.kernels.arrays import array
+from arena.constants import MAX_MOCAP_LATENCY_MS
+from arena.kernels.arrays import array, view
+from arena.kernels.truth_samples import TruthSamples
 from arena.wire.truth_rows import HEAD, PER_VEHICLE, TruthRows
 
 Array = NDArray[np.float64]
@@ -67,7 +68,7 @@ class TruthWriter:
     """
 
     def __init__(self, path: str | Path, vehicles: int, *, period_s: float) -> None:
-        width = 1 + vehicles * PER_VEHICLE
+        self._width = width = 1 + vehicles * PER_VEHICLE
         self._ring = math.ceil(SPAN_S / period_s) + 2  # the oldest may be in writing, and one before the span
         part = Path(f"{path}.new")  # a reader finds a complete page or none
         with part.open("w+b") as file:
@@ -75,15 +76,23 @@ class TruthWriter:
             self._all = np.frombuffer(mmap.mmap(file.fileno(), 0), dtype=np.float64)
         self._all[1:3] = vehicles, self._ring
         part.replace(path)
-        rows = self._all[HEAD:].reshape(self._ring, width)
-        self._times, self._states = rows[:, 0], rows[:, 1:].reshape(self._ring, vehicles, PER_VEHICLE)
         self._count = 0
+        self._samples: TruthSamples | None = None
 
     def write(self, truth: Truth) -> None:
         """Append the true state of one instant. The oldest state in the page is overwritten."""
-        at, used = self._count % self._ring, PER_VEHICLE - MAX_ROTORS + truth.motors.shape[1]
-        self._times[at] = truth.time_s
-        np.concatenate(truth[1:], axis=1, out=self._states[at, :, :used])
+        self.follow(truth)
+        self.append(truth.time_s)
+
+    def follow(self, truth: Truth) -> None:
+        """Store the arrays whose values `append` writes."""
+        arrays = [view(np.asarray(values, np.float64)) for values in truth[1:]]
+        self._samples = TruthSamples(view(self._all), PER_VEHICLE, truth.motors.shape[1], *arrays)
+
+    def append(self, time_s: float) -> None:
+        """Append the present values of the arrays that were passed to `follow`, as the true state at `time_s` [s]."""
+        assert self._samples is not None
+        self._samples.write(HEAD + self._count % self._ring * self._width, time_s)
         self._count += 1
         self._all[0] = self._count
 

@@ -34,7 +34,9 @@ class Barometer(Sensor):
     def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site, period_s: float) -> None:
         self._altitude_m = site.origin.alt_m if site.origin else 0.0
 
-    def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
+    def views(self, values: Array) -> dict[str, Array]:
         """Return baro_alt_m, the altitude above mean sea level [m] (V,)."""
-        motion.measured.add_altitude(noise, self._altitude_m)
-        return {"baro_alt_m": noise[:, 0]}
+        return {"baro_alt_m": values[:, 0]}
+
+    def measure(self, values: Array, motion: Motion) -> None:
+        motion.measured.add_altitude(values, self._altitude_m)

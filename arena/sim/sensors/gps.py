@@ -51,22 +51,30 @@ class Gps(Sensor):
         self._keep: Array = exp(-1.0 / (_CORRELATION_S * rate_hz))[:, None]
         self._error: Array | None = None  # of the position [m] (V, 3)
 
-    def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
+    def views(self, values: Array) -> dict[str, Array]:
         """Return the GPS fix: lat_deg, lon_deg, alt_m (V,) and v_true_n [m/s] (V, 3).
 
-        v_true_n is the velocity in NED with true north, not the arena's north.
-
-        Each call returns the next fix of every receiver. Returns {} if the arena has no global origin.
+        v_true_n is the velocity in NED with true north, not the arena's north. Returns {} if the arena has no global origin.
         """
         if self._origin is None:
             return {}
-        keep, fresh = self._keep, noise[:, :3]
-        self._error = fresh if self._error is None else keep * self._error + np.sqrt(1.0 - keep**2) * fresh
+        count = len(values)
+        self._place: tuple[Array, ...] = (np.zeros(count), np.zeros(count), np.zeros(count))
+        return {**dict(zip(self.readings, self._place, strict=False)), "v_true_n": values[:, 3:]}
+
+    def measure(self, values: Array, motion: Motion) -> None:
+        """Change the readings to the next fix of every receiver."""
+        if self._origin is None:
+            return
+        keep, fresh = self._keep, values[:, :3]
+        error = self._error
+        self._error = fresh.copy() if error is None else keep * error + np.sqrt(1.0 - keep**2) * fresh
         position = self._true_north(motion.p_n) + self._error
-        velocity = self._true_north(motion.v_n) + noise[:, 3:]
+        values[:, 3:] += self._true_north(motion.v_n)
         origin = self._origin
-        lat, lon = globe_from_local(origin.lat_deg, origin.lon_deg, position[:, 0], position[:, 1])
-        return {"lat_deg": lat, "lon_deg": lon, "alt_m": origin.alt_m - position[:, 2], "v_true_n": velocity}
+        lat, lon, alt = self._place
+        lat[:], lon[:] = globe_from_local(origin.lat_deg, origin.lon_deg, position[:, 0], position[:, 1])
+        alt[:] = origin.alt_m - position[:, 2]
 
     def _true_north(self, v_n: Array) -> Array:
         """Rotate vectors (V, 3) from the arena's axes to NED with true north.

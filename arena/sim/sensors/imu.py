@@ -49,10 +49,11 @@ class Imu(Sensor):
     def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site, period_s: float) -> None:
         self._vibration = Vibration(profiles, period_s)
 
-    def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
+    def views(self, values: Array) -> dict[str, Array]:
         """Return the specific force accel_b [m/s2] and the body rates gyro_b [rad/s], both [FRD] (V, 3)."""
-        accel_b, gyro_b = noise[:, 0:3], noise[:, 3:6]
-        motion.measured.add_inertial(noise)
+        return {"accel_b": values[:, 0:3], "gyro_b": values[:, 3:6]}
+
+    def measure(self, values: Array, motion: Motion) -> None:
+        motion.measured.add_inertial(values)
         if self._vibration.on:
-            noise += self._vibration.sample(motion.spin, motion.hover)
-        return {"accel_b": accel_b, "gyro_b": gyro_b}
+            values += self._vibration.sample(motion.spin, motion.hover)

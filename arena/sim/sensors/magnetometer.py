@@ -37,7 +37,9 @@ class Magnetometer(Sensor):
         # from true north to the arena's north
         self._field_n = c * field.north + s * field.east, c * field.east - s * field.north, field.down
 
-    def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
+    def views(self, values: Array) -> dict[str, Array]:
         """Return the measured magnetic field mag_b [gauss] [FRD] (V, 3)."""
-        motion.measured.add_field(noise, *self._field_n)
-        return {"mag_b": noise}
+        return {"mag_b": values}
+
+    def measure(self, values: Array, motion: Motion) -> None:
+        motion.measured.add_field(values, *self._field_n)

@@ -98,7 +98,7 @@ class Sensor(Protocol):
 
     stream: number of its random streams, one for each vehicle. Each sensor has another number.
     channels: its errors and their profile keys
-    readings: names of the arrays that `sample` returns
+    readings: names of the arrays of `views`
     on_request: True if it is sampled only when an autopilot requests it, else it is sampled at every step
     hil: data that it adds to PX4's simulator API
     log_columns: columns of the vehicle's CSV log in which the autopilot's report of its readings appears
@@ -119,14 +119,18 @@ class Sensor(Protocol):
         """
         ...
 
-    def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
-        """Return one sample of each quantity that the sensor measures, or {} if nothing can be measured.
+    def views(self, values: Array) -> dict[str, Array]:
+        """Return the arrays of the readings: name -> (V,) or (V, axes). {} if nothing can be measured.
 
-        noise: noise plus bias, one column per axis of the channels (V, width). The sensor may add the true
-            values to this array in place and return views of it; the suite then limits them to the ranges of
-            the channels.
+        values: one column per axis of the channels (V, width). The readings can be views of it.
+        """
+        ...
+
+    def measure(self, values: Array, motion: Motion) -> None:
+        """Change the readings to one sample of each quantity that the sensor measures.
+
+        values: the array that was passed to `views`, with new noise plus bias. The sensor may add the true values to it in
+            place; the suite then limits them to the ranges of the channels.
         motion: true motion of the vehicles
-
-        Returns name of the reading -> values (V,) or (V, axes).
         """
         ...

@@ -50,7 +50,7 @@ class SensorSuite:
     def sample(self, motion: Motion, requested: Collection[str] = ()) -> dict[str, Array]:
         """Return one sample of every sensor: name of the quantity -> values (V,) or (V, axes).
 
-        Call this once per step.
+        Call this once per step. The next call overwrites the arrays.
 
         motion: true motion of the vehicles
         requested: names of the sensors to sample in addition, which are sampled on request only
@@ -103,20 +103,24 @@ class _Group:
         most, self._width = _profile_values(table, profiles, "range"), begin
         self._limits = ReadingLimits(most) if np.isfinite(most).any() else None
         self._bias: Array = self._noise.draw(1)[0] * _profile_values(table, profiles, "bias")
-        self._rows: list[Array] = []
-        self._parts: list[tuple[Array, ...]] = []
+        self._block: Array = np.zeros((_BLOCK, len(profiles), begin))
+        self._values: Array = np.zeros((len(profiles), begin))  # of one sample: noise and bias, then readings
+        self._parts = [(sensor, self._values[:, columns]) for _, sensor, columns in self._sensors]
+        self._readings: dict[str, Array] = {}
+        for sensor, values in self._parts:
+            self._readings |= sensor.views(values)
         self._next = _BLOCK
 
     def sample(self, motion: Motion) -> dict[str, Array]:
         if self._next == _BLOCK:
             self._draw()
-        at, self._next = self._next, self._next + 1
-        found: dict[str, Array] = {}
-        for (_, sensor, _), noise in zip(self._sensors, self._parts[at], strict=True):
-            found |= sensor.sample(noise, motion)
+        self._values[...] = self._block[self._next]
+        self._next += 1
+        for sensor, values in self._parts:
+            sensor.measure(values, motion)
         if self._limits is not None:
-            self._limits.limit(self._rows[at], self._width)
-        return found
+            self._limits.limit(self._values, self._width)
+        return self._readings
 
     def biases(self) -> dict[str, Array]:
         return {name: self._bias[:, columns] for name, _, columns in self._sensors}
@@ -130,13 +134,8 @@ class _Group:
         return biases
 
     def _draw(self) -> None:
-        """Draw noise plus bias for the next samples, split into rows (V, width) and these into the parts of the sensors.
-
-        Each row is used once, because the sensors change it.
-        """
-        block = self._noise.draw(_BLOCK) * self._sigma + self._next_biases(_BLOCK)
-        self._rows, self._next = list(block), 0
-        self._parts = list(zip(*(block[:, :, columns] for _, _, columns in self._sensors), strict=True))
+        """Draw noise plus bias for the next samples."""
+        self._block, self._next = self._noise.draw(_BLOCK) * self._sigma + self._next_biases(_BLOCK), 0
 
 
 class _RandomStreams:
