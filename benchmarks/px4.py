@@ -108,7 +108,9 @@ def rooms(folder: Path, given: argparse.Namespace) -> Iterator[dict[str, int]]:
     try:
         for name, module in (("world", "arena.sim"), ("px4.uav1", "arena.px4")):
             slice_ = next(s for s in plan.slices.values() if s["name"] == name)
-            text = json.dumps(slice_ | {"expected": []})  # no program is started, so the world must not wait for one
+            text = json.dumps(
+                slice_ | {"expected": []}
+            )  # no program is started, so the world must not wait for one
             file = folder / f"{name}.json"
             file.write_text(text.replace("{run}", str(folder)).replace("{rt}", str(folder)))
             log = (folder / f"{name}.log").open("wb")
