@@ -201,8 +201,9 @@ def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
     gid = lab_group.group_id()
     stamp = time.strftime("%Y%m%d-%H%M%S", time.localtime(now_s))
     try:
+        runs.mkdir(parents=True, exist_ok=True)
         path = _make_unique(runs.resolve(), f"{stamp}-{plan.name}")
-        folder = RunFolder(path=path, rt=_free_runtime(path.name, gid))
+        folder = RunFolder(path=path, rt=_make_runtime(path.name, gid))
         for sub in ("logs", "slices", "csv"):
             (path / sub).mkdir()
         (path / "arena.yaml").write_text(plan.yaml)
@@ -210,7 +211,6 @@ def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
         for name, slice_ in plan.slices.items():
             _slice_path(path, name).write_text(_slice_text(folder, slice_))
         folder.write_state(plan, {})
-        folder.rt.mkdir(mode=0o700)
         (folder.rt / "run").write_text(str(path))
         (folder.rt / "plan.json").write_text(plan.to_json())  # land-all needs it if the run folder is deleted
         if gid is not None:
@@ -283,7 +283,7 @@ def write_whole(path: Path, text: str) -> None:
     half.replace(path)
 
 
-def _free_runtime(name: str, gid: int | None) -> Path:
+def _make_runtime(name: str, gid: int | None) -> Path:
     base = runtime_bases(shared=gid is not None)[0]
     base.mkdir(mode=0o700, exist_ok=True)
     if base.stat().st_uid != os.getuid() or base.is_symlink():
@@ -299,23 +299,21 @@ def _free_runtime(name: str, gid: int | None) -> Path:
         raise RunError(
             f"the path {base} is too long for Unix sockets: set {RUNTIME_DIR_VARIABLE} to a shorter path"
         )
-    short = name[:room]
-    return next(rt for rt in (base / f"{short}{end}" for end in _endings()) if not rt.exists())
+    return _make_unique(base, name[:room], mode=0o700)
 
 
-def _make_unique(runs: Path, name: str) -> Path:
-    runs.mkdir(parents=True, exist_ok=True)
-    for end in _endings():
+def _make_unique(parent: Path, name: str, *, mode: int = 0o777) -> Path:
+    """Create a folder that does not exist yet, if needed with a number after its name.
+
+    Another arena may do the same at this moment. Then one of them finds the name taken.
+    """
+    for end in ("", *(f"-{i}" for i in range(2, 1000))):
         with contextlib.suppress(FileExistsError):
-            (path := runs / f"{name}{end}").mkdir()
+            (path := parent / f"{name}{end}").mkdir(mode=mode)
             return path
     raise RunError(
-        f"{runs}: already has 999 run folders with the current time in their names: wait 1 s and try again"
+        f"{parent}: already has 999 run folders with the current time in their names: wait 1 s and try again"
     )
-
-
-def _endings() -> list[str]:
-    return ["", *(f"-{i}" for i in range(2, 1000))]
 
 
 def _slice_path(path: Path, name: str) -> Path:
