@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from arena.errors import InputError
+from arena.plan import slices
 from arena.plan.fused import SLICE
 from arena.plan.make import make_plan
 from arena.plan.model import Listen, Member, Plan, ProcessSpec, Restart
@@ -99,7 +100,7 @@ def make_replay_plan(settings: ReplaySettings, address: str = ADDRESS, python: s
         )
     arena = _arena(settings, address)
     plan = make_plan(arena, python)
-    made = _slices(plan, settings)
+    made = _slices(arena, plan, settings)
     joined = [p for p in plan.processes if p.kind == "world"]
     return dataclasses.replace(
         plan,
@@ -154,7 +155,7 @@ def _vehicle(v: ReplayedVehicle, settings: ReplaySettings) -> dict[str, Any]:
     }
 
 
-def _slices(plan: Plan, settings: ReplaySettings) -> dict[str, dict[str, Any]]:
+def _slices(arena: Arena, plan: Plan, settings: ReplaySettings) -> dict[str, dict[str, Any]]:
     """Return the configuration files (slices) of a replay: {file name: content}.
 
     Viewers and programs get those of a flight. The process `replay` has one of its own.
@@ -164,6 +165,9 @@ def _slices(plan: Plan, settings: ReplaySettings) -> dict[str, dict[str, Any]]:
     members = [name for name in made.pop(SLICE)["members"] if name in _MEMBERS]
     for name in [name for name in made if name.startswith("forward.")]:
         del made[name]
+    for name, slice_ in made.items():  # the process `replay` writes no pose page
+        if name.startswith("program."):
+            slice_["capture"] = slices.capture(arena, [slice_["body"]], simulated=True)
     router = made["router.json"]
     router |= {"heartbeat": False, "faults": None}
     router["vehicles"] = [{**v, "ground": None} for v in router["vehicles"]]

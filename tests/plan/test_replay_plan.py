@@ -139,6 +139,15 @@ def test_viewers_get_captured_poses_of_real_vehicles() -> None:
     assert (capture["server"], capture["bodies"]) == ("127.0.77.1", ["uav1"])
 
 
+@pytest.mark.parametrize("speed", [1.0, 4.0, "max"])
+def test_programs_and_viewers_receive_the_motion_capture_at_every_speed(speed: float | str) -> None:
+    made = plan(speed=speed).slices
+    captures = [made["program.uav1.json"]["capture"], *made["view.json"]["captures"]]
+    assert [(one["kind"], one["server"], one["bodies"]) for one in captures] == [
+        ("natnet", "127.0.77.1", ["uav1"])
+    ] * 2
+
+
 def test_arena_without_a_recorded_yaml_is_made_from_the_record() -> None:
     made = plan(recorded={})
     assert made.slices["view.json"]["size_m"] == [7.0, 4.0, 3.0]
