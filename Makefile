@@ -36,12 +36,12 @@ collected: bytecode
 unit: bytecode
 	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 4 $(SPREAD) -q
 
-# Flights of a few vehicles mostly wait: four share two cores. Of arenas with many vehicles two do. Real-time flights with hardware,
-# which a neighbour on the cores would make fail, are alone.
+# Flights of a few vehicles mostly wait: four share two cores. Of arenas with many vehicles two do. Flights in real time that a
+# neighbour on the cores would make fail are alone.
 flights: bytecode
-	$(BIN)/python -m pytest -m "flight and not nightly" -n 4 $(SPREAD) -q
+	$(BIN)/python -m pytest -m "flight and not nightly and not alone" -n 4 $(SPREAD) -q
 	$(BIN)/python -m pytest -m "crowd and not nightly and not alone" -n 2 $(SPREAD) -q
-	$(BIN)/python -m pytest -m "crowd and alone and not nightly" -q
+	$(BIN)/python -m pytest -m "alone and not nightly" -q
 
 # Long campaigns: every cell of the process table, every shipped scenario, twelve vehicles, full fuzz and estimator campaigns.
 nightly: bytecode

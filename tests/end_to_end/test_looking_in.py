@@ -178,6 +178,7 @@ def test_second_arena_on_the_same_address_is_refused(flying: Flight) -> None:
     assert again.returncode == 1 and str(flying.folder) in again.stderr and "is running on" in again.stderr
 
 
+@pytest.mark.alone  # the restart must not take longer than the vehicle flies without poses
 def test_forwarder_restart_in_flight_keeps_the_vehicle_flying(flying: Flight) -> None:
     first = flying.pid("forward.uav1")
     poses = flying.status()["processes"]["world"]["stats"]["autopilot"]["uav1"]["vision"]
