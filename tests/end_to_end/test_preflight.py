@@ -97,6 +97,7 @@ vehicles:
         yield made
 
 
+@pytest.mark.alone  # the movement is sampled in real time
 def test_a_carried_vehicle_passes_and_stays_checked_until_its_battery_is_changed(lab: Lab) -> None:
     lab.until("no axes check: run arena preflight uav1", said=True)
     code, out = lab.check(lab.vehicle.moves)
