@@ -83,7 +83,7 @@ class UdpServer:
                 data, sender = self._requests.recvfrom(2048)
             except OSError:
                 return
-            if k == 0:  # a client has probably opened its port before it sends a request
+            if k == 0 and self._closed.now:  # a client has probably opened its port before it sends a request
                 self.search_receivers()
             reply = self._protocol.reply(data, sender, wall)
             if reply is not None:

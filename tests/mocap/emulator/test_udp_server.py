@@ -7,6 +7,7 @@ from collections import Counter
 
 import pytest
 
+from arena.closed_ports import ClosedPorts
 from arena.mocap.emulator.interface import MeasuredFrame
 from arena.mocap.emulator.udp_server import SEARCH_S, UdpServer
 from arena.transport import Address
@@ -82,6 +83,16 @@ def test_listener_is_found_at_once_when_a_request_arrives(server, port):
         assert client.recv(100) == b"reply"
         server.send(FRAME, 0.5, 100.0)
         assert one.recv(100) == b"7"
+
+
+def test_requests_cause_no_search_while_the_port_is_open(server, port, monkeypatch):
+    with listener(port), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        server.send(FRAME, 0.5, 100.0)
+        monkeypatch.setattr(ClosedPorts, "search", lambda _: pytest.fail("reads the table of all sockets"))
+        client.sendto(b"echo", server._requests.getsockname())
+        server.answer(100.0)
+        client.settimeout(10)
+        assert client.recv(100) == b"reply"
 
 
 def test_group_of_a_real_network_is_always_served(port):
