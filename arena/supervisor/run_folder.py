@@ -200,6 +200,7 @@ def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
     """
     gid = lab_group.group_id()
     stamp = time.strftime("%Y%m%d-%H%M%S", time.localtime(now_s))
+    folder = None
     try:
         runs.mkdir(parents=True, exist_ok=True)
         path = _make_unique(runs.resolve(), f"{stamp}-{plan.name}")
@@ -218,6 +219,8 @@ def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
             lab_group.share_file(folder.rt / "plan.json", gid)
             lab_group.share_folder(folder.rt, gid)
     except OSError as error:
+        if folder is not None:
+            shutil.rmtree(folder.rt, ignore_errors=True)
         raise RunError(f"cannot create the run folder: {error.filename or runs}: {error.strerror}") from error
     return folder
 
@@ -303,9 +306,9 @@ def _make_runtime(name: str, gid: int | None) -> Path:
 
 
 def _make_unique(parent: Path, name: str, *, mode: int = 0o777) -> Path:
-    """Create a folder that does not exist yet, if needed with a number after its name.
+    """Create a folder, and return its path. If the name is taken, a number is added to it.
 
-    Another arena may do the same at this moment. Then one of them finds the name taken.
+    The folder is created without looking first, because another arena may create it at the same moment.
     """
     for end in ("", *(f"-{i}" for i in range(2, 1000))):
         with contextlib.suppress(FileExistsError):
