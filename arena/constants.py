@@ -20,6 +20,9 @@ RUN_FOLDER, RUNTIME_FOLDER, OPEN_BRACE = "{run}", "{rt}", "{brace}"
 REPORT_PROGRESS = "progress: "
 """Beginning of an output line of the report task that names its present step. `arena up` shows the step."""
 
+POSE_PAGE = "page"
+"""`kind` of a program's settings for motion capture if it reads the pose page (`arena.wire.pose_page`) instead of a vendor's server."""
+
 MAX_ROTORS = 8
 """Largest number of rotors of a vehicle."""
 

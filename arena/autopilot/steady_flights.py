@@ -64,7 +64,7 @@ class SteadyFlights:
 
 
 def _may_be_steady(v: Vehicle) -> bool:
-    """Return whether those conditions of a steady flight hold that the kernel does not check."""
+    """Return whether the vehicle may fly steadily. The kernel `steady_flight` checks the other conditions."""
     c, s = v.commander, v.inputs
     return (
         c.mode is Mode.OFFBOARD

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time as wall_time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from arena.clock import ClockServer, Rate
 from arena.emulated_sensors.core import EmulatedSensors
@@ -35,9 +35,7 @@ _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in bin
 
 
 class Members:
-    """All members (parts in one process) of the fused arena, such as the router and the recorder.
-
-    These are router, motion capture, pose forwarders, sensors and recorder.
+    """All members (parts in one process) of the fused arena: router, motion capture, pose forwarders, sensors and recorder.
 
     The world is not a member: it calls the members in each step.
 
@@ -104,9 +102,14 @@ class Members:
         poses = process.settings.get("poses")
         self._poses = poses and PosePageWriter(poses, [str(b["name"]) for b in mocap.settings["bodies"]])
         self._watch = watch
-        capture = self._mocap, self._mocap.faults
-        members = self._panic, *capture, self._router, self._router.faults, self._recorder.link
-        self._fds = tuple(member.fileno() for member in members)
+        self._fds = _Fds(
+            panic=self._panic.fileno(),
+            mocap=self._mocap.fileno(),
+            mocap_faults=self._mocap.faults.fileno(),
+            router=self._router.fileno(),
+            router_faults=self._router.faults.fileno(),
+            references=self._recorder.link.fileno(),
+        )
         for fd in self._fds:
             watch.add(fd)
 
@@ -121,10 +124,9 @@ class Members:
             self._joined = len(self._clock.joined)
             self._router.closed.search()
             self._mocap.search_receivers()
-        panic, _, _, router, _, _ = self._fds
-        if self._watch.has_data(panic):
+        if self._watch.has_data(self._fds.panic):
             self._panic.drain(receive)
-        if self._watch.has_data(router):
+        if self._watch.has_data(self._fds.router):
             self._router.drain(self._time.now())
         waiting = self._inbox[:]
         self._inbox.clear()
@@ -159,12 +161,11 @@ class Members:
         if self._ready_at_once:
             self._ready_at_once = False
             self._process.ready()
-        has_data = self._watch.has_data
-        _, mocap, mocap_faults, _, router_faults, references = self._fds
-        if has_data(mocap_faults):
+        has_data, fds = self._watch.has_data, self._fds
+        if has_data(fds.mocap_faults):
             self._mocap.apply_faults()
         while self._mocap.due <= now + _EARLY_S:
-            self._mocap.advance(now, requests=has_data(mocap))
+            self._mocap.advance(now, requests=has_data(fds.mocap))
         frames = self._capture.poll(now)
         due = now >= self._next_tick
         if due:
@@ -174,8 +175,8 @@ class Members:
         self._served.clear()
         if self._sensors is not None:
             self._sensors.step(now)
-        self._router.step(now, faults=has_data(router_faults))
-        self._recorder.step(now, references=has_data(references))
+        self._router.step(now, faults=has_data(fds.router_faults))
+        self._recorder.step(now, references=has_data(fds.references))
 
     def on_request(self, request: Mapping[str, Any]) -> None:
         """Pass a request of the supervisor, such as `release`, to the router."""
@@ -215,6 +216,17 @@ class Members:
         if self._sensors is not None:
             self._sensors.on_frame(captured, now)
         self._recorder.on_frame(captured, now)
+
+
+class _Fds(NamedTuple):
+    """File descriptors of the members' sockets. They never change, so a step need not ask the members for them."""
+
+    panic: int
+    mocap: int
+    mocap_faults: int
+    router: int
+    router_faults: int
+    references: int
 
 
 class _Forwarder:

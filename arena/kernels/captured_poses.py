@@ -76,8 +76,9 @@ def measured_poses(
 
 
 def store_poses(poses: Sequence[Pose], begins: Mapping[str, int], page: Floats) -> None:
-    """Write poses to the pose page, see `arena.wire.pose_page`.
+    """Store the poses of one frame in the pose page, whose layout is in `arena.wire.pose_page`.
 
+    page: numbers of the page
     begins: name of each body -> index of its first number in the page. Other bodies are left out.
     """
     last = POSE_ROW - 1

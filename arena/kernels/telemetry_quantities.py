@@ -8,8 +8,8 @@ from __future__ import annotations
 STATUS = ("mav_type", "custom_mode", "base_mode", "status", "landed", "present", "health")
 PLACE = ("armed", "lat0", "lon0", "alt0", "heading", "home_d")
 LOST = ("present_lost", "health_lost")
-"""Inputs of a vehicle, each one number. alt0, home_d: NaN if the origin, or home, is not set. present_lost, health_lost: used
-instead of present and health while the horizontal position is invalid."""
+"""Inputs of a vehicle, each one number. alt0: NaN if the origin is not set. home_d: NaN if home is not set.
+present_lost, health_lost: sent instead of present and health while the horizontal position is invalid."""
 MODES = ("intended_mode", "standard_mode", "aligned", "bat_low", "bat_crit", "bat_emergen")
 HOME = ("home_lat", "home_lon", "home_alt_mm", "home_north", "home_east")
 EVENTS = ("event_sequence", "event_flags")

@@ -134,7 +134,7 @@ class UlogQuantities:
         period_us: float,
         earth_m: float,
     ) -> None:
-        """Create the computation, which reads the arrays of estimator and controllers.
+        """Store the arrays of estimator and controllers, from which `compute` reads.
 
         motors: motor commands 0..1 (V, R)
         consumed_mah: consumed charge [mAh] (V,)
@@ -282,7 +282,7 @@ class UlogQuantities:
             out[_YAW_HELD] = held if by_position else _NAN
 
     def _compute_motors(self, i: int) -> None:
-        """Copy the motor commands.
+        """Copy the motor commands to the quantities.
 
         They are NaN for missing rotors, and for all motors of a disarmed vehicle, as in PX4.
         """

@@ -1,4 +1,4 @@
-"""Writer of the periodic ULog records of the built-in autopilots, into memory for one cycle of steps.
+"""Writes the periodic ULog records of the built-in autopilots to memory, which contains the records of one second.
 
 `arena.autopilot.ulog.layout` makes the tables, so neither topics nor fields are in this module.
 """

@@ -13,8 +13,9 @@ READY_TIMEOUT_S = 10.0  # a vehicle without a heartbeat for this time is no long
 
 def report_changes(process: ProcessContext, router: Router) -> None:
     """Report to the supervisor the warnings, facts (such as `armed`) and events that are new since the last call."""
-    if not router.take_news():
+    if not (router.may_have_news or router.commands.has_news):
         return
+    router.may_have_news = False
     for warning in router.warnings():  # first, so that a failsafe is shown before the mode that it enters
         process.event(warning)
     events, control = router.commands.changes()

@@ -66,6 +66,7 @@ class Router:
     use_shortcut: whether to use the shortcut; without it the receivers are the same. Default: only if the kernels are compiled,
         because their Python source is slower than the methods of this class
     kernel: class of the shortcut's kernel
+    may_have_news: warnings or changed facts may be waiting; the reader sets it to False. Datagrams on the shortcut cause none
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class Router:
         self._gcs = self._socket_table.serve(table.gcs_local, self._from_gcs, table.gcs, Role.GROUND_STATION)
         self._gcs_received_at = float("-inf")
         self._changed_facts: dict[str, Fact] = {}
-        self._may_have_news = True
+        self.may_have_news = True
         self._vehicles = [self._open(i, vehicle) for i, vehicle in enumerate(table.vehicles)]
         self._ids = frozenset(v.vehicle.id for v in self._vehicles)
         self._sets = VehicleSets(self._vehicles)
@@ -129,7 +130,7 @@ class Router:
     def on_other_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
         """Route a datagram in Python. Needed if the compiled shortcut cannot route the datagram, such as a command."""
         self._counts.bytes_in += len(data)
-        self._may_have_news = True
+        self.may_have_news = True
         return self._socket_table.handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
@@ -137,7 +138,7 @@ class Router:
 
         A tool is any program on this computer that sends to the `tools` address of a vehicle. now: monotonic [s].
         """
-        self._may_have_news = True
+        self.may_have_news = True
         for v in self._vehicles:
             v.status.tick(now)
             silent = [address for address, tool in v.tools.items() if now - tool.last > TOOL_TIMEOUT_S]
@@ -158,12 +159,6 @@ class Router:
             places += tuple(place for v in served if v.ground is not None for place in v.ground.up)
         return [(frame, places)] if places else []
 
-    def take_news(self) -> bool:
-        """Return whether there may be warnings, changed facts or events since the last call. Datagrams on the shortcut cause none."""
-        found = self._may_have_news or self.commands.has_news
-        self._may_have_news = False
-        return found
-
     def changed_facts(self) -> dict[str, Fact]:
         """Return the facts (status values) that have changed since the last call, as {"uav1.armed": True}."""
         if not self._changed_facts:
@@ -180,10 +175,7 @@ class Router:
         return found
 
     def telemetry(self) -> dict[str, dict[str, float | None]]:
-        """Return {vehicle: {"height_m": ..., "battery": ...}}: height above the floor [m] and remaining charge [%].
-
-        None: the value is unknown.
-        """
+        """Return {vehicle: {"height_m": ..., "battery": ...}}: height above the floor [m], remaining charge [%]; None if unknown."""
         for v in self._vehicles:
             self.shortcut.collect_height(v)
         return {v.vehicle.name: v.telemetry.values() for v in self._vehicles}

@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from arena.constants import POSE_PAGE
 from arena.errors import InputError
 from arena.plan.model import Member, ProcessSpec
 from arena.plan.tools import named_tools
@@ -17,7 +18,7 @@ from arena.schema import Arena
 _MEMBERS = frozenset({"mocap", "forward", "router", "sensors", "recorder"})
 MODULE, SLICE = "arena.fused", "fused.json"
 POSES = "{rt}/poses"
-"""Path of the pose page."""
+"""Path of the pose page, the shared memory with the captured poses (`arena.wire.pose_page`)."""
 # ports that are not opened for vehicles with the built-in autopilot
 _IN_MEMORY = ("router link", "vision link", "ground station link")
 # autopilots of vehicles whose other parts can share the world's process
@@ -134,7 +135,7 @@ def _programs_with_page(made: Mapping[str, dict[str, Any]]) -> dict[str, dict[st
     rows = {body["name"]: row for row, body in enumerate(made["mocap.json"]["bodies"])}
     programs = {file: one for file, one in made.items() if file.startswith("program.")}
     return {
-        file: {**one, "capture": {"kind": "page", "path": POSES, "row": rows[one["body"]]}}
+        file: {**one, "capture": {"kind": POSE_PAGE, "path": POSES, "row": rows[one["body"]]}}
         for file, one in programs.items()
     }
 

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
+from arena.constants import POSE_PAGE
 from arena.errors import ArenaError
 from arena.uav.poses import Poses
 from arena.wire.pose_page import PoseRow
@@ -21,9 +22,7 @@ if TYPE_CHECKING:
     from arena.mocap.client import Pose as CapturedPose
 
 Capture = Mapping[str, Any]
-"""Settings for `arena.mocap.client.open_client`, of which the key `bodies` is not used, or for a `PageCapture`."""
-PAGE = "page"
-"""Value of `kind` in the settings for a `PageCapture`."""
+"""Settings for `arena.mocap.client.open_client`, whose key `bodies` is not used. With the kind `POSE_PAGE`: for a `PageCapture`."""
 
 
 class VehicleCapture(Protocol):
@@ -138,7 +137,7 @@ class SharedCapture:
 
         Vehicles with the same settings share one client. Raises RunError if the shared memory with the poses is missing.
         """
-        if settings.get("kind") == PAGE:
+        if settings.get("kind") == POSE_PAGE:
             return PageCapture(settings, body, poses)
         from arena.mocap.client import open_client
 

@@ -38,7 +38,7 @@ _GROUPS = {quantity: BITS[group] for group, quantities in GROUPS.items() for qua
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Work of one sensor period, besides that of the kernel. The steps repeat every second.
+    """Work that Python must do in one sensor period before the kernel writes the records. The steps repeat every second.
 
     uses_vehicles: the records contain values of the vehicles' commanders, such as the arming state
     uses_sensors: the records contain measurements, such as the magnetic field
@@ -88,7 +88,10 @@ class Layout:
         )
 
     def _state_records(self, rows: Bytes, topic: str) -> Records:
-        """Return the records of a topic of `STATE`, as a view of their bytes (V,). rows: bytes of all these topics (V, S)"""
+        """Return the records of one topic of `STATE` (V,), which share the memory of `rows`.
+
+        rows: bytes of the records of all topics of `STATE` (V, S)
+        """
         kind, at = self._types[topic], self._state_at[topic]
         records: Records = rows[:, at : at + kind.itemsize].view(kind)[:, 0]
         set_record_head(records, self._numbers[topic])
@@ -117,7 +120,7 @@ class Layout:
         return _table(records), _table(table), steps
 
     def _template(self, topic: str) -> Bytes:
-        """Return the bytes of a record in which only the constants have a value."""
+        """Return the bytes of a record whose fields contain their constants. Fields without a constant contain 0."""
         record = np.zeros(1, self._types[topic])
         set_record_head(record, self._numbers[topic])
         for name, content in PERIODIC[topic].fields.items():

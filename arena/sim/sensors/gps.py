@@ -50,6 +50,7 @@ class Gps(Sensor):
         )
         self._keep: Array = exp(-1.0 / (_CORRELATION_S * rate_hz))[:, None]
         self._error: Array | None = None  # of the position [m] (V, 3)
+        self._lat, self._lon, self._alt = np.zeros((3, len(profiles)))
 
     def views(self, values: Array) -> dict[str, Array]:
         """Return the GPS fix: lat_deg, lon_deg, alt_m (V,) and v_true_n [m/s] (V, 3).
@@ -58,12 +59,11 @@ class Gps(Sensor):
         """
         if self._origin is None:
             return {}
-        count = len(values)
-        self._place: tuple[Array, ...] = (np.zeros(count), np.zeros(count), np.zeros(count))
-        return {**dict(zip(self.readings, self._place, strict=False)), "v_true_n": values[:, 3:]}
+        place = {"lat_deg": self._lat, "lon_deg": self._lon, "alt_m": self._alt}
+        return {**place, "v_true_n": values[:, 3:]}
 
     def measure(self, values: Array, motion: Motion) -> None:
-        """Change the readings to the next fix of every receiver."""
+        """Write the next fix of every receiver to the readings."""
         if self._origin is None:
             return
         keep, fresh = self._keep, values[:, :3]
@@ -71,10 +71,9 @@ class Gps(Sensor):
         self._error = fresh.copy() if error is None else keep * error + np.sqrt(1.0 - keep**2) * fresh
         position = self._true_north(motion.p_n) + self._error
         values[:, 3:] += self._true_north(motion.v_n)
-        origin = self._origin
-        lat, lon, alt = self._place
-        lat[:], lon[:] = globe_from_local(origin.lat_deg, origin.lon_deg, position[:, 0], position[:, 1])
-        alt[:] = origin.alt_m - position[:, 2]
+        origin, north, east = self._origin, position[:, 0], position[:, 1]
+        self._lat[:], self._lon[:] = globe_from_local(origin.lat_deg, origin.lon_deg, north, east)
+        self._alt[:] = origin.alt_m - position[:, 2]
 
     def _true_north(self, v_n: Array) -> Array:
         """Rotate vectors (V, 3) from the arena's axes to NED with true north.
