@@ -86,7 +86,8 @@ class Px4Links:
         outputs: Sequence[HilOutput],
     ) -> None:
         self._origin = origin
-        self._rotors = max((len(v["profile"]["rotors"]) for v in vehicles), default=4)
+        rotors = max((len(v["profile"]["rotors"]) for v in vehicles), default=4)
+        self._motors = np.zeros((len(vehicles), rotors))
         self._servers = [_Server(i, v, outputs) for i, v in enumerate(vehicles)]
         carried = {name for s in self._servers for name in s.carried}
         self._messages = [x for x in outputs if isinstance(x, HilMessage) and x.name in carried]
@@ -156,12 +157,14 @@ class Px4Links:
             self._send(server, now, sensors)
 
     def finish(self) -> Array:
-        """Wait for the replies of all PX4s in lockstep, and return the motor commands 0..1 (V, R)."""
+        """Wait for the replies of all PX4s in lockstep, and return the motor commands 0..1 (V, R).
+
+        The next call overwrites the array.
+        """
         self._collect()
-        motors = np.zeros((len(self._servers), self._rotors))
         for server in self._servers:
-            motors[server.row, : len(server.core.motors)] = server.core.motors
-        return motors
+            self._motors[server.row, : len(server.core.motors)] = server.core.motors
+        return self._motors
 
     def events(self) -> list[str]:
         """Return the events since the last call, one line of text each, such as "uav1: PX4 connected"."""
@@ -323,7 +326,7 @@ class Px4Links:
 
     def _set_late(self, server: _Server, why: str) -> None:
         server.late_since = time.monotonic()
-        server.core.motors = [0.0] * len(server.core.motors)
+        server.core.motors[:] = 0.0
         what = "it is paused by SIGSTOP or overloaded; its motors stop until it replies, the world goes on"
         if not server.core.armed:  # for example disarmed in OFFBOARD, waiting for setpoints
             what = "it is disarmed; the world goes on without waiting for it"

@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 
 from arena.constants import GRAVITY_M_S2
 from arena.geometry import EARTH_M
+from arena.kernels.arrays import view
 from arena.kernels.global_coordinates import latitude_longitude
+from arena.kernels.motor_replies import MotorReplies
 from arena.wire import hil
-from arena.wire.mavlink_frame import Stream
+from arena.wire.mavlink_frame import PARSER, Stream
 from arena.wire.truth_page import Truth
 
 Array = NDArray[np.float64]
 
-_READINGS = 13  # of HIL_SENSOR
 _TRUTH_EVERY = 5  # samples
 # Centred sticks and throttle: they do not move the vehicle, and PX4 does not interpret them as input of a pilot.
 _STICKS_EVERY, _STICKS_US = 5, (1500,) * 8
@@ -39,24 +40,34 @@ class SimulatorLink:
     rotors: number of motor commands; they are the first ones of `controls`
     outputs: data that each simulated sensor adds
     sticks: whether the pilot's radio control is on; may be changed
-    motors: latest motor commands 0..1 [-], one per rotor, all 0 while disarmed
+    motors: latest motor commands 0..1 [-], all 0 while disarmed (rotors,)
     unanswered: number of samples sent without a reply so far, counted once PX4 is in lockstep
     """
 
     def __init__(self, rotors: int, outputs: Sequence[hil.HilOutput], *, sticks: bool = False) -> None:
         self._sender = hil.HilSender(1, 200)
-        self._rotors, self.sticks = rotors, sticks
-        self._fields = [x for x in outputs if isinstance(x, hil.HilFields)]
+        self.sticks = sticks
+        self._readings = np.zeros(hil.READINGS, np.float32)
+        self._fields = [
+            (x, self._readings[x.first : x.first + x.count]) for x in outputs if isinstance(x, hil.HilFields)
+        ]
         self._messages = [x for x in outputs if isinstance(x, hil.HilMessage)]
         self.counts: Counter[str] = Counter()
+        self.motors: Array = np.zeros(rotors)
         self.reset()
+
+    @property
+    def armed(self) -> bool:
+        """True if PX4 was armed when it sent the newest reply."""
+        return self._replies.armed
 
     def reset(self) -> None:
         """Reset the state of the link, such as motor commands and armed flag, before PX4 connects again."""
-        self.motors = [0.0] * self._rotors
-        self.armed, self.in_step, self.unanswered = False, False, 0
+        self.motors[:] = 0.0
+        self._replies = MotorReplies(PARSER, hil.HIL_ACTUATOR_CONTROLS, view(self.motors))
+        self.in_step, self.unanswered = False, 0
         self._samples, self._sent_us, self._stamped = 0, 0, False
-        self._values = [0.0] * _READINGS
+        self._readings[:] = 0.0
         self._sent_times: deque[int] = deque(maxlen=_SENT_TIMES)
         self._stream = Stream()
 
@@ -69,18 +80,17 @@ class SimulatorLink:
         sensors: readings of the world's sensors
         row: row of this vehicle in the readings
         """
-        values, bits = self._values, 0
-        for sensor in self._fields:
+        bits = 0
+        for sensor, values in self._fields:
             if self._samples % sensor.every == 0:
-                found = sensor.values(sensors, row)
-                values[sensor.first : sensor.first + len(found)] = found
+                sensor.write(values, sensors, row)
                 bits |= sensor.bits
         self._sent_us = round(now * 1e6)
         self._sent_times.append(self._sent_us)
         self._samples += 1
         if self.in_step:
             self.unanswered += 1
-        data = self._sender.sensor(self._sent_us, values, bits)
+        data = self._sender.sensor(self._sent_us, self._readings, bits)
         if self.sticks and self._samples % _STICKS_EVERY == 0:
             data += self._sender.sticks(round(now * 1e3), _STICKS_US)
         return data
@@ -125,27 +135,28 @@ class SimulatorLink:
 
         The bytes may end in the middle of a message.
         """
+        if self._stream.is_empty and self._replies.read(data):
+            return self._take_reply()
         buffer, found = self._stream.feed(data)
         if found.garbage:
             self.counts["garbage"] += found.garbage
         for frame in found.frames:
             if frame.msgid == hil.HIL_ACTUATOR_CONTROLS:
-                self._take_controls(hil.controls(buffer, frame))
+                self._replies.read_payload(buffer, frame.payload, frame.size)
+                self._take_reply()
 
-    def _take_controls(self, m: hil.Controls) -> None:
-        self.in_step = self.in_step or m.lockstep
+    def _take_reply(self) -> None:
+        reply = self._replies
+        self.in_step = self.in_step or reply.lockstep
         # PX4 stamps a reply with the time of the sample it replies to. This separates replies to lockstep samples from
         # those to samples of the free run.
-        self._stamped = self._stamped or m.time_usec in self._sent_times
+        self._stamped = self._stamped or reply.time_usec in self._sent_times
         if not self._stamped:
             self.unanswered = max(self.unanswered - 1, 0)
-        elif m.time_usec >= self._sent_us:
+        elif reply.time_usec >= self._sent_us:
             self.unanswered = 0
         else:  # reply to an older sample: the samples after it still have no reply
-            self.unanswered = min(self.unanswered, sum(sent > m.time_usec for sent in self._sent_times))
-        self.armed = m.armed
-        outputs = m.controls[: self._rotors] if m.armed else (0.0,) * self._rotors
-        self.motors = [min(max(x, 0.0), 1.0) if math.isfinite(x) else 0.0 for x in outputs]
+            self.unanswered = min(self.unanswered, sum(sent > reply.time_usec for sent in self._sent_times))
         self.counts["answers"] += 1
 
 

@@ -1,8 +1,8 @@
-"""PX4's simulator API: encoder and decoder of the MAVLink 2 messages of each simulation step.
+"""PX4's simulator API: encoder of the MAVLink 2 messages of each simulation step.
 
 No sockets, no clocks.
 
-The world sends and receives these messages in every step. They are packed with struct layouts, which takes a
+The world sends these messages in every step. They are packed with struct layouts, which takes a
 few microseconds per message instead of tens with pymavlink.
 
     HIL_SENSOR (107)             <Q 13f I B             time_usec, accel, gyro, mag, pressure, its difference, height, degrees,
@@ -12,6 +12,8 @@ few microseconds per message instead of tens with pymavlink.
                                                         fix, satellites
     RC_CHANNELS (65)             <I 18H 2B              time_boot_ms, channels, their number, rssi
     HIL_ACTUATOR_CONTROLS (93)   <Q Q 16f B             time_usec, flags, controls, mode
+
+`arena.kernels.motor_replies` reads HIL_ACTUATOR_CONTROLS.
 """
 
 from __future__ import annotations
@@ -19,41 +21,19 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, pack_frame
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from arena.wire.mavlink_frame import SEEDS, pack_frame
 
 HIL_ACTUATOR_CONTROLS, HIL_SENSOR, HIL_STATE_QUATERNION, HIL_GPS, RC_CHANNELS = 93, 107, 115, 113, 65
-LOCKSTEP, ARMED = 1, 128
-"""Bits of `flags` and `mode`."""
-_SENSOR, _STATE, _CONTROLS = (
-    struct.Struct("<Q13fIB"),
-    struct.Struct("<Q4f3f3i3h2H3h"),
-    struct.Struct("<QQ16fB"),
-)
+READINGS = 13
+"""Number of readings in HIL_SENSOR."""
+_TIME, _UPDATED, _STATE = struct.Struct("<Q"), struct.Struct("<IB"), struct.Struct("<Q4f3f3i3h2H3h")
 _GPS, _RC = struct.Struct("<Q3i3H3hH2B"), struct.Struct("<I18H2B")
 _UNKNOWN_COURSE, _FIX_3D, _UNUSED_CHANNEL, _RSSI = 65535, 3, 65535, 100
-
-
-class Controls(NamedTuple):
-    """Contents of HIL_ACTUATOR_CONTROLS, PX4's reply to a sensor sample.
-
-    time_usec: time of that sample [us]
-    controls: 0..1 [-] (16,); the first four are motors
-    """
-
-    time_usec: int
-    controls: tuple[float, ...]
-    mode: int
-    flags: int
-
-    @property
-    def armed(self) -> bool:
-        return bool(self.mode & ARMED)
-
-    @property
-    def lockstep(self) -> bool:
-        return bool(self.flags & LOCKSTEP)
 
 
 class HilSender:
@@ -65,14 +45,15 @@ class HilSender:
     def __init__(self, system: int, component: int) -> None:
         self.srcSystem, self.srcComponent, self.seq = system, component, 0
 
-    def sensor(self, time_usec: int, readings: Sequence[float], fields: int) -> bytes:
+    def sensor(self, time_usec: int, readings: ArrayLike, fields: int) -> bytes:
         """Encode HIL_SENSOR, the sensor readings that PX4 receives in each simulation step.
 
         readings: accel [m/s2], gyro [rad/s] and mag [gauss], each [FRD] (3,), then absolute and differential
-        pressure [hPa], height [m] and temperature [deg C]
+        pressure [hPa], height [m] and temperature [deg C] (13,)
         fields: bits of the readings that are new
         """
-        return self._frame(HIL_SENSOR, _SENSOR.pack(time_usec, *readings, fields, 0))
+        packed = np.asarray(readings, np.float32).tobytes()
+        return self._frame(HIL_SENSOR, _TIME.pack(time_usec) + packed + _UPDATED.pack(fields, 0))
 
     def state(
         self,
@@ -127,17 +108,6 @@ class HilSender:
         return made
 
 
-def controls(data: Buffer, found: Frame) -> Controls:
-    """Decode HIL_ACTUATOR_CONTROLS, the motor commands from PX4.
-
-    data: received bytes.
-    found: position of the frame in `data`.
-    """
-    payload = bytes(data[found.payload : found.payload + found.size]).ljust(_CONTROLS.size, b"\0")
-    time_usec, flags, *outputs, mode = _CONTROLS.unpack_from(payload)
-    return Controls(time_usec, tuple(outputs), mode, flags)
-
-
 Sensors = Mapping[str, Any]
 """Readings of the simulated sensors: name -> array over vehicles."""
 
@@ -148,14 +118,15 @@ class HilFields:
 
     bits: bits of fields_updated. PX4 rejects a group if only some of its bits are set.
     every: number of sensor periods between two updates
-    first: index of the first value among HIL_SENSOR's 13 readings
-    values: function (readings, row of the vehicle) -> the values, in the units of HIL_SENSOR
+    first, count: place of the values among HIL_SENSOR's 13 readings
+    write: function (array for the values (count,), readings, row of the vehicle) that writes the values, in the units of HIL_SENSOR
     """
 
     bits: int
     every: int
     first: int
-    values: Callable[[Sensors, int], Sequence[float]]
+    count: int
+    write: Callable[[NDArray[np.float32], Sensors, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)

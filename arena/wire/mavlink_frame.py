@@ -101,6 +101,11 @@ class Stream:
         self._kept = b""
         self._clean = True  # the kept bytes begin at the end of a frame
 
+    @property
+    def is_empty(self) -> bool:
+        """True if no begun frame is buffered."""
+        return not self._kept
+
     def feed(self, data: Buffer) -> tuple[bytes, ParsedFrames]:
         """Parse the next bytes of the stream. Return a buffer and the complete frames in it. Never raises an error."""
         buffer = self._kept + bytes(data)

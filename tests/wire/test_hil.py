@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import pytest
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire import hil
-from arena.wire.mavlink_frame import Stream, parse_frames
+from arena.wire.mavlink_frame import parse_frames
 
 floats = st.floats(width=32, allow_nan=False)
 int16s, int32s = st.integers(-(2**15), 2**15 - 1), st.integers(-(2**31), 2**31 - 1)
@@ -26,12 +25,6 @@ def oracle(message: Any, number: int = 0) -> bytes:
     sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=200)
     sender.seq = number
     return bytes(message.pack(sender))
-
-
-def read(data: bytes) -> hil.Controls:
-    buffer, found = Stream().feed(data)
-    (frame,) = found.frames
-    return hil.controls(buffer, frame)
 
 
 def test_a_sensor_message_has_these_bytes() -> None:
@@ -99,24 +92,6 @@ def test_the_truth_is_packed_as_the_other_codec_packs_it(
     )
     found = hil.HilSender(1, 200).state(time_usec, q, rates, (place[0], place[1], place[2]), v, speed, accel)
     assert found == oracle(expected)
-
-
-@given(times, many(st.floats(width=32), 16), st.integers(0, 255), times)
-def test_controls_are_read_as_the_other_codec_packs_them(
-    time_usec: int, outputs: list[float], mode: int, flags: int
-) -> None:
-    found = read(oracle(mavlink.MAVLink_hil_actuator_controls_message(time_usec, outputs, mode, flags)))
-    assert (found.time_usec, found.mode, found.flags) == (time_usec, mode, flags)
-    assert all(
-        a == b or (math.isnan(a) and math.isnan(b)) for a, b in zip(found.controls, outputs, strict=True)
-    )
-    assert found.armed == bool(mode & 128) and found.lockstep == bool(flags & 1)
-
-
-def test_zero_controls_are_one_byte_in_the_message_and_decoded() -> None:
-    data = oracle(mavlink.MAVLink_hil_actuator_controls_message(0, [0.0] * 16, 0, 0))
-    assert data[1] == 1
-    assert read(data) == hil.Controls(0, (0.0,) * 16, 0, 0)
 
 
 def test_sequence_numbers_increase_and_wrap() -> None:

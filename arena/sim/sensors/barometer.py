@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from arena.atmosphere import pressure_hpa
+import numpy as np
+from numpy.typing import NDArray
+
+from arena.kernels.standard_atmosphere import pressure_hpa
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
 from arena.wire.hil import HilFields
 
 _TEMPERATURE_DEG_C = 25.0
 
 
-def _hil_values(sensors: Mapping[str, Array], row: int) -> tuple[float, float, float, float]:
-    """Return a vehicle's HIL_SENSOR values: pressures [hPa], altitude [m], temperature [deg C].
+def _write_hil(values: NDArray[np.float32], sensors: Mapping[str, Array], row: int) -> None:
+    """Write a vehicle's HIL_SENSOR values: pressures [hPa], altitude [m], temperature [deg C].
 
     The pressures are absolute pressure and differential pressure.
     """
     altitude = float(sensors["baro_alt_m"][row])
-    return pressure_hpa(altitude), 0.0, altitude, _TEMPERATURE_DEG_C
+    values[:] = pressure_hpa(altitude), 0.0, altitude, _TEMPERATURE_DEG_C
 
 
 class Barometer(Sensor):
@@ -29,7 +32,7 @@ class Barometer(Sensor):
     readings = ("baro_alt_m",)
     on_request = False
     log_columns = ("baro",)
-    hil = HilFields(bits=0x1A00, every=5, first=9, values=_hil_values)
+    hil = HilFields(bits=0x1A00, every=5, first=9, count=4, write=_write_hil)
 
     def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site, period_s: float) -> None:
         self._altitude_m = site.origin.alt_m if site.origin else 0.0

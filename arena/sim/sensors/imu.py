@@ -5,9 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
 from arena.sim.sensors.vibration import Vibration
 from arena.wire.hil import HilFields
+
+
+def _write_hil(values: NDArray[np.float32], sensors: Mapping[str, Array], row: int) -> None:
+    """Write a vehicle's HIL_SENSOR values: specific force [m/s2] and body rates [rad/s] [FRD]."""
+    values[:3], values[3:] = sensors["accel_b"][row], sensors["gyro_b"][row]
 
 
 class Imu(Sensor):
@@ -43,7 +51,8 @@ class Imu(Sensor):
         bits=0x03F,
         every=1,
         first=0,
-        values=lambda sensors, row: (*sensors["accel_b"][row].tolist(), *sensors["gyro_b"][row].tolist()),
+        count=6,
+        write=_write_hil,
     )
 
     def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site, period_s: float) -> None:

@@ -9,6 +9,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from arena.geomagnetism import MagneticField, magnetic_field
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
 from arena.wire.hil import HilFields
@@ -16,6 +19,11 @@ from arena.wire.hil import HilFields
 _WITHOUT_ORIGIN = MagneticField(
     north=0.2104, east=0.0, down=0.4314
 )  # mid-northern latitudes, declination zero
+
+
+def _write_hil(values: NDArray[np.float32], sensors: Mapping[str, Array], row: int) -> None:
+    """Write a vehicle's HIL_SENSOR values: magnetic field [gauss] [FRD]."""
+    values[:] = sensors["mag_b"][row]
 
 
 class Magnetometer(Sensor):
@@ -28,7 +36,7 @@ class Magnetometer(Sensor):
     readings = ("mag_b",)
     on_request = False
     log_columns = ("imu.mag",)
-    hil = HilFields(bits=0x1C0, every=3, first=6, values=lambda sensors, row: sensors["mag_b"][row].tolist())
+    hil = HilFields(bits=0x1C0, every=3, first=6, count=3, write=_write_hil)
 
     def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site, period_s: float) -> None:
         at = site.origin
