@@ -22,7 +22,7 @@ class ClosedPorts:
     addresses: receivers to search for.  group: multicast group to search for, to which is sent on the loopback network only
     period_s: shortest wall time between two calls of `refresh` that search [s]
     folder: folder of the kernel's tables `udp` and `udp6`
-    now: the receivers at which no program listened at the last search
+    now: the receivers at which no program listened at the last search; the same object while they are the same
     """
 
     def __init__(
@@ -51,9 +51,11 @@ class ClosedPorts:
         try:
             opened = self._open_ports()
         except (OSError, ValueError, IndexError):
-            self.now = frozenset()
+            found: frozenset[Address] = frozenset()
         else:
-            self.now = frozenset(at for at in self._addresses if at[1] not in opened)
+            found = frozenset(at for at in self._addresses if at[1] not in opened)
+        if found != self.now:
+            self.now = found
 
     def _open_ports(self) -> set[int]:
         """Return all UDP ports of this computer that are open, at any address."""

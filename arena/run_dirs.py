@@ -8,10 +8,12 @@ The file `run` contains the path of the run folder. Commands such as `arena ps` 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import re
 import stat
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -165,3 +167,28 @@ def runtime_bases(*, shared: bool = False) -> list[Path]:
     temporary = Path(tempfile.gettempdir()) / f"arena-{uid}"
     first = [temporary, *given] if shared else [*given, temporary]
     return list(dict.fromkeys([*first, Path(f"/run/user/{uid}/arena")]))
+
+
+@contextlib.contextmanager
+def starting_alone(limit_s: float = 20.0) -> Iterator[None]:
+    """Let no other arena of this user start during the `with` block.
+
+    Two arenas that started at the same moment would choose the same free address. Within the block, an arena chooses its address and
+    creates its runtime folder, by which the next one finds it.
+    limit_s: longest wait for an arena that starts, for example one that is stopped by SIGSTOP [s, wall time]
+    """
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):  # a full disk, or a lock file of another user: then without a lock
+            file, end = stack.enter_context(open_lock_file("starting")), time.monotonic() + limit_s
+            while not _lock(file) and time.monotonic() < end:
+                time.sleep(0.02)
+        yield
+
+
+def _lock(file: IO[bytes]) -> bool:
+    """Lock a file if no other process has locked it. Return whether it is locked now. Closing the file ends the lock."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

@@ -12,6 +12,7 @@ import typer
 
 from arena.cli._options import AsJson, NoReport, Quiet, TimeLimit, Verbose, speed_of
 from arena.errors import InputError
+from arena.run_dirs import starting_alone
 from arena.supervisor import Options, active_runs, create, plan_of
 
 if TYPE_CHECKING:
@@ -119,11 +120,12 @@ def register(app: typer.Typer) -> None:
             stations=tuple(gcs or ()),
             local_station=not no_gcs and not _real_vehicles_run(),
         )
-        plan = _plan(changed, address)
-        if no_report:
-            plan = without_report(plan)
-        beside = Path(changed.folder).parent if changed.folder else Path("runs")
-        folder = create(plan, runs if runs is not None else beside)
+        with starting_alone():
+            plan = _plan(changed, address)
+            if no_report:
+                plan = without_report(plan)
+            beside = Path(changed.folder).parent if changed.folder else Path("runs")
+            folder = create(plan, runs if runs is not None else beside)
         options = Options(until_done=not stay, time_limit_s=time_limit, adopt=True)
         if detach:
             raise SystemExit(run_detached(plan, folder, options))

@@ -26,6 +26,7 @@ from arena.kernels import INTERPRETED
 from arena.plan.model import Plan
 from arena.plan.open_ports import open_lines
 from arena.process_title import set_title
+from arena.run_dirs import starting_alone
 from arena.supervisor import (
     JsonLines,
     Level,
@@ -157,14 +158,18 @@ def register(app: typer.Typer) -> None:
         if speed is not None:
             speed_of(speed)  # its error names --speed, and not --set
             overrides.append(f"sim.speed={speed}")
-        # in the foreground, the page reports its URL as an event, when it answers
-        plan, page = with_page(_plan(file, overrides), url=detach or quiet or as_json)
-        for line in (*open_lines(plan), *([page] if page else [])):
-            print(line, file=sys.stderr if as_json or quiet else sys.stdout, flush=True)
-        consent = ask_consent(plan, yes=yes)
-        plan = _without_report(plan) if no_report else plan
-        beside = file if file.is_dir() else file.parent
-        folder = create(plan, runs if runs is not None else beside / "runs")
+        with contextlib.ExitStack() as others_wait:
+            others_wait.enter_context(starting_alone())
+            # in the foreground, the page reports its URL as an event, when it answers
+            plan, page = with_page(_plan(file, overrides), url=detach or quiet or as_json)
+            if not all(v.simulated for v in plan.vehicles):
+                others_wait.close()  # a person may have to answer, and the address of real vehicles does not move
+            for line in (*open_lines(plan), *([page] if page else [])):
+                print(line, file=sys.stderr if as_json or quiet else sys.stdout, flush=True)
+            consent = ask_consent(plan, yes=yes)
+            plan = _without_report(plan) if no_report else plan
+            beside = file if file.is_dir() else file.parent
+            folder = create(plan, runs if runs is not None else beside / "runs")
         permit_by = f"{user_name()} (arena up, {consent})" if consent else ""
         options = Options(until_done=until_done, time_limit_s=time_limit, adopt=True, permit_by=permit_by)
         if detach:

@@ -8,24 +8,41 @@ from __future__ import annotations
 import select
 import time
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from arena.closed_ports import ClosedPorts
+from arena.datagrams import read_datagrams
 from arena.fault_injection import FaultReceiver
-from arena.fused.held_telemetry import HeldTelemetry
+from arena.fused.held_telemetry import HeldTelemetry, Place
 from arena.fused.memory_links import Inbox, address
-from arena.mavlink_router.endpoints import Out
+from arena.mavlink_router.endpoints import Destinations, Out
 from arena.mavlink_router.ground_station import GroundStation
 from arena.mavlink_router.link_impairment import ImpairedRouter
 from arena.mavlink_router.reports import report_changes, report_ready
 from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
 from arena.process_context import ProcessContext
-from arena.transport import MAX_DATAGRAM_BYTES, Address, listen_udp
+from arena.transport import Address, listen_udp
 from arena.wire.mavlink_frame import Buffer
 
 _TICK_S, _SECOND_S = 0.25, 1.0
 _MAX_DATAGRAMS = 2000  # read from one socket in one step: a flood must not stop the world
+_MAX_PATHS = 1024  # sets of receivers that are kept
+
+
+class _Paths(NamedTuple):
+    """Ways to the receivers of a datagram.
+
+    destinations: the receivers, kept so that no other object gets its `id`.  closed: closed ports at which nothing is sent
+    links: (index of the vehicle, name of the link) of built-in autopilots.  records: sockets whose copies the recorder gets
+    places: receivers with sockets
+    """
+
+    destinations: Destinations
+    closed: frozenset[Address]
+    links: list[tuple[int, str]]
+    records: list[int]
+    places: list[Place]
 
 
 class FusedRouter:
@@ -75,11 +92,11 @@ class FusedRouter:
             for key, at in enumerate(self._router.sockets)
             if key not in self._link_of and key not in self._in_calls
         }
+        self._paths: dict[int, _Paths] = {}  # id of `destinations` -> the ways to them
         self._key_of = {s.fileno(): key for key, s in self._sockets.items()}
         self._poll = select.epoll()
         for fd in self._key_of:
             self._poll.register(fd, select.EPOLLIN)
-        self._buffer = memoryview(bytearray(MAX_DATAGRAM_BYTES))
         self._next_tick = self._next_second = 0.0
         self._began, self._ready = time.monotonic(), False
         self.held = HeldTelemetry({}, (), self._send_to_socket)
@@ -162,15 +179,10 @@ class FusedRouter:
             s.close()
 
     def _read(self, key: int, now: float) -> None:
-        receive, buffer = self._sockets[key].recvfrom_into, self._buffer
-        for _ in range(_MAX_DATAGRAMS):
-            try:
-                size, sender = receive(buffer)
-            except OSError:  # nothing left
-                return
+        for data, sender in read_datagrams(self._sockets[key], _MAX_DATAGRAMS):
             if sender in self.closed.now:  # it has just been opened, and waits for replies
                 self.closed.search()
-            self._route(key, sender, buffer[:size], now)
+            self._route(key, sender, data, now)
 
     def _route(self, key: int, sender: Address, data: Buffer, now: float) -> None:
         if self._impaired.active:
@@ -180,16 +192,35 @@ class FusedRouter:
             self._send(self._router.on_datagram(key, sender, data, now), now, join=key not in self._in_calls)
 
     def _send(self, out: list[Out], now: float, *, join: bool = True) -> None:
-        counts = self._counts
         for data, destinations in out:
-            for key, to in destinations:
-                counts.bytes_out += len(data)
-                if (link := self._link_of.get(key)) is not None:
-                    self._inbox.append((*link, bytes(data)))
-                elif to == self._recorder:
-                    self.record(key, bytes(data))
-                elif to not in self.closed.now and not self.held.hold((key, to), data, now, join=join):
-                    self._send_to_socket(key, data, to)
+            paths = self._paths.get(id(destinations))
+            if paths is None or paths.closed is not self.closed.now:
+                paths = self._find_paths(destinations)
+            self._counts.bytes_out += len(data) * len(destinations)
+            if paths.links or paths.records:
+                copy = bytes(data)
+                for vehicle, link in paths.links:
+                    self._inbox.append((vehicle, link, copy))
+                for key in paths.records:
+                    self.record(key, copy)
+            for place in paths.places:
+                if not self.held.hold(place, data, now, join=join):
+                    self._send_to_socket(place[0], data, place[1])
+
+    def _find_paths(self, destinations: Destinations) -> _Paths:
+        """Sort the receivers of a datagram by the way to them, and keep the result. Receivers with a closed port are left out."""
+        if len(self._paths) >= _MAX_PATHS:
+            self._paths.clear()
+        closed, links, records, places = self.closed.now, [], [], []
+        for key, to in destinations:
+            if (link := self._link_of.get(key)) is not None:
+                links.append(link)
+            elif to == self._recorder:
+                records.append(key)
+            elif to not in closed:
+                places.append((key, to))
+        found = self._paths[id(destinations)] = _Paths(destinations, closed, links, records, places)
+        return found
 
     def _send_to_socket(self, key: int, data: Buffer, to: Address) -> None:
         try:

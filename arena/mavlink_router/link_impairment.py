@@ -95,7 +95,7 @@ class ImpairedRouter:
     @property
     def active(self) -> bool:
         """True while a link has a fault, or delayed datagrams still wait to be sent."""
-        return any(
+        return bool(self._impaired) and any(
             link.share or link.delay_s or link.up.waiting or link.down.waiting for link in self._impaired
         )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,18 @@ def address_of(folder: Path, number: int) -> str:
     """Return the address of the run that was started as this one."""
     plans = sorted((folder / "runs").glob("*/arena.yaml"), key=lambda path: path.stat().st_mtime)
     return plans[number].read_text().partition("address: ")[2].split()[0]
+
+
+@pytest.mark.flight
+def test_arenas_that_start_at_the_same_moment_take_different_addresses(folder: Path) -> None:
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            done = list(pool.map(lambda _: arena(folder, "up", "--detach", "--no-report"), range(2)))
+        assert [one.returncode for one in done] == [0, 0], "".join(one.stdout + one.stderr for one in done)
+        assert address_of(folder, 0) != address_of(folder, 1)
+    finally:
+        for run in sorted((folder / "runs").glob("*")):
+            arena(folder, "down", "--run", str(run))
 
 
 @pytest.mark.flight
