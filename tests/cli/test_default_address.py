@@ -5,10 +5,16 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+
+from arena.plan import make_plan
+from arena.run_dirs import starting_alone
+from arena.schema import load_arena
+from arena.supervisor import create
 
 TEXT = "name: lab\nvehicles: {uav1: {autopilot: builtin}}\n"
 
@@ -34,12 +40,21 @@ def address_of(folder: Path, number: int) -> str:
 
 
 @pytest.mark.flight
-def test_arenas_that_start_at_the_same_moment_take_different_addresses(folder: Path) -> None:
+def test_arena_that_starts_at_the_same_moment_takes_another_address(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The test takes the place of the first arena: it has chosen its address, and has not yet created its runtime folder."""
+    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(folder / "rt"))
+    first = make_plan(load_arena(folder / "arena.yaml"))
     try:
-        with ThreadPoolExecutor(2) as pool:
-            done = list(pool.map(lambda _: arena(folder, "up", "--detach", "--no-report"), range(2)))
-        assert [one.returncode for one in done] == [0, 0], "".join(one.stdout + one.stderr for one in done)
-        assert address_of(folder, 0) != address_of(folder, 1)
+        with ThreadPoolExecutor(1) as pool:
+            with starting_alone():
+                second = pool.submit(arena, folder, "up", "--detach", "--no-report")
+                time.sleep(3.0)  # enough for a second arena that would not wait
+                made = create(first, folder / "first")
+            assert second.result().returncode == 0, second.result().stdout + second.result().stderr
+        assert address_of(folder, 0) != first.address
+        made.close()
     finally:
         for run in sorted((folder / "runs").glob("*")):
             arena(folder, "down", "--run", str(run))
