@@ -171,7 +171,7 @@ def runtime_bases(*, shared: bool = False) -> list[Path]:
 
 @contextlib.contextmanager
 def starting_alone(limit_s: float = 20.0) -> Iterator[None]:
-    """Let no other arena of this user start during the `with` block.
+    """Prevent other arenas of this user from starting during the `with` block.
 
     Two arenas that started at the same moment would choose the same free address. Within the block, an arena chooses its address and
     creates its runtime folder, by which the next one finds it.
