@@ -370,7 +370,7 @@ def test_ten_real_px4_fly_the_ten_vehicle_example(hangar: Hangar) -> None:
     real_px4()
     yaml = ROOT / "examples" / "10_ten_quads" / "arena.yaml"
     names = [v.name for v in load_arena(yaml, ["defaults.autopilot=builtin"]).vehicles]
-    flight = hangar.up(yaml, "--until-done", "--time-limit", "240", *flown_by_px4(*names))
+    flight = hangar.up(yaml, "--until-done", "--speed", "max", "--time-limit", "240", *flown_by_px4(*names))
     assert flight.wait(300) == 0, flight.said()
     print((flight.folder / "summary.txt").read_text())
     for vehicle, told in flight.summary["vehicles"].items():
