@@ -79,7 +79,7 @@ wheels: .venv/ready
 .venv/ready: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("arena needs Python 3.11 or newer: make PYTHON=python3.11")'
 	$(PYTHON) -m venv .venv
-	# The formulas are compiled by the next target. --no-compile: Python compiles the modules that it imports, fewer than pip would.
+	# The formulas are compiled by the next target. --no-compile: Python compiles only the modules that it imports.
 	ARENA_NO_COMPILE=1 $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[test]'
 	# tested against too; of what it asks for, half a gigabyte of viewers, nothing is needed here
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps 'MAVProxy>=1.8.70'

@@ -22,7 +22,7 @@ class ClosedPorts:
     addresses: receivers to search for.  group: multicast group to search for, to which is sent on the loopback network only
     period_s: shortest wall time between two calls of `refresh` that search [s]
     folder: folder of the kernel's tables `udp` and `udp6`
-    now: the receivers at which no program listened at the last search; the same object while they are the same
+    now: the receivers at which no program listened at the last search. It is another object only after a change
     """
 
     def __init__(

@@ -14,7 +14,7 @@ import re
 import stat
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO
 
@@ -22,6 +22,7 @@ RUNTIME_DIR_VARIABLE = "ARENA_RUNTIME_DIR"
 """Environment variable for tests: the only folder in which runtime folders are created and searched."""
 GROUP_VARIABLE = "ARENA_GROUP"
 """Environment variable: name of a group of the computer whose members may find and land this user's runs."""
+_SILENT_WAIT_S = 1.0  # for another arena that is starting
 
 
 def pointers() -> list[Path]:
@@ -170,19 +171,31 @@ def runtime_bases(*, shared: bool = False) -> list[Path]:
 
 
 @contextlib.contextmanager
-def starting_alone(limit_s: float = 20.0) -> Iterator[None]:
-    """Prevent other arenas of this user from starting during the `with` block.
+def starting_alone(say: Callable[[str], None], limit_s: float = 20.0) -> Iterator[None]:
+    """Wait until no other arena of this user is starting, then let the others wait during the `with` block.
 
     Two arenas that started at the same moment would choose the same free address. Within the block, an arena chooses its address and
-    creates its runtime folder, by which the next one finds it.
-    limit_s: longest wait for an arena that starts, for example one that is stopped by SIGSTOP [s, wall time]
+    creates its runtime folder, by which the next one finds it. After `limit_s` the block runs without the lock: the other arena may be
+    stopped by SIGSTOP. Processes with different TMPDIR do not wait for each other.
+    say: function that prints a line about a longer wait.  limit_s: longest wait [s, wall time]
     """
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):  # a full disk, or a lock file of another user: then without a lock
-            file, end = stack.enter_context(open_lock_file("starting")), time.monotonic() + limit_s
-            while not _lock(file) and time.monotonic() < end:
-                time.sleep(0.02)
+            _wait_for_lock(stack.enter_context(open_lock_file("starting")), say, limit_s)
         yield
+
+
+def _wait_for_lock(file: IO[bytes], say: Callable[[str], None], limit_s: float) -> None:
+    began, reported = time.monotonic(), False
+    while not _lock(file):
+        waited_s = time.monotonic() - began
+        if waited_s > limit_s:
+            say(f"another arena has been starting for {limit_s:g} s: not waiting for it any longer")
+            return
+        if waited_s > _SILENT_WAIT_S and not reported:
+            reported = True
+            say("waiting, because another arena is starting")
+        time.sleep(0.02)
 
 
 def _lock(file: IO[bytes]) -> bool:

@@ -31,25 +31,29 @@ def test_arena_waits_until_the_one_before_has_started(
     order: list[str] = []
 
     def start() -> None:
-        with starting_alone(120.0):
+        with starting_alone(order.append, 120.0):
             order.append("second")
 
     second = threading.Thread(target=start)
-    with starting_alone():
+    with starting_alone(order.append):
         second.start()
-        second.join(0.2)
+        while not order:  # until it says that it waits
+            second.join(0.05)
         order.append("first")
     second.join(120.0)
-    assert order == ["first", "second"]
+    assert order == ["waiting, because another arena is starting", "first", "second"]
 
 
 def test_stopped_arena_blocks_no_other_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with starting_alone(), starting_alone(0.05):
-        pass  # both are in the block
+    said: list[str] = []
+    with starting_alone(said.append), starting_alone(said.append, 0.05):
+        assert said == ["another arena has been starting for 0.05 s: not waiting for it any longer"]
 
 
 def test_arena_starts_without_a_lock_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
-    with starting_alone():
+    said: list[str] = []
+    with starting_alone(said.append):
         assert not (tmp_path / "missing").exists()
+    assert said == []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -110,17 +111,17 @@ def register(app: typer.Typer) -> None:
 
         show = output_of(quiet=quiet, verbose=verbose, as_json=as_json, headless=headless)
         found = settings_of(paths)
-        changed = dataclasses.replace(
-            found,
-            speed=speed_of(speed),
-            from_s=from_s,
-            loop=loop,
-            paused=pause,
-            stay=stay,
-            stations=tuple(gcs or ()),
-            local_station=not no_gcs and not _real_vehicles_run(),
-        )
-        with starting_alone():
+        with starting_alone(partial(print, file=sys.stderr)):
+            changed = dataclasses.replace(
+                found,
+                speed=speed_of(speed),
+                from_s=from_s,
+                loop=loop,
+                paused=pause,
+                stay=stay,
+                stations=tuple(gcs or ()),
+                local_station=not no_gcs and not _real_vehicles_run(),
+            )
             plan = _plan(changed, address)
             if no_report:
                 plan = without_report(plan)

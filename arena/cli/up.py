@@ -12,16 +12,17 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from arena.cli._arena import at_free_address, clock_notes, copilot_notes, not_possible, without_effect
+from arena.cli._arena import clock_notes, copilot_notes, not_possible, without_effect
 from arena.cli._consent import ask_consent
 from arena.cli._options import AsJson, NoReport, Quiet, TimeLimit, Verbose, speed_of
 from arena.cli._page import with_page
+from arena.cli._placing import place, refuse_beside, say
 from arena.cli._running import user_name
-from arena.errors import EXIT_FAILED, EXIT_OK, InputError, RunError
+from arena.errors import EXIT_FAILED, EXIT_OK, InputError
 from arena.kernels import INTERPRETED
 from arena.plan.model import Plan
 from arena.plan.open_ports import open_lines
@@ -35,12 +36,13 @@ from arena.supervisor import (
     Options,
     RunFolder,
     Supervisor,
-    active_runs,
     create,
-    plan_of,
     sweep_all,
 )
 from arena.supervisor.fork_client import ForkClient
+
+if TYPE_CHECKING:
+    from arena.schema import Arena
 
 File = Annotated[Path, typer.Argument(help="YAML file of the arena, or a folder with arena.yaml")]
 Set = Annotated[
@@ -158,16 +160,21 @@ def register(app: typer.Typer) -> None:
         if speed is not None:
             speed_of(speed)  # its error names --speed, and not --set
             overrides.append(f"sim.speed={speed}")
-        with contextlib.ExitStack() as others_wait:
-            others_wait.enter_context(starting_alone())
+        arena, plan = _load(file, overrides)
+        with contextlib.ExitStack() as lock:
+            lock.enter_context(starting_alone(say))
             # in the foreground, the page reports its URL as an event, when it answers
-            plan, page = with_page(_plan(file, overrides), url=detach or quiet or as_json)
-            if not all(v.simulated for v in plan.vehicles):
-                others_wait.close()  # a person may have to answer, and the address of real vehicles does not move
+            plan, page = with_page(place(arena, plan, overrides), url=detach or quiet or as_json)
+            real = not all(v.simulated for v in plan.vehicles)
+            if real:
+                lock.close()  # other arenas need not wait while a person answers
             for line in (*open_lines(plan), *([page] if page else [])):
                 print(line, file=sys.stderr if as_json or quiet else sys.stdout, flush=True)
             consent = ask_consent(plan, yes=yes)
             plan = _without_report(plan) if no_report else plan
+            if real:
+                lock.enter_context(starting_alone(say))
+                refuse_beside(plan)
             beside = file if file.is_dir() else file.parent
             folder = create(plan, runs if runs is not None else beside / "runs")
         permit_by = f"{user_name()} (arena up, {consent})" if consent else ""
@@ -201,15 +208,13 @@ def _without_report(plan: Plan) -> Plan:
     return without_report(plan)
 
 
-def _plan(file: Path, overrides: list[str]) -> Plan:
-    """Load the YAML, make all checks, and return the plan of the run.
+def _load(file: Path, overrides: list[str]) -> tuple[Arena, Plan]:
+    """Load and check the YAML. Return the arena and the plan of the run.
 
     Also ends the processes of crashed earlier runs. A crashed run is a run on the same address whose
-    supervisor has died. Raises InputError for problems of the YAML or of this computer, RunError if another
-    arena uses the same address or ports.
+    supervisor has died. Raises InputError for problems of the YAML.
     """
     from arena.plan import make_plan
-    from arena.plan.machine import check_machine
     from arena.schema import load_arena
 
     arena = load_arena(file, overrides)
@@ -218,54 +223,8 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
     if arena.simulated and INTERPRETED:
         print(INTERPRETED, file=sys.stderr)
     plan = make_plan(arena)
-    sweep_all(_say, plan.address)
-    arena, plan, moved = at_free_address(arena, plan, overrides)
-    if moved:
-        _say(moved)
-    _refuse_second(plan)
-    _refuse_beside_replay(plan)
-    check_machine(arena, plan)
-    return plan
-
-
-def _refuse_second(plan: Plan) -> None:
-    """Raise RunError if a running arena uses the same address or the same ports as this plan."""
-    for state in active_runs():
-        other = plan_of(state)
-        shared = _sockets(plan) & _sockets(other) if other else set()
-        if state.live and (state.address == plan.address or shared):
-            another = "set another `address` for the new arena, for example 127.0.0.2"
-            if state.address != plan.address:  # the shared ports are bound on every address
-                ports = ", ".join(str(port) for port in sorted({port for _, _, port in shared})[:3])
-                another = (
-                    f"set other vehicle ids in the new arena, because PX4 binds its ports ({ports}, ...) "
-                    "on every address of the computer"
-                )
-            raise RunError(
-                f"the arena {state.name!r} is running on {state.address} (supervisor {state.supervisor.pid}, {state.run}). "
-                f"End it with `arena down --run {state.run}`, or {another}"
-            )
-
-
-def _refuse_beside_replay(plan: Plan) -> None:
-    """Raise RunError if a ground station would receive real and replayed vehicles at the same time.
-
-    The plan has real vehicles, and a replay is running. The ground station would mix up real and replayed
-    vehicles with the same id, and show the state of the wrong one.
-    """
-    if all(v.simulated for v in plan.vehicles):
-        return
-    for state in active_runs():
-        other = plan_of(state)
-        if state.live and other is not None and other.is_replay and other.slices["router.json"]["gcs"]:
-            raise RunError(
-                f"a replay is running ({state.run}) and sends the telemetry of recorded vehicles to ground stations. A ground station "
-                f"would confuse recorded vehicles with real ones. End it with `arena down --run {state.run}`, or replay with --no-gcs"
-            )
-
-
-def _sockets(plan: Plan) -> set[tuple[str, str, int]]:
-    return {(x.protocol, x.address, x.port) for spec in plan.processes for x in spec.listens}
+    sweep_all(say, plan.address)
+    return arena, plan
 
 
 def run_plan(
@@ -392,7 +351,3 @@ def _become_daemon(log: Path) -> None:
     )
     for fd, target in ((nowhere, 0), (file, 1), (file, 2)):
         os.dup2(fd, target)
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)

@@ -33,9 +33,10 @@ _MAX_PATHS = 1024  # sets of receivers that are kept
 class _Paths(NamedTuple):
     """Ways to the receivers of a datagram.
 
-    destinations: the receivers, kept so that no other object gets its `id`.  closed: closed ports at which nothing is sent
-    links: (index of the vehicle, name of the link) of built-in autopilots.  records: sockets whose copies the recorder gets
-    places: receivers with sockets
+    destinations: all receivers. While the tuple is kept here, no other object has its `id`.
+    closed: the closed ports for which this was computed.
+    links: (index of the vehicle, name of the link) of built-in autopilots.  records: sockets from which the recorder gets a copy.
+    places: receivers with open sockets.
     """
 
     destinations: Destinations

@@ -37,7 +37,7 @@ class MotorReplies:
         self.time_usec, self.armed, self.lockstep = 0, False, False
 
     def read(self, data: bytes) -> bool:
-        """Read received bytes if they are one whole reply, as nearly always. Otherwise change nothing and return False."""
+        """Read received bytes that are exactly one whole reply. For other bytes, change nothing and return False."""
         size = len(data)
         if size == 0:
             return False

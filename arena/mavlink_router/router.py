@@ -275,8 +275,7 @@ class Router:
     def _from_sensors(self, v: VehicleRoutes, sender: Address, data: Buffer, now: float) -> list[Out]:
         """Return the datagrams that carry emulated sensor measurements to a vehicle's clients and tools.
 
-        Ground stations do not receive measurements, because a radio could not carry them. A datagram with any other frame is
-        dropped: it could look like a message of the autopilot.
+        Ground stations receive none, because a radio could not carry them. A frame that could look like one of the autopilot is dropped.
         """
         if sender != self.table.sensors:
             return self._drop("unknown sender on the sensors' socket")
@@ -284,10 +283,10 @@ class Router:
         wanted = (v.vehicle.id, SENSORS, DEBUG_FLOAT_ARRAY)
         if not frames or any((f.sysid, f.compid, f.msgid) != wanted for f in frames):
             return self._drop("not a measurement of the vehicle's sensors")
-        destinations = (*v.record, *(e.place for e in (*v.clients.values(), *v.tools.values())))
+        found = v.sensor_receivers or v.find_sensor_receivers()
         self._counts.frames_from_vehicles += len(frames)
-        self._counts.frames_to_clients += len(frames) * len(destinations)
-        return [(data, destinations)] if destinations else []
+        self._counts.frames_to_clients += len(frames) * len(found)
+        return [(data, found)] if found else []
 
     # clients -> vehicle
 
@@ -381,6 +380,7 @@ class Router:
 
     def _forget_routes(self, v: VehicleRoutes) -> None:
         """Delete the stored receivers of the vehicle's messages, because a client or tool has changed."""
+        v.sensor_receivers = ()
         for link in v.links:
             link.routes.clear()
             self.shortcut.set_receivers(link, ())

@@ -135,7 +135,7 @@ class SimulatorLink:
 
         The bytes may end in the middle of a message.
         """
-        if self._stream.is_empty and self._replies.read(data):
+        if self._stream.is_clean and self._replies.read(data):
             return self._take_reply()
         buffer, found = self._stream.feed(data)
         if found.garbage:
@@ -146,17 +146,17 @@ class SimulatorLink:
                 self._take_reply()
 
     def _take_reply(self) -> None:
-        reply = self._replies
-        self.in_step = self.in_step or reply.lockstep
+        newest = self._replies
+        self.in_step = self.in_step or newest.lockstep
         # PX4 stamps a reply with the time of the sample it replies to. This separates replies to lockstep samples from
         # those to samples of the free run.
-        self._stamped = self._stamped or reply.time_usec in self._sent_times
+        self._stamped = self._stamped or newest.time_usec in self._sent_times
         if not self._stamped:
             self.unanswered = max(self.unanswered - 1, 0)
-        elif reply.time_usec >= self._sent_us:
+        elif newest.time_usec >= self._sent_us:
             self.unanswered = 0
         else:  # reply to an older sample: the samples after it still have no reply
-            self.unanswered = min(self.unanswered, sum(sent > reply.time_usec for sent in self._sent_times))
+            self.unanswered = min(self.unanswered, sum(sent > newest.time_usec for sent in self._sent_times))
         self.counts["answers"] += 1
 
 

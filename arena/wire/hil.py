@@ -52,7 +52,7 @@ class HilSender:
         pressure [hPa], height [m] and temperature [deg C] (13,)
         fields: bits of the readings that are new
         """
-        packed = np.asarray(readings, np.float32).tobytes()
+        packed = np.asarray(readings, np.float32).reshape(READINGS).tobytes()
         return self._frame(HIL_SENSOR, _TIME.pack(time_usec) + packed + _UPDATED.pack(fields, 0))
 
     def state(
@@ -119,7 +119,8 @@ class HilFields:
     bits: bits of fields_updated. PX4 rejects a group if only some of its bits are set.
     every: number of sensor periods between two updates
     first, count: place of the values among HIL_SENSOR's 13 readings
-    write: function (array for the values (count,), readings, row of the vehicle) that writes the values, in the units of HIL_SENSOR
+    write: function that writes the values, in the units of HIL_SENSOR. Its arguments: array of the values (count,), readings, row of
+        the vehicle
     """
 
     bits: int

@@ -102,9 +102,9 @@ class Stream:
         self._clean = True  # the kept bytes begin at the end of a frame
 
     @property
-    def is_empty(self) -> bool:
-        """True if no begun frame is buffered."""
-        return not self._kept
+    def is_clean(self) -> bool:
+        """True if the next byte begins a frame: all bytes before it belong to whole frames."""
+        return self._clean and not self._kept
 
     def feed(self, data: Buffer) -> tuple[bytes, ParsedFrames]:
         """Parse the next bytes of the stream. Return a buffer and the complete frames in it. Never raises an error."""

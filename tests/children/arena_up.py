@@ -6,16 +6,21 @@ import sys
 from pathlib import Path
 
 from arena.cli import main, up
+from arena.cli._placing import refuse_second
 from arena.plan.model import Plan
 from arena.supervisor import sweep_all
 
 
-def plan_from_json(file: Path, overrides: list[str]) -> Plan:
+def plan_from_json(file: Path, overrides: list[str]) -> tuple[None, Plan]:
     plan = Plan.from_json(file.read_text())
     sweep_all(print, plan.address)
-    up._refuse_second(plan)
+    return None, plan
+
+
+def stay_there(arena: None, plan: Plan, overrides: list[str]) -> Plan:
+    refuse_second(plan)
     return plan
 
 
-up._plan = plan_from_json
+up._load, up.place = plan_from_json, stay_there
 sys.exit(main())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -43,21 +44,27 @@ def address_of(folder: Path, number: int) -> str:
 def test_arena_that_starts_at_the_same_moment_takes_another_address(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The test takes the place of the first arena: it has chosen its address, and has not yet created its runtime folder."""
+    """The test is the first arena: it has chosen its address, and has not yet created its runtime folder."""
     monkeypatch.setenv("ARENA_RUNTIME_DIR", str(folder / "rt"))
+    monkeypatch.setenv("TMPDIR", str(folder))  # a lock of its own, so that no other test waits
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
     first = make_plan(load_arena(folder / "arena.yaml"))
+    runs = []
     try:
         with ThreadPoolExecutor(1) as pool:
-            with starting_alone():
+            with starting_alone(print):
                 second = pool.submit(arena, folder, "up", "--detach", "--no-report")
                 time.sleep(3.0)  # enough for a second arena that would not wait
-                made = create(first, folder / "first")
-            assert second.result().returncode == 0, second.result().stdout + second.result().stderr
-        assert address_of(folder, 0) != first.address
-        made.close()
+                runs.append(create(first, folder / "first"))
+            done = second.result()
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert f"{first.address} is in use by run {runs[0].path}: using " in done.stdout
+        assert "waiting, because another arena is starting" in done.stdout
     finally:
-        for run in sorted((folder / "runs").glob("*")):
-            arena(folder, "down", "--run", str(run))
+        for run in runs:
+            run.close()
+        for path in sorted((folder / "runs").glob("*")):
+            arena(folder, "down", "--run", str(path))
 
 
 @pytest.mark.flight

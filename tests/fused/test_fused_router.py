@@ -108,6 +108,26 @@ def test_closed_port_receives_nothing_until_its_program_is_found_or_sends(routed
             sdk.recv(1000)
 
 
+def test_port_that_a_search_finds_open_or_closed_receives_or_not(routed):
+    router, _ = routed
+    attitude = packed(mavlink.MAVLink_attitude_message(5, 0.1, 0, 0, 0, 0, 0), 1, 1)
+    router.closed.search()
+    router.from_vehicle(0, attitude, 1.0)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sdk:
+        sdk.bind((HOST, 22001))
+        sdk.setblocking(False)
+        router.from_vehicle(0, attitude, 1.0)
+        with pytest.raises(BlockingIOError):
+            sdk.recv(1000)
+        router.closed.search()
+        router.from_vehicle(0, attitude, 1.0)
+        assert sdk.recv(1000) == attitude
+        router.closed.now = frozenset({(HOST, 22001)})  # as after a search that finds it closed
+        router.from_vehicle(0, attitude, 1.0)
+        with pytest.raises(BlockingIOError):
+            sdk.recv(1000)
+
+
 def test_program_reaches_the_autopilot_on_the_router_link(station, routed):
     router, inbox = routed
     data = packed(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3), 1, 191)
