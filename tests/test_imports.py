@@ -38,7 +38,6 @@ GROUND = {
     "run_dirs",
     "signing_key",
     "thrust_curve",
-    "atmosphere",
     "vehicle_models",
     "transport",
 }
@@ -68,7 +67,6 @@ MAY: dict[str, set[str]] = {
     "process_title": set(),
     "run_dirs": set(),
     "signing_key": {"errors", "wire"},
-    "atmosphere": {"kernels", "portable_math"},
     "vehicle_models": {"errors", "thrust_curve", "constants", "kernels", "portable_math"},
     "transport": {"errors"},
     "wire": {"constants", "errors", "geometry", "kernels"},

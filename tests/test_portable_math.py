@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1] / "arena"
 FLIGHT_ROOMS = (
     *("sim", "autopilot", "mocap/emulator", "pose_forwarder", "fused", "mavlink_router", "emulated_sensors"),
     *("vehicle_models", "geometry", "recorder", "wire", "uav", "trajectories", "controllers"),
-    *("obstacles.py", "obstacle_surface.py", "thrust_curve.py", "atmosphere.py"),
+    *("obstacles.py", "obstacle_surface.py", "thrust_curve.py"),
 )
 _NAMES = (
     "sin cos tan arcsin arccos arctan arctan2 sinh cosh tanh exp exp2 expm1 log log2 log10 log1p power float_power cbrt"

@@ -12,7 +12,6 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.dialects.v20 import development
 
-from arena.atmosphere import pressure_hpa
 from arena.autopilot.flight_modes import Mode
 from arena.autopilot.mavlink import packed_messages
 from arena.autopilot.mavlink.packed_messages import FREQUENT, PACKED, RARE
@@ -25,6 +24,7 @@ from arena.geometry import (
     turn_horizontal,
     yaw_from_quat,
 )
+from arena.kernels.standard_atmosphere import pressure_hpa
 from arena.kernels.telemetry_quantities import BITS, COLUMNS, VALUES
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import parse_frames

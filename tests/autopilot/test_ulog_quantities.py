@@ -10,13 +10,13 @@ import pytest
 from flight import PROFILE, Flight
 from test_ulog_recorder import Memory, topic
 
-from arena.atmosphere import pressure_hpa
 from arena.autopilot import Autopilots
 from arena.autopilot.navigation.mission_items import Origin
 from arena.autopilot.ulog import layout, quantities
 from arena.autopilot.ulog.message_formats import FORMATS
 from arena.autopilot.ulog.recorder import UlogRecorder
 from arena.geometry import globe_from_local, yaw_from_quat
+from arena.kernels.standard_atmosphere import pressure_hpa
 from arena.kernels.ulog_quantities import COLUMNS, GROUPS, SIZES
 from arena.wire.ulog_messages import record_type
 from tests.kernels.kernel_versions import interpreted_modules, needs_compiled
