@@ -12,11 +12,10 @@ if TYPE_CHECKING:
     from arena.kernels.arrays import Floats
     from arena.kernels.mavlink_framing import FrameParser
 
-LOCKSTEP, ARMED = 1, 128
-"""Bits of `flags` and `mode`."""
-_LOCKSTEP, _ARMED = LOCKSTEP, ARMED  # the same numbers with C types, see the .pxd file
+_LOCKSTEP, _ARMED = 1, 128  # bits of `flags` and of `mode`
 _CONTROLS = struct.Struct("<QQ16fB")
-_BYTES, _FIRST, _MODE = 81, 2, 18  # of the payload; elements of the first control and of the mode
+_BYTES = _CONTROLS.size
+_FIRST, _MODE = 2, 18  # elements of the first control and of the mode
 _unpack = _CONTROLS.unpack
 
 

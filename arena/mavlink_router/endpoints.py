@@ -85,7 +85,7 @@ class VehicleRoutes:
     up_and_record: the autopilot's end of the router link, and the recorder
     ground_up_and_record: receivers of a message that a ground station sends to the vehicle
     record: the recorder, for messages from the vehicle
-    sensor_receivers: receivers of measurements of emulated sensors; () if they must be searched again
+    sensor_receivers: clients, tools and recorder, for measurements of emulated sensors; () if they must be searched again
     tools: clients that have sent to the tool socket
     """
 
@@ -113,12 +113,6 @@ class VehicleRoutes:
     def ground(self) -> AutopilotLink | None:
         """Ground station link of the vehicle, or None if the router link also serves ground stations."""
         return self.links[1] if len(self.links) > 1 else None
-
-    def find_sensor_receivers(self) -> Destinations:
-        """Return and keep the receivers of measurements of the vehicle's emulated sensors: clients, tools and recorder."""
-        endpoints = (*self.clients.values(), *self.tools.values())
-        self.sensor_receivers = (*self.record, *(e.place for e in endpoints))
-        return self.sensor_receivers
 
     def receivers(self, link: AutopilotLink, target: int, stations: Iterable[Endpoint]) -> Destinations:
         """Return the receivers of a message that an autopilot has sent on `link`.

@@ -275,7 +275,7 @@ class Router:
     def _from_sensors(self, v: VehicleRoutes, sender: Address, data: Buffer, now: float) -> list[Out]:
         """Return the datagrams that carry emulated sensor measurements to a vehicle's clients and tools.
 
-        Ground stations receive none, because a radio could not carry them. A frame that could look like one of the autopilot is dropped.
+        Ground stations receive none: a radio could not carry them. A datagram with another frame is dropped: it could look like telemetry.
         """
         if sender != self.table.sensors:
             return self._drop("unknown sender on the sensors' socket")
@@ -283,7 +283,7 @@ class Router:
         wanted = (v.vehicle.id, SENSORS, DEBUG_FLOAT_ARRAY)
         if not frames or any((f.sysid, f.compid, f.msgid) != wanted for f in frames):
             return self._drop("not a measurement of the vehicle's sensors")
-        found = v.sensor_receivers or v.find_sensor_receivers()
+        found = v.sensor_receivers = v.sensor_receivers or v.receivers(v.main, TO_ALL, ())
         self._counts.frames_from_vehicles += len(frames)
         self._counts.frames_to_clients += len(frames) * len(found)
         return [(data, found)] if found else []
