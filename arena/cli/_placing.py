@@ -1,4 +1,4 @@
-"""Functions of `arena up` that place an arena beside the arenas and replays that are running."""
+"""Choice of a free address for `arena up`, and its checks for arenas and replays that are running."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def place(arena: Arena, plan: Plan, overrides: list[str]) -> Plan:
-    """Return the plan at an address that is free, after all checks of this computer.
+    """Check this computer. Return the plan, moved to a free address if its own is in use and not set by the user.
 
     Raises InputError for problems of this computer, RunError if another arena uses the same address or ports.
     """

@@ -219,7 +219,7 @@ class Members:
 
 
 class _Fds(NamedTuple):
-    """File descriptors of the members' sockets. They never change, so a step need not ask the members for them."""
+    """File descriptors of the members' sockets. They never change, so they are stored once."""
 
     panic: int
     mocap: int

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from arena.mocap.client import Pose as CapturedPose
 
 Capture = Mapping[str, Any]
-"""Settings for `arena.mocap.client.open_client`, whose key `bodies` is not used. With the kind `POSE_PAGE`: for a `PageCapture`."""
+"""Settings for a `PageCapture` if `kind` is `POSE_PAGE`, else for `arena.mocap.client.open_client`. The key `bodies` is not used."""
 
 
 class VehicleCapture(Protocol):
