@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from arena.cli._arena import at_free_address
@@ -13,9 +14,10 @@ if TYPE_CHECKING:
     from arena.schema import Arena
 
 
-def place(arena: Arena, plan: Plan, overrides: list[str]) -> Plan:
+def place(arena: Arena, plan: Plan, overrides: list[str], say: Callable[[str], None]) -> Plan:
     """Check this computer. Return the plan, moved to a free address if its own is in use and not set by the user.
 
+    say: prints that the plan was moved.
     Raises InputError for problems of this computer, RunError if another arena uses the same address or ports.
     """
     from arena.plan.machine import check_machine
@@ -73,6 +75,3 @@ def _refuse_beside_replay(plan: Plan) -> None:
 def _sockets(plan: Plan) -> set[tuple[str, str, int]]:
     return {(x.protocol, x.address, x.port) for spec in plan.processes for x in spec.listens}
 
-
-def say(text: str) -> None:
-    print(text, flush=True)

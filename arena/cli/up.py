@@ -11,6 +11,8 @@ import json
 import os
 import shutil
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,7 +22,7 @@ from arena.cli._arena import clock_notes, copilot_notes, not_possible, without_e
 from arena.cli._consent import ask_consent
 from arena.cli._options import AsJson, NoReport, Quiet, TimeLimit, Verbose, speed_of
 from arena.cli._page import with_page
-from arena.cli._placing import place, refuse_beside, say
+from arena.cli._placing import place, refuse_beside
 from arena.cli._running import user_name
 from arena.errors import EXIT_FAILED, EXIT_OK, InputError
 from arena.kernels import INTERPRETED
@@ -160,16 +162,18 @@ def register(app: typer.Typer) -> None:
         if speed is not None:
             speed_of(speed)  # its error names --speed, and not --set
             overrides.append(f"sim.speed={speed}")
-        arena, plan = _load(file, overrides)
+        notes = sys.stderr if as_json or quiet else sys.stdout
+        say = partial(print, file=notes, flush=True)
+        arena, plan = _load(file, overrides, say)
         with contextlib.ExitStack() as lock:
             lock.enter_context(starting_alone(say))
             # in the foreground, the page reports its URL as an event, when it answers
-            plan, page = with_page(place(arena, plan, overrides), url=detach or quiet or as_json)
+            plan, page = with_page(place(arena, plan, overrides, say), url=detach or quiet or as_json)
             real = not all(v.simulated for v in plan.vehicles)
             if real:
                 lock.close()  # other arenas need not wait while a person answers
             for line in (*open_lines(plan), *([page] if page else [])):
-                print(line, file=sys.stderr if as_json or quiet else sys.stdout, flush=True)
+                say(line)
             consent = ask_consent(plan, yes=yes)
             plan = _without_report(plan) if no_report else plan
             if real:
@@ -208,11 +212,13 @@ def _without_report(plan: Plan) -> Plan:
     return without_report(plan)
 
 
-def _load(file: Path, overrides: list[str]) -> tuple[Arena, Plan]:
+def _load(file: Path, overrides: list[str], say: Callable[[str], None]) -> tuple[Arena, Plan]:
     """Load and check the YAML. Return the arena and the plan of the run.
 
     Also ends the processes of crashed earlier runs. A crashed run is a run on the same address whose
     supervisor has died. Raises InputError for problems of the YAML.
+
+    say: prints which processes it ends.
     """
     from arena.plan import make_plan
     from arena.schema import load_arena
