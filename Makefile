@@ -39,7 +39,7 @@ unit: bytecode
 # Flights of a few vehicles mostly wait: four share two cores. Of arenas with many vehicles two do. Flights in real time that a
 # neighbour on the cores would make fail are alone.
 flights: bytecode
-	$(BIN)/python -m pytest -m "flight and not nightly and not alone" -n 4 $(SPREAD) -q
+	$(BIN)/python -m pytest -m "flight and not crowd and not nightly and not alone" -n 4 $(SPREAD) -q
 	$(BIN)/python -m pytest -m "crowd and not nightly and not alone" -n 2 $(SPREAD) -q
 	$(BIN)/python -m pytest -m "alone and not nightly" -q
 

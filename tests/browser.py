@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -13,8 +14,10 @@ import pytest
 
 SOFTWARE_GL = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
-PICTURE_PERIOD_MS = 500
+PICTURE_PERIOD_MS = 1000
 """Time between two pictures of a page. At its own rate, drawing in software takes all that the arena leaves of the cores."""
+SCALE = 1.0 if "ARENA_PICTURES" in os.environ else 0.25
+"""Pixels drawn per pixel of the page, in each direction. Pictures for people have all pixels."""
 _DRAW_RARELY = f"""
 const draw = window.requestAnimationFrame.bind(window);
 window.requestAnimationFrame = (callback) => setTimeout(() => draw(callback), {PICTURE_PERIOD_MS});
@@ -42,7 +45,7 @@ def open_page(url: str, *, width: int = 1440, height: int = 900) -> Iterator[Any
         patient.write_text(f'#!/bin/sh\nexec nice -n 15 {path} "$@"\n')
         patient.chmod(0o700)
         browser = playwright.chromium.launch(executable_path=str(patient), args=list(SOFTWARE_GL))
-        page = browser.new_page(viewport={"width": width, "height": height})
+        page = browser.new_page(viewport={"width": width, "height": height}, device_scale_factor=SCALE)
         page.add_init_script(_DRAW_RARELY)
         page.set_default_timeout(120_000)  # beside other flights the page has little of the cores
         page.goto(url)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MANY = 30
-"""With more vehicles, trails are dots, hulls and blades have fewer faces, and shadows, rotor discs and environment map are left out."""
+"""With more vehicles, trails are dots, hulls and blades have fewer faces, and shadows and rotor discs are left out."""
 _TRAIL_PERIOD_S, _PIECE_STEPS, _PIECES = (0.1, 0.3), (20, 5), (12, 4)  # with few vehicles, with many
 _SETPOINT_M, _DOT_M = 0.055, 0.05
 _LABEL_ABOVE_M = 0.12
@@ -36,10 +36,8 @@ class Scene:
 
     def __init__(self, server: viser.ViserServer, settings: Settings) -> None:
         self._server, self._scene, self._vehicles = server, server.scene, settings.vehicles
-        # each pixel of a vehicle would read the environment map, which a software renderer does slowly
-        server.scene.configure_environment_map(
-            None if len(settings.vehicles) > MANY else "warehouse", environment_intensity=0.25
-        )
+        # A software renderer is slow with an environment map: each pixel of a vehicle would read it.
+        server.scene.configure_environment_map(None)
         server.scene.configure_default_lights(cast_shadow=len(settings.vehicles) <= MANY)
         draw_room(server, settings)
         self._groups = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from arena.cli import main, up
@@ -11,13 +12,13 @@ from arena.plan.model import Plan
 from arena.supervisor import sweep_all
 
 
-def plan_from_json(file: Path, overrides: list[str]) -> tuple[None, Plan]:
+def plan_from_json(file: Path, overrides: list[str], say: Callable[[str], None]) -> tuple[None, Plan]:
     plan = Plan.from_json(file.read_text())
-    sweep_all(print, plan.address)
+    sweep_all(say, plan.address)
     return None, plan
 
 
-def stay_there(arena: None, plan: Plan, overrides: list[str]) -> Plan:
+def stay_there(arena: None, plan: Plan, overrides: list[str], say: Callable[[str], None]) -> Plan:
     refuse_second(plan)
     return plan
 

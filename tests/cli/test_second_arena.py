@@ -115,7 +115,7 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     monkeypatch.setattr(up, "ask_consent", ask)
     monkeypatch.setattr(up, "create", create)
-    monkeypatch.setattr(up, "place", lambda arena, plan, overrides: plan)
+    monkeypatch.setattr(up, "place", lambda arena, plan, overrides, say: plan)
     return happened
 
 

@@ -8,7 +8,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -89,10 +89,13 @@ def plotted(page: Any, line: str) -> float | None:
     return float(found[1]) if found else None
 
 
-def until_plotted(page: Any, line: str, value: float) -> None:
+def until_plotted(page: Any, line: str, value: Callable[[], float]) -> None:
     """Wait until the height plot shows about this value [m] for one of its lines."""
     eventually(
-        lambda: abs((plotted(page, line) or 1e9) - value) < 0.1, 20, f"{line}: {value}", lambda: text_of(page)
+        lambda: abs((plotted(page, line) or 1e9) - value()) < 0.1,
+        20,
+        f"{line}: {value()}",
+        lambda: text_of(page),
     )
 
 
@@ -113,10 +116,15 @@ def test_page_shows_the_flight_lands_it_and_survives_the_next_arena(hangar):
         until_shown(page, r"uav2\s+OFFBOARD", 30)
         eventually(lambda: shown_height(page, "uav1") > 0.8, 20, "the height on the page")
         eventually(lambda: abs(flight.truth().v_n[0, 2]) < 0.05, 20, "hovers")
-        true_m = -float(flight.truth().p_n[0, 2])
-        assert abs(shown_height(page, "uav1") - true_m) < 0.15
+
+        def true_m() -> float:
+            return -float(flight.truth().p_n[0, 2])
+
+        eventually(
+            lambda: abs(shown_height(page, "uav1") - true_m()) < 0.15, 20, "the true height on the page"
+        )
         until_plotted(page, "actual", true_m)
-        until_plotted(page, "setpoint", 1.05)
+        until_plotted(page, "setpoint", lambda: 1.05)
         picture(page, "flight")
 
         press(page, "LAND ALL")
