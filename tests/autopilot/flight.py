@@ -84,6 +84,41 @@ ARENA = {
 Params = dict[str, float]
 
 
+class Received(dict[int, list[Any]]):
+    """Telemetry messages of each vehicle. A datagram is decoded when a test reads the list, because few are ever read.
+
+    decoded: ids of the messages that are decoded, None for all
+    """
+
+    def __init__(self, vehicles: int, decoded: Container[int] | None) -> None:
+        super().__init__({i: [] for i in range(vehicles)})
+        self._decoded, self._codec = decoded, Codec(255, 190)
+        self._parsers = [mavlink.MAVLink(None) for _ in range(vehicles)]
+        self._waiting: list[list[bytes]] = [[] for _ in range(vehicles)]
+
+    def add(self, i: int, data: bytes) -> None:
+        if self._decoded is None or any(frame.msgid in self._decoded for frame in self._codec.frames(data)):
+            self._waiting[i].append(data)
+
+    def forget(self, i: int) -> None:
+        """Discard the messages of a vehicle."""
+        self[i] = []
+
+    def __getitem__(self, i: int) -> list[Any]:
+        messages = super().__getitem__(i)
+        for data in self._waiting[i]:
+            if self._decoded is None:
+                messages += self._parsers[i].parse_buffer(data) or []
+            else:
+                messages += self._codec.parse(data, self._decoded)
+        self._waiting[i].clear()
+        return messages
+
+    def __setitem__(self, i: int, messages: list[Any]) -> None:
+        self._waiting[i].clear()
+        super().__setitem__(i, messages)
+
+
 class Flight:
     """V vehicles along east in a wide room.
 
@@ -138,10 +173,8 @@ class Flight:
         self.battery: dict[int, float] = {}
         self.vision_noise = (0.0003, 0.0009)
         self.delay_s, self.vision_hz = 0.011, 60.0
-        self.received: dict[int, list[Any]] = {i: [] for i in range(vehicles)}
+        self.received = Received(vehicles, decoded)
         self.codec = [mavlink.MAVLink(None, srcSystem=i + 1, srcComponent=191) for i in range(vehicles)]
-        self._parsers: dict[int, Any] = {}
-        self._decoded, self._decoder = decoded, Codec(255, 190)
         self._poses: deque[tuple[float, Any, Any]] = deque()
         self._next_exposure = 0.0
         self.motors = np.zeros((vehicles, 4))
@@ -183,11 +216,8 @@ class Flight:
             self._see(p, q)
         self.motors = self.pilots.step(self.now, self._sense())
         for i, link, data in self.pilots.transmit():
-            if link == "router" and self._decoded is not None:
-                self.received[i] += self._decoder.parse(data, self._decoded)
-            elif link == "router":
-                parser = self._parsers.setdefault(i, mavlink.MAVLink(None))
-                self.received[i] += parser.parse_buffer(data) or []
+            if link == "router":
+                self.received.add(i, data)
 
     def _sense(self) -> Any:
         sensors = self.world.sense()
@@ -217,7 +247,7 @@ class Flight:
 
     def command(self, i: int, command: int, *p: float, link: str = "router") -> int:
         """Send COMMAND_LONG and return the acknowledged result."""
-        self.received[i].clear()
+        self.received.forget(i)
         args = (list(p) + [0.0] * 7)[:7]
         self.send(i, mavlink.MAVLink_command_long_message(i + 1, 1, command, 0, *args), link)
         self.run(0.04)

@@ -85,7 +85,7 @@ class Lane:
 
     def clear(self) -> None:
         """Forget the received messages."""
-        self.flight.received[self.i].clear()
+        self.flight.received.forget(self.i)
 
     # -- waiting -------------------------------------------------------------------------------------------------------
 

@@ -85,7 +85,7 @@ def test_heartbeat_has_the_type_of_the_number_of_rotors(rotors, mav_type, monkey
 
 def test_stream_rates_are_px4s(flight):
     flight.run(0.1)
-    flight.received[0].clear()
+    flight.received.forget(0)
     flight.run(5.0)
     counted = Counter(m.get_type() for m in flight.received[0])
     for name, hz in PX4_ONBOARD_HZ.items():
@@ -94,11 +94,11 @@ def test_stream_rates_are_px4s(flight):
 
 def test_message_intervals_can_be_set_and_messages_requested(flight):
     assert flight.command(0, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 30, 500_000) == 0
-    flight.received[0].clear()
+    flight.received.forget(0)
     flight.run(2.0)
     assert 3 <= sum(m.get_type() == "ATTITUDE" for m in flight.received[0]) <= 5
     assert flight.command(0, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 30, -1) == 0
-    flight.received[0].clear()
+    flight.received.forget(0)
     flight.run(0.5)
     assert not any(m.get_type() == "ATTITUDE" for m in flight.received[0])
     assert flight.command(0, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == 0
@@ -107,7 +107,7 @@ def test_message_intervals_can_be_set_and_messages_requested(flight):
 
 def test_parameters_are_listed_and_written_unknown_names_ignored(flight):
     codec = flight.codec[0]
-    flight.received[0].clear()
+    flight.received.forget(0)
     flight.send(0, codec.param_request_list_encode(1, 1))
     flight.run(1.0)
     values = [m for m in flight.received[0] if m.get_type() == "PARAM_VALUE"]
@@ -119,7 +119,7 @@ def test_parameters_are_listed_and_written_unknown_names_ignored(flight):
     assert flight.pilots.params["COM_OBL_RC_ACT"][0] == 5
     assert abs(flight.pilots.params["MPC_XY_P"][0] - 1.1) < 1e-6
     flight.run(0.05)
-    flight.received[0].clear()
+    flight.received.forget(0)
     flight.send(0, codec.param_request_read_encode(1, 1, b"NO_SUCH_NAME", -1))
     flight.run(0.1)
     assert not any(m.get_type() == "PARAM_VALUE" for m in flight.received[0])
@@ -157,7 +157,7 @@ def test_armed_vehicle_refuses_offboard_without_setpoints(flight):
 
 def test_broadcast_commands_and_parameters_are_ignored(flight):
     for system, component in ((0, 0), (0, 1)):
-        flight.received[0].clear()
+        flight.received.forget(0)
         flight.send(
             0,
             mavlink.MAVLink_command_long_message(
@@ -209,7 +209,7 @@ def test_offboard_right_after_the_first_setpoint_is_accepted(flight):
 def test_global_position_is_reported_valid_only_with_an_origin(flight):
 
     def reported() -> bool:
-        flight.received[0].clear()
+        flight.received.forget(0)
         flight.run(0.25)
         status = next(m for m in flight.received[0] if m.get_type() == "SYS_STATUS")
         bit = mavlink.MAV_SYS_STATUS_SENSOR_GPS
@@ -246,7 +246,7 @@ def test_origin_makes_global_and_home_position_valid(flight):
     flight.send(
         0, mavlink.MAVLink_set_gps_global_origin_message(1, int(38.7e7), int(-9.1e7), 100_000, 0), "vision"
     )
-    flight.received[0].clear()
+    flight.received.forget(0)
     flight.run(2.1)
     found = {m.get_type(): m for m in flight.received[0]}
     assert abs(found["GLOBAL_POSITION_INT"].lat - 38.7e7) < 100
@@ -356,7 +356,7 @@ def test_origin_on_a_pole_is_accepted_and_one_in_space_refused(flight, lat, lon,
     flight.send(
         0, mavlink.MAVLink_set_gps_global_origin_message(1, int(lat * 1e7), int(lon * 1e7), int(alt * 1e3), 0)
     )
-    flight.received[0].clear()
+    flight.received.forget(0)
     flight.run(2.1)
     sent = [m for m in flight.received[0] if m.get_type() in ("GLOBAL_POSITION_INT", "HOME_POSITION")]
     assert bool(sent) == accepted

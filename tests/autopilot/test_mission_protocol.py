@@ -61,7 +61,7 @@ def send_item(flight: Flight, seq: int, it: dict, kind: int = 0) -> None:
 
 def upload(flight: Flight, items: list[dict], kind: int = 0) -> int:
     """Upload a list and return the result of MISSION_ACK."""
-    flight.received[0].clear()
+    flight.received.forget(0)
     flight.send(0, mavlink.MAVLink_mission_count_message(1, 1, len(items), kind))
     for _ in range(20 + 5 * len(items)):
         flight.run(0.02)
@@ -78,7 +78,7 @@ def upload(flight: Flight, items: list[dict], kind: int = 0) -> int:
 
 def download(flight: Flight, kind: int = 0) -> list[Any]:
     """Download a list as MISSION_ITEM_INT."""
-    flight.received[0].clear()
+    flight.received.forget(0)
     flight.send(0, mavlink.MAVLink_mission_request_list_message(1, 1, kind))
     flight.run(0.02)
     count = messages(flight, "MISSION_COUNT")[-1].count
