@@ -125,6 +125,18 @@ def test_parameters_are_listed_and_written_unknown_names_ignored(flight):
     assert not any(m.get_type() == "PARAM_VALUE" for m in flight.received[0])
 
 
+def test_ground_station_is_warned_of_a_parameter_without_effect(flight):
+    codec = flight.codec[0]
+    flight.received.forget(0)
+    flight.send(0, mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
+    flight.send(0, codec.param_set_encode(1, 1, b"MPC_ACC_HOR_MAX", 4.0, mavlink.MAV_PARAM_TYPE_REAL32))
+    flight.send(0, codec.param_set_encode(1, 1, b"MPC_XY_P", 1.05, mavlink.MAV_PARAM_TYPE_REAL32))
+    flight.run(0.3)
+    texts = "".join(m.text for m in flight.received[0] if m.get_type() == "STATUSTEXT")
+    assert "does not use MPC_ACC_HOR_MAX" in texts and "MPC_XY_P" not in texts, texts
+    assert flight.pilots.params["MPC_ACC_HOR_MAX"][0] == 4.0
+
+
 def test_parameter_out_of_range_or_not_finite_is_refused(flight):
     before = float(flight.pilots.params["MPC_XY_P"][0])
     for value in (float("nan"), float("inf"), 1e9, -1.0):
