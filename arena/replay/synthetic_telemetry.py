@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.flight_log.columns import RPY, WXYZ
 from arena.flight_log.flight import Flight
 from arena.geometry import Array, quat_from_euler
+from arena.vehicle_models import DEFAULT_CLASS, VEHICLE_MODELS
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT
 from arena.wire.px4_mode import mode_numbers
@@ -71,6 +72,8 @@ class SyntheticTelemetry:
             "baro": flight.group("baro", ("pressure", "temperature", "alt")),
             "output": flight.group("act.output", tuple(str(k + 1) for k in range(8))),
         }
+        turned = np.count_nonzero((self._group["output"] > 0.0).any(axis=0))
+        self._mav_type = VEHICLE_MODELS[DEFAULT_CLASS].mav_type(int(turned))
         self._yaw_ref = _column(flight, "pos_ref.yaw")
         self._thrust_ref = _column(flight, "thrust_ref")
         self._battery, self._voltage = _column(flight, "info.battery"), _column(flight, "bat.voltage")
@@ -97,7 +100,7 @@ class SyntheticTelemetry:
         base = _CUSTOM_BIT | (_ARMED_BIT if flight.armed[i] else 0)
         status = mavlink.MAV_STATE_ACTIVE if flight.armed[i] else mavlink.MAV_STATE_STANDBY
         yield mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_QUADROTOR,
+            self._mav_type,
             mavlink.MAV_AUTOPILOT_PX4,
             base,
             custom_mode(flight.mode[i]),

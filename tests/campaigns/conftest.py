@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+import arena
 from arena.campaign.design import Flight
 from arena.campaign.store import Record
 from arena.campaign.sweep import Sweep, load_sweep
 
+HOST = "127.0.0.2"  # a loopback address that Ray does not replace by the network address of this computer
 ARENA = """\
 world: {size: [10, 10, 4]}
 defaults: {autopilot: builtin}
 vehicles:
   uav1: {program: fly.py}
 """
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """Give the address of a cluster with two nodes, one CPU core each. Skip the test without Ray."""
+    pytest.importorskip("ray", reason="Ray is not installed: pip install '.[cluster]'")
+    from ray.cluster_utils import Cluster
+
+    node = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "node_ip_address": HOST}
+    paths = (Path(__file__).parents[1], Path(arena.__file__).parents[1])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", ":".join(map(str, paths)))  # the workers import this module and arena
+        cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+        cluster.add_node(**node)
+    yield cluster.address
+    cluster.shutdown()
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""A campaign with real arenas: killed in its second flight, then resumed."""
+"""Campaigns with real arenas: killed in its second flight, then resumed; with a scenario; on a Ray cluster."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ with UAV.from_args() as uav:
 SWEEP = "name: short\narena: arena.yaml\nvary: {wind: {values: [0, 1], set: 'world.wind_m_s=[{}, 0, 0]'}}\n"
 
 
-def campaign(folder: Path, temporary: Path) -> subprocess.Popen[bytes]:
+def campaign(folder: Path, temporary: Path, *options: str) -> subprocess.Popen[bytes]:
     """Start `arena campaign` as a user starts it."""
     with (folder / "out.txt").open("ab") as out:
         return subprocess.Popen(
-            [sys.executable, "-m", "arena.cli", "campaign", "sweep.yaml", "-j", "1", "--results", "results"],
+            [sys.executable, "-m", "arena.cli", "campaign", "sweep.yaml", "--results", "results", *options],
             stdout=out,
             stderr=subprocess.STDOUT,
             cwd=folder,
@@ -52,7 +52,7 @@ def test_killed_campaign_is_resumed_without_the_flown_flights(tmp_path: Path, ru
     def runs() -> list[Path]:
         return [path.parent for path in results.glob("flights/*/*/plan.json")]
 
-    first = campaign(tmp_path, runtime_dir)
+    first = campaign(tmp_path, runtime_dir, "-j", "1")
     try:
         eventually(lambda: len(runs()) == 2, 120, "the second flight begins", said)
         before = Store(results).records()
@@ -62,7 +62,7 @@ def test_killed_campaign_is_resumed_without_the_flown_flights(tmp_path: Path, ru
     assert [r.number for r in before.values()] == [1], said()
     eventually(lambda: not any(started_by(run) for run in runs()), 60, "the arena in the air ends", said)
 
-    second = campaign(tmp_path, runtime_dir)
+    second = campaign(tmp_path, runtime_dir, "-j", "1")
     try:
         assert second.wait(PATIENCE * 120) == 0, said()
     finally:
@@ -77,3 +77,63 @@ def test_killed_campaign_is_resumed_without_the_flown_flights(tmp_path: Path, ru
         assert measures["tracking_rms_m"] is not None and (results / one["run"] / "outcome.json").is_file()
     assert (results / "results.parquet").is_file()
     assert not any(started_by(run) for run in runs())
+
+
+SCENARIO = """\
+name: climbs
+arena: arena.yaml
+steps:
+  - at: each.airborne
+    expect: each.height > 0.8 m within 5 s
+  - expect: each.landed within 30 s
+"""
+HEIGHTS = """\
+name: heights
+scenario: climb.smoke.yaml
+vary: {height_m: {values: [1.0, 0.5], set: "vehicles.uav1.program.args=['{}']"}}
+"""
+
+
+@pytest.fixture
+def heights(tmp_path: Path) -> Path:
+    """A folder with a sweep over a scenario: its first flight passes, its second one does not fly high enough."""
+    (tmp_path / "arena.yaml").write_text(
+        "defaults: {autopilot: builtin}\nvehicles: {uav1: {program: {path: hover.py}}}\n"
+    )
+    (tmp_path / "hover.py").write_text(PROGRAM.replace("-1.0]", "-float(uav.args[0])]"))
+    (tmp_path / "climb.smoke.yaml").write_text(SCENARIO)
+    (tmp_path / "sweep.yaml").write_text(HEIGHTS)
+    return tmp_path
+
+
+def check_heights(folder: Path, code: int) -> None:
+    said = (folder / "out.txt").read_text()
+    assert code == 1, said
+    records = [r for _, r in sorted((r.number, r) for r in Store(folder / "results").records().values())]
+    assert [r.passed for r in records] == [True, False], said
+    assert "climb.smoke.yaml:5" in records[1].reasons[0] and "height" in records[1].reasons[0], records[1]
+    assert all(r.measures["airborne_s"] > 1.0 for r in records)
+
+
+@pytest.mark.flight
+def test_flights_of_a_scenario_are_judged_as_in_smoke(heights: Path, runtime_dir: Path) -> None:
+    flown = campaign(heights, runtime_dir)
+    try:
+        check_heights(heights, flown.wait(PATIENCE * 120))
+    finally:
+        flown.kill()
+        flown.wait()
+
+
+@pytest.mark.flight
+def test_flights_on_a_ray_cluster_are_flown_and_judged(
+    heights: Path, runtime_dir: Path, address: str
+) -> None:
+    (heights / "sweep.yaml").write_text(f"cluster: {address}\n{HEIGHTS}")
+    flown = campaign(heights, runtime_dir)
+    try:
+        check_heights(heights, flown.wait(PATIENCE * 240))
+    finally:
+        flown.kill()
+        flown.wait()
+    assert len(list((heights / "results").rglob("csv/uav1.csv"))) == 2, "files come back"

@@ -7,13 +7,12 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-import arena
 from arena.campaign import preparation, ray_cluster, ray_task
 from arena.campaign.design import Flight, flights
 from arena.campaign.store import Record, Store
@@ -22,27 +21,10 @@ from arena.cli import main
 from arena.errors import InputError, NotInstalledError, RunError
 from arena.schema import load_arena
 
-from .conftest import record_of
+from .conftest import HOST, record_of
 
 Load = Callable[[str], Sweep]
 PATIENCE_S = 120.0
-HOST = "127.0.0.2"  # a loopback address that Ray does not replace by the network address of this computer
-
-
-@pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    """Give the address of a cluster with two nodes, one CPU core each. Skip the test without Ray."""
-    pytest.importorskip("ray", reason="Ray is not installed: pip install '.[cluster]'")
-    from ray.cluster_utils import Cluster
-
-    node = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "node_ip_address": HOST}
-    paths = (Path(__file__).parents[1], Path(arena.__file__).parents[1])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", ":".join(map(str, paths)))  # the workers import this module and arena
-        cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
-        cluster.add_node(**node)
-    yield cluster.address
-    cluster.shutdown()
 
 
 def fly_in_a_node(flight: Flight, folder: Path, *, begun: Path) -> Record:

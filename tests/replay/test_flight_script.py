@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from arena.flight_log.flight import Flight
 from arena.geometry import quat_from_euler
@@ -43,6 +44,18 @@ def log(name: str, t0: float = 100.0, *, truth: bool = False) -> Flight:
         numbers |= {f"{group}.{part}": values[:, k] for k, part in enumerate(parts)}
     modes = ["AUTO.LOITER" if t < 1.0 else "OFFBOARD" for t in T]
     return Flight(name=name, t=T, t0=t0, numbers=numbers, mode=modes, armed=T > 0.5, landed=T < 0.7)
+
+
+@pytest.mark.parametrize(("rotors", "mav_type"), [(0, 2), (4, 2), (6, 13), (8, 14)])
+def test_heartbeat_has_the_type_of_the_number_of_rotors_that_turned(rotors: int, mav_type: int) -> None:
+    flight = log("uav3")
+    outputs = {f"act.output.{k + 1}": np.full(N, 0.6 if k < rotors else 0.0) for k in range(8)}
+    script = FlightScript([replace(flight, numbers={**flight.numbers, **outputs})])
+    parser = mavlink.MAVLink(None)
+    sent = [
+        m for item in of(list(script.items(0)), Kind.DOWN) for m in parser.parse_buffer(item.payload) or []
+    ]
+    assert {m.type for m in sent if m.get_type() == "HEARTBEAT"} == {mav_type}
 
 
 def of(items: list[Item], kind: Kind, vehicle: int = 0) -> list[Item]:
