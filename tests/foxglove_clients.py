@@ -33,9 +33,9 @@ class Client:
         url = f"ws://{host}:{port}"
         self.connection = connect(url, subprotocols=[Subprotocol(PROTOCOL)], max_size=None)
         self.info: dict[str, Any] = self._text()
-        channels = self._text()["channels"]
-        self.topics = {channel["topic"]: int(channel["id"]) for channel in channels}
-        self._names = {number: topic for topic, number in self.topics.items()}
+        self.topics: dict[str, int] = {}
+        self._names: dict[int, str] = {}
+        self._read_topics()
 
     def _text(self) -> dict[str, Any]:
         """Return the next text message. The time of the server, a binary message, can come between two of them."""
@@ -44,7 +44,15 @@ class Client:
         found: dict[str, Any] = json.loads(data)
         return found
 
+    def _read_topics(self) -> None:
+        for channel in self._text().get("channels", ()):
+            self.topics[channel["topic"]] = int(channel["id"])
+            self._names[int(channel["id"])] = channel["topic"]
+
     def subscribe(self, *topics: str) -> None:
+        """Subscribe to topics. The server advertises its topics one by one while it starts."""
+        while not set(topics) <= set(self.topics):
+            self._read_topics()
         self.connection.send(_subscription([self.topics[topic] for topic in topics]))
 
     def received(self, timeout_s: float) -> Iterator[LiveMessage]:

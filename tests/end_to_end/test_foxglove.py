@@ -35,12 +35,10 @@ def watched(
     """Fly with two viewers: one reads, and the other has subscribed to all topics and reads nothing."""
     flight = up(shared_hangar, tmp_path_factory.mktemp("watched"), "--foxglove")
     eventually(lambda: "live view" in flight.said(), 60, "the live view", flight.said)
-    with (
-        closing(Client(flight.address, PORT)) as client,
-        closing(hung_client(flight.address, PORT, client.topics.values())),
-    ):
+    with closing(Client(flight.address, PORT)) as client:
         client.subscribe(*WATCHED)
-        found = [message for message in client.received(60.0) if message.topic]
+        with closing(hung_client(flight.address, PORT, client.topics.values())):
+            found = [message for message in client.received(60.0) if message.topic]
         assert flight.wait(240) == 0, flight.said()
     return flight, found
 
