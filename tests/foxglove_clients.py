@@ -76,6 +76,7 @@ class Client:
 
 def hung_client(host: str, port: int, numbers: Collection[int]) -> socket.socket:
     """Return a connection that has subscribed to topics and reads nothing. numbers: numbers of the topics."""
+    assert numbers
     raw = socket.create_connection((host, port))
     raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     raw.sendall(

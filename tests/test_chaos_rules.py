@@ -130,11 +130,12 @@ def test_small_disk_is_really_full_and_its_files_are_kept(tmp_path):
 
 
 def kinds_of(seed: int) -> set[tuple[str, str]]:
-    """Return (fault, process without its vehicle) of one flight, its end, and whether a vehicle joins late."""
+    """Return (fault, process without its vehicle) of one flight, its end, whether a vehicle joins late, and lost links."""
     script = draw(seed)
     found = {("end", script.end)} | ({("late", "")} if script.late else set())
     targets = {fault: fault.target.replace("uav1", "uav").replace("uav2", "uav") for fault in script.faults}
-    return found | {(fault.what, target) for fault, target in targets.items()}
+    lost = {("unplug", "for ever") for fault in script.faults if fault.what == "unplug" and not fault.for_s}
+    return found | lost | {(fault.what, target) for fault, target in targets.items()}
 
 
 def test_daily_flights_have_every_fault_and_every_end():

@@ -74,4 +74,3 @@ def _refuse_beside_replay(plan: Plan) -> None:
 
 def _sockets(plan: Plan) -> set[tuple[str, str, int]]:
     return {(x.protocol, x.address, x.port) for spec in plan.processes for x in spec.listens}
-

@@ -174,7 +174,8 @@ def register(app: typer.Typer) -> None:
                 lock.close()  # other arenas need not wait while a person answers
             for line in (*open_lines(plan), *([page] if page else [])):
                 say(line)
-            consent = ask_consent(plan, yes=yes)
+            with contextlib.redirect_stdout(notes):
+                consent = ask_consent(plan, yes=yes)
             plan = _without_report(plan) if no_report else plan
             if real:
                 lock.enter_context(starting_alone(say))
@@ -184,7 +185,7 @@ def register(app: typer.Typer) -> None:
         permit_by = f"{user_name()} (arena up, {consent})" if consent else ""
         options = Options(until_done=until_done, time_limit_s=time_limit, adopt=True, permit_by=permit_by)
         if detach:
-            raise SystemExit(run_detached(plan, folder, options))
+            raise SystemExit(run_detached(plan, folder, options, as_json=as_json))
         raise SystemExit(run_plan(plan, folder, show, options, context.obj))
 
 
@@ -309,10 +310,12 @@ class _Piped(Lines):
         self.report(started=True, failed=failed)
 
 
-def run_detached(plan: Plan, folder: RunFolder, options: Options) -> int:
+def run_detached(plan: Plan, folder: RunFolder, options: Options, *, as_json: bool = False) -> int:
     """Fork the supervisor into its own session, and wait until all processes are started or the run has ended.
 
     Return the exit code of `arena up --detach`.
+
+    as_json: print where the arena runs as a JSON object.
     """
     reading, writing = os.pipe2(os.O_CLOEXEC)
     log = folder.log("supervisor")
@@ -325,8 +328,11 @@ def run_detached(plan: Plan, folder: RunFolder, options: Options) -> int:
     with os.fdopen(reading) as pipe:
         packet = json.loads(pipe.readline() or "{}")
     if packet.get("started"):
+        run = str(folder.path)
         print(
-            f"{plan.name} is running, supervisor {pid}\nrun folder: {folder.path}\nstop it with: arena down --run {folder.path}"
+            json.dumps({"arena": plan.name, "supervisor": pid, "run": run})
+            if as_json
+            else f"{plan.name} is running, supervisor {pid}\nrun folder: {run}\nstop it with: arena down --run {run}"
         )
         for text in packet["failed"]:
             print(f"arena: {text}", file=sys.stderr)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.flight_log.columns import RPY, WXYZ
@@ -72,8 +73,8 @@ class SyntheticTelemetry:
             "baro": flight.group("baro", ("pressure", "temperature", "alt")),
             "output": flight.group("act.output", tuple(str(k + 1) for k in range(8))),
         }
-        turned = np.count_nonzero((self._group["output"] > 0.0).any(axis=0))
-        self._mav_type = VEHICLE_MODELS[DEFAULT_CLASS].mav_type(int(turned))
+        rotors = _rotors(self._group["output"], flight.armed)
+        self._mav_type = VEHICLE_MODELS[DEFAULT_CLASS].mav_type(rotors)
         self._yaw_ref = _column(flight, "pos_ref.yaw")
         self._thrust_ref = _column(flight, "thrust_ref")
         self._battery, self._voltage = _column(flight, "info.battery"), _column(flight, "bat.voltage")
@@ -167,6 +168,18 @@ class SyntheticTelemetry:
             ]
             time_us = round(1e6 * float(self._boot_s[i])) & 0xFFFFFFFF
             yield mavlink.MAVLink_servo_output_raw_message(time_us, 0, *pwm)
+
+
+def _rotors(output: Array, armed: NDArray[np.bool_]) -> int:
+    """Return the number of outputs that turn a rotor: above 0 while the vehicle is armed, and mostly not while it is disarmed.
+
+    Servos and gimbals have outputs above 0 all the time.
+
+    output: all outputs (n, 8) [-], NaN for unknown ones.  armed: (n,).
+    """
+    above = output > 0.0
+    idle = above[~armed].mean(axis=0) < 0.5 if not armed.all() else np.ones(above.shape[1], bool)
+    return int(np.count_nonzero(above[armed].any(axis=0) & idle))
 
 
 def _attitude_reference(flight: Flight) -> Array:

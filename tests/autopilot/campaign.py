@@ -312,7 +312,7 @@ def hover(messages: int, seed: int, *, per_step: int = 8) -> Tally:
         assert flight.mode(0) == "AUTO.LOITER" and flight.armed(0)
         while quiet.world.steps < flight.world.steps:
             quiet._step()
-        quiet.received[0].clear()
+        quiet.received.forget(0)
         assert np.array_equal(flight.position(1), quiet.position(1)), "the neighbour moved"
 
     flight.fuzz.place = place.tolist()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import UserDict, deque
 from collections.abc import Callable, Container, Sequence
 from typing import Any
 
@@ -84,17 +84,17 @@ ARENA = {
 Params = dict[str, float]
 
 
-class Received(dict[int, list[Any]]):
-    """Telemetry messages of each vehicle. A datagram is decoded when a test reads the list, because few are ever read.
+class Received(UserDict[int, list[Any]]):
+    """Telemetry messages of each vehicle. Datagrams are decoded when a test reads the list: tests read few of them.
 
     decoded: ids of the messages that are decoded, None for all
     """
 
     def __init__(self, vehicles: int, decoded: Container[int] | None) -> None:
-        super().__init__({i: [] for i in range(vehicles)})
         self._decoded, self._codec = decoded, Codec(255, 190)
         self._parsers = [mavlink.MAVLink(None) for _ in range(vehicles)]
         self._waiting: list[list[bytes]] = [[] for _ in range(vehicles)]
+        super().__init__({i: [] for i in range(vehicles)})
 
     def add(self, i: int, data: bytes) -> None:
         if self._decoded is None or any(frame.msgid in self._decoded for frame in self._codec.frames(data)):
@@ -105,7 +105,7 @@ class Received(dict[int, list[Any]]):
         self[i] = []
 
     def __getitem__(self, i: int) -> list[Any]:
-        messages = super().__getitem__(i)
+        messages: list[Any] = super().__getitem__(i)
         for data in self._waiting[i]:
             if self._decoded is None:
                 messages += self._parsers[i].parse_buffer(data) or []

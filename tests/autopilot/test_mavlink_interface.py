@@ -50,7 +50,7 @@ def flight(shared: Flight) -> Iterator[Flight]:
     vehicle.offboard.level[0] = vehicle.offboard.contents[0] = 0
     vehicle.offboard.received_at[0] = -1e9
     shared.run(0.02)  # the streams read the changes
-    shared.received[0].clear()
+    shared.received.forget(0)
     yield shared
     shared.command(0, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196)
     assert shared.command(0, mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == 0

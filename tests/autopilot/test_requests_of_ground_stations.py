@@ -36,7 +36,7 @@ def shared() -> Flight:
 
 @pytest.fixture
 def flight(shared: Flight) -> Iterator[Flight]:
-    shared.received[0].clear()
+    shared.received.forget(0)
     yield shared
     shared.command(0, 400, 0, 21196)
     shared.command(0, 176, 1, 4, 3)

@@ -16,7 +16,7 @@ from whole_flight import take_off
 from tests.kernels.kernel_versions import needs_compiled
 
 MOST_CLIMB_M_S = 8.1
-"""With a limit of 8 m/s. If the integral is stopped by the thrust after its limit, it winds up, and the climb reaches 8.4 m/s."""
+"""Highest climb rate with a limit of 8 m/s. An anti-windup that compares the limited thrust lets the integral wind up: 8.4 m/s."""
 
 
 def flown(interpreted: str) -> str:

@@ -30,7 +30,7 @@ def address() -> Iterator[str]:
     node = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "node_ip_address": HOST}
     paths = (Path(__file__).parents[1], Path(arena.__file__).parents[1])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", ":".join(map(str, paths)))  # the workers import this module and arena
+        patch.setenv("PYTHONPATH", ":".join(map(str, paths)))  # the workers import the test modules and arena
         cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
         cluster.add_node(**node)
     yield cluster.address

@@ -84,9 +84,11 @@ def test_second_arena_takes_the_next_free_loopback_address(folder: Path) -> None
         assert address_of(folder, 1) != taken
         explicit = arena(folder, "up", "--detach", "--no-report", "--set", f"address={taken}")
         assert explicit.returncode == 1 and f"is running on {taken}" in explicit.stderr
-        lines = arena(folder, "up", "--json", "--time-limit", "1", "--no-report")
-        assert f"{taken} is in use by run {folder}/runs/" in lines.stderr
-        assert [json.loads(line) for line in lines.stdout.splitlines()], "only JSON on the standard output"
+        for option in ("--json", "-q"):
+            said = arena(folder, "up", option, "--time-limit", "1", "--no-report")
+            moved = f"{taken} is in use by run {folder}/runs/"
+            assert moved in said.stderr and moved not in said.stdout, said.stdout
+            assert option == "-q" or [json.loads(line) for line in said.stdout.splitlines()], "only JSON"
         pulled = arena(folder, "params", "pull")
         assert (
             pulled.returncode == 2

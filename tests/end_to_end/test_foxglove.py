@@ -32,7 +32,7 @@ def up(hangar: Hangar, folder: Path, *options: str) -> Flight:
 def watched(
     shared_hangar: Hangar, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Flight, list[LiveMessage]]:
-    """Fly with two viewers: one reads, and the other has subscribed to all topics and reads nothing."""
+    """Fly with two viewers: one reads, and the other has subscribed to all topics advertised so far and reads nothing."""
     flight = up(shared_hangar, tmp_path_factory.mktemp("watched"), "--foxglove")
     eventually(lambda: "live view" in flight.said(), 60, "the live view", flight.said)
     with closing(Client(flight.address, PORT)) as client:

@@ -66,6 +66,7 @@ class Live:
     def hung(self) -> socket.socket:
         """Return a connection that has subscribed to all topics and reads nothing."""
         with closing(self.client()) as other:
+            other.subscribe(POSITION, "/tf", "/scene", "/log")  # all of them are advertised then
             return hung_client(LOOPBACK, self.server.port or 0, other.topics.values())
 
 

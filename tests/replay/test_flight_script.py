@@ -46,10 +46,15 @@ def log(name: str, t0: float = 100.0, *, truth: bool = False) -> Flight:
     return Flight(name=name, t=T, t0=t0, numbers=numbers, mode=modes, armed=T > 0.5, landed=T < 0.7)
 
 
-@pytest.mark.parametrize(("rotors", "mav_type"), [(0, 2), (4, 2), (6, 13), (8, 14)])
-def test_heartbeat_has_the_type_of_the_number_of_rotors_that_turned(rotors: int, mav_type: int) -> None:
+@pytest.mark.parametrize(
+    ("rotors", "servos", "mav_type"), [(0, 0, 2), (4, 0, 2), (4, 2, 2), (6, 0, 13), (6, 2, 13), (8, 0, 14)]
+)
+def test_heartbeat_has_the_type_of_the_number_of_rotors(rotors: int, servos: int, mav_type: int) -> None:
+    """A servo has an output while the vehicle is disarmed, too."""
     flight = log("uav3")
-    outputs = {f"act.output.{k + 1}": np.full(N, 0.6 if k < rotors else 0.0) for k in range(8)}
+    turns, moves = np.where(flight.armed, 0.6, 0.0), np.full(N, 0.5)
+    kinds = [turns] * rotors + [moves] * servos + [np.zeros(N)] * (8 - rotors - servos)
+    outputs = {f"act.output.{k + 1}": values for k, values in enumerate(kinds)}
     script = FlightScript([replace(flight, numbers={**flight.numbers, **outputs})])
     parser = mavlink.MAVLink(None)
     sent = [
