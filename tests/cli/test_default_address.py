@@ -7,11 +7,10 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from end_to_end.flight import eventually
 
 from arena.plan import make_plan
 from arena.run_dirs import starting_alone
@@ -50,17 +49,16 @@ def test_arena_that_starts_at_the_same_moment_takes_another_address(
     monkeypatch.setenv("TMPDIR", str(folder))  # a lock of its own, so that no other test waits
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     first = make_plan(load_arena(folder / "arena.yaml"))
-    runs = []
+    runs, out = [], folder / "out.txt"
     try:
-        with ThreadPoolExecutor(1) as pool:
-            with starting_alone(print):
-                second = pool.submit(arena, folder, "up", "--detach", "--no-report")
-                time.sleep(3.0)  # enough for a second arena that would not wait
-                runs.append(create(first, folder / "first"))
-            done = second.result()
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert f"{first.address} is in use by run {runs[0].path}: using " in done.stdout
-        assert "waiting, because another arena is starting" in done.stdout
+        with starting_alone(print), out.open("wb") as file:
+            argv = (sys.executable, "-m", "arena.cli", "up", "--detach", "--no-report")
+            second = subprocess.Popen(argv, cwd=folder, stdout=file, stderr=subprocess.STDOUT)
+            waits = "waiting, because another arena is starting"
+            eventually(lambda: waits in out.read_text(), 60, waits, out.read_text)
+            runs.append(create(first, folder / "first"))
+        assert second.wait(120) == 0, out.read_text()
+        assert f"{first.address} is in use by run {runs[0].path}: using " in out.read_text()
     finally:
         for run in runs:
             run.close()

@@ -1,4 +1,4 @@
-"""Print the estimated position at 20 Hz for 2 s, then try to arm, and print the error."""
+"""Print `waiting`, then the estimated position at 20 Hz for 2 s, then try to arm, and print the error."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from arena.errors import CommandRefusedError, StaleDataError
 with UAV.from_args() as uav:
     rate = uav.clock.rate(20.0)
     read = 0
+    print("waiting", flush=True)
     while read < 40:
         rate.sleep()
         try:
