@@ -1,4 +1,4 @@
-"""Choice of a free address for `arena up`, and its checks for arenas and replays that are running."""
+"""Checks of `arena up` before the start: is the address free, and do other arenas or replays that are running get in the way?"""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ if TYPE_CHECKING:
 
 
 def place(arena: Arena, plan: Plan, overrides: list[str], say: Callable[[str], None]) -> Plan:
-    """Check this computer. Return the plan, moved to a free address if its own is in use and not set by the user.
+    """Check this computer, and return the plan. If its default address is in use, the returned plan has a free address.
 
-    say: prints that the plan was moved.
+    An address that the user has set never changes.
+
+    say: prints which address was chosen, and why.
     Raises InputError for problems of this computer, RunError if another arena uses the same address or ports.
     """
     from arena.plan.machine import check_machine

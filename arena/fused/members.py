@@ -219,7 +219,7 @@ class Members:
 
 
 class _Fds(NamedTuple):
-    """File descriptors of the members' sockets. They never change, so they are stored once."""
+    """File descriptors of the members' sockets. They stay the same until the end of the run."""
 
     panic: int
     mocap: int

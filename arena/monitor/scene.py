@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MANY = 30
-"""With more vehicles, trails are dots, hulls and blades have fewer faces, and shadows and rotor discs are left out."""
+"""With more vehicles the scene is simpler: trails are dots, hulls and blades have fewer faces, and there are no shadows or rotor discs."""
 _TRAIL_PERIOD_S, _PIECE_STEPS, _PIECES = (0.1, 0.3), (20, 5), (12, 4)  # with few vehicles, with many
 _SETPOINT_M, _DOT_M = 0.055, 0.05
 _LABEL_ABOVE_M = 0.12

@@ -171,9 +171,10 @@ class SyntheticTelemetry:
 
 
 def _rotors(output: Array, armed: NDArray[np.bool_]) -> int:
-    """Return the number of outputs that turn a rotor: above 0 while the vehicle is armed, and mostly not while it is disarmed.
+    """Return the number of rotors of a vehicle, from its motor outputs.
 
-    Servos and gimbals have outputs above 0 all the time.
+    The output of a rotor is above 0 while the vehicle is armed, and 0 in most rows while it is disarmed. The output of a servo or
+    gimbal is above 0 all the time, so it is not counted.
 
     output: all outputs (n, 8) [-], NaN for unknown ones.  armed: (n,).
     """

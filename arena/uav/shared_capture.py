@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from arena.mocap.client import Pose as CapturedPose
 
 Capture = Mapping[str, Any]
-"""Settings for a `PageCapture` if `kind` is `POSE_PAGE`, else for `arena.mocap.client.open_client`. The key `bodies` is not used."""
+"""Settings of the motion-capture client. If `kind` is `POSE_PAGE`, the client is a `PageCapture`; else `arena.mocap.client.open_client`
+makes it. The key `bodies` is ignored."""
 
 
 class VehicleCapture(Protocol):

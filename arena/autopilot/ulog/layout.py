@@ -120,7 +120,7 @@ class Layout:
         return _table(records), _table(table), steps
 
     def _template(self, topic: str) -> Bytes:
-        """Return a record as bytes. Fields with a constant contain it, all other fields contain 0."""
+        """Return the bytes of one record of a topic: constant fields have their value, all other fields are 0."""
         record = np.zeros(1, self._types[topic])
         set_record_head(record, self._numbers[topic])
         for name, content in PERIODIC[topic].fields.items():
