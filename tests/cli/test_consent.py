@@ -72,7 +72,7 @@ def test_consent_says_nothing_of_a_radio_that_is_there(
     (tmp_path / "arena.yaml").write_text(REAL.replace(" radio: none,", ""))
     monkeypatch.setattr("sys.stdin", Terminal("yes\n"))
     ask_consent(make_plan(load_arena(tmp_path / "arena.yaml")), yes=False)
-    assert "pilot's radio" not in capsys.readouterr().out
+    assert "RC transmitter" not in capsys.readouterr().out
 
 
 def test_a_simulated_arena_asks_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,7 +81,10 @@ def test_a_simulated_arena_asks_nothing(tmp_path: Path, monkeypatch: pytest.Monk
     ask_consent(make_plan(load_arena(tmp_path / "arena.yaml")), yes=False)
 
 
-def test_up_without_terminal_and_yes_starts_nothing(plan: Plan, tmp_path: Path, runtime_dir: Path) -> None:
+@pytest.mark.parametrize("options", [(), ("--json",), ("-q",)])
+def test_up_without_terminal_and_yes_starts_nothing(
+    options: tuple[str, ...], plan: Plan, tmp_path: Path, runtime_dir: Path
+) -> None:
     argv = [
         sys.executable,
         "-m",
@@ -91,11 +94,14 @@ def test_up_without_terminal_and_yes_starts_nothing(plan: Plan, tmp_path: Path, 
         "--headless",
         "--runs",
         str(tmp_path / "runs"),
+        *options,
     ]
     done = subprocess.run(
         argv, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60
     )
     assert done.returncode == 2 and "stdin is not a terminal" in done.stderr and "--yes" in done.stderr
+    listed = "1 real vehicle:"
+    assert (listed in done.stderr, listed in done.stdout) == (bool(options), not options)
     assert not (tmp_path / "runs").exists()
 
 

@@ -67,6 +67,15 @@ def test_detached_arena_is_controlled_from_other_terminals(terminal):
     assert "no arena is running" in terminal.run("ps").stderr
 
 
+def test_detached_start_with_json_prints_one_object(terminal):
+    up = terminal.up(plan_of(program("p", "sleeps")), "a.json", "--json")
+    assert up.returncode == 0, up.stderr
+    (line,) = up.stdout.splitlines()
+    (run,) = active_runs()
+    assert json.loads(line) == {"arena": "test", "supervisor": run.supervisor.pid, "run": str(run.run)}
+    assert terminal.run("down").returncode == 0
+
+
 def test_detached_start_reports_its_failure(terminal):
     up = terminal.up(
         plan_of(spec("a", "", kind="copilot", argv=("/no/such",)), program("p", "sleeps", needs=("a",)))
