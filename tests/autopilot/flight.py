@@ -84,6 +84,19 @@ ARENA = {
 Params = dict[str, float]
 
 
+def with_rotors(rotors: int) -> dict[str, Any]:
+    """Return PROFILE with this number of rotors, on a circle of 0.25 m."""
+    angles = 2.0 * np.pi * (np.arange(rotors) + 0.5) / rotors
+    ring = [
+        {
+            "position_m": [0.25 * float(np.cos(a)), 0.25 * float(np.sin(a)), -0.02],
+            "direction": "ccw" if k % 2 else "cw",
+        }
+        for k, a in enumerate(angles)
+    ]
+    return {**PROFILE, "rotors": ring, "num_rotors": rotors}
+
+
 class Received(UserDict[int, list[Any]]):
     """Telemetry messages of each vehicle. Datagrams are decoded when a test reads the list: tests read few of them.
 

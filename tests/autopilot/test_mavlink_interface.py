@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from flight import PROFILE, Flight
+from flight import Flight, with_rotors
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
@@ -68,15 +68,7 @@ def flight(shared: Flight) -> Iterator[Flight]:
     ],
 )
 def test_heartbeat_has_the_type_of_the_number_of_rotors(rotors, mav_type, monkeypatch):
-    ring = [
-        {
-            "position_m": [0.25 * np.cos(a), 0.25 * np.sin(a), 0.0],
-            "direction": "ccw" if k % 2 else "cw",
-        }
-        for k, a in enumerate(2 * np.pi * (np.arange(rotors) + 0.5) / rotors)
-    ]
-    profile = {**PROFILE, "rotors": ring, "num_rotors": rotors}
-    monkeypatch.setattr("flight.PROFILE", profile)
+    monkeypatch.setattr("flight.PROFILE", with_rotors(rotors))
     flight = Flight(1)
     flight.motors = np.zeros((1, rotors))
     flight.run(1.5)

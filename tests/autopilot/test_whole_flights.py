@@ -6,11 +6,10 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from flight import PROFILE, Flight
+from flight import PROFILE, Flight, with_rotors
 from whole_flight import take_off
 
 from tests.kernels.kernel_versions import needs_compiled
@@ -36,23 +35,11 @@ def test_compiled_and_interpreted_kernels_fly_the_same_flight() -> None:
     assert flown("1") == compiled
 
 
-def ring(rotors: int) -> list[dict[str, Any]]:
-    """Return rotors on a circle of 0.25 m."""
-    angles = 2.0 * np.pi * (np.arange(rotors) + 0.5) / rotors
-    return [
-        {
-            "position_m": [0.25 * float(np.cos(a)), 0.25 * float(np.sin(a)), -0.02],
-            "direction": "ccw" if k % 2 else "cw",
-        }
-        for k, a in enumerate(angles)
-    ]
-
-
 @pytest.mark.parametrize("rotors", [6, 8])
 def test_all_rotors_of_a_hexarotor_and_an_octorotor_turn_and_are_reported(
     rotors: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("flight.PROFILE", {**PROFILE, "rotors": ring(rotors), "num_rotors": rotors})
+    monkeypatch.setattr("flight.PROFILE", with_rotors(rotors))
     flight = Flight(1)
     flight.motors = np.zeros((1, rotors))
     take_off(flight, (0.0, 0.0, -1.5))

@@ -103,14 +103,14 @@ def test_another_seed_gives_another_flight(first: Flight, shared_hangar: Hangar)
 def test_truth_is_within_2_cm_of_a_flight_with_many_processes(
     first: Flight, many: Flight, vehicle: str
 ) -> None:
-    """All places of one flight are within 2 cm of the other's path, and most of them at the same time, too.
+    """Every place of the fused flight is within 2 cm of the other flight's path. At the same time, the median distance is below 2 cm.
 
-    The time after the entry into OFFBOARD is known to a row of the log, and the flight with many processes is in real time.
+    At the same time, single distances may be larger: the zero of time, the entry into OFFBOARD, is exact to one row of the log
+    (1/30 s), and the many-process flight is in real time.
     """
     (t_one, p_one), (t_many, p_many) = truth(first, vehicle), truth(many, vehicle)
-    end_s = min(t_one[-1], t_many[-1])
     path = places_at(np.arange(0.0, t_many[-1], 0.01), t_many, p_many)
-    times = np.arange(0.0, end_s, 0.1)
+    times = np.arange(0.0, min(t_one[-1], t_many[-1]), 0.1)
     one = places_at(times, t_one, p_one)
     apart = np.linalg.norm(one - places_at(times, t_many, p_many), axis=1)
     from_path = np.linalg.norm(one[:, None] - path, axis=2).min(axis=1)
