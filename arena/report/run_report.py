@@ -77,6 +77,18 @@ def report(folder: Path, progress: Callable[[str], None] = lambda _: None) -> st
 
     progress: called at the begin of each step, with a text about the step for the user.
     """
+    run, text = write_summary(folder, progress)
+    progress(f"drawing report.html: {_vehicles(len(run.flights))}")
+    write_page(run)  # last, because a page that cannot be made must not cost the summary
+    return text
+
+
+def write_summary(folder: Path, progress: Callable[[str], None] = lambda _: None) -> tuple[RunData, str]:
+    """Write summary.json, summary.txt and the logs of the vehicles into the run folder.
+
+    progress: as of `report`.
+    Returns (the data of the run, text of summary.txt).
+    """
     progress("reading the record")
     broken = _complete(folder)
     run = read_run(folder)
@@ -86,10 +98,7 @@ def report(folder: Path, progress: Callable[[str], None] = lambda _: None) -> st
         **summarise(run.names, run.flights, run.outcome, run.missing, disarmed_vehicles(run), run.origin_s),
         "px4": _px4(folder, run.plan, run.outcome),
     }
-    progress(f"drawing report.html: {_vehicles(len(run.flights))}")
-    text = _write(folder, summary)  # first, because a page that cannot be made must not cost the summary
-    write_page(run)
-    return text
+    return run, _write(folder, summary)
 
 
 def _complete(folder: Path) -> list[str]:

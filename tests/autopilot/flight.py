@@ -82,6 +82,9 @@ ARENA = {
 
 
 Params = dict[str, float]
+NONE = [float("nan")] * 21
+COVARIANCE = [1e-6 if k in (0, 6, 11, 15, 18, 20) else float("nan") for k in range(21)]
+"""Upper triangle of the covariance of a pose, with its diagonal."""
 
 
 def with_rotors(rotors: int) -> dict[str, Any]:
@@ -220,11 +223,11 @@ class Flight:
 
     def _step(self) -> None:
         self.world.step(self.motors)
-        truth = self.world.truth()
-        if truth.time_s >= self._next_exposure - 1e-9:
+        if self.now >= self._next_exposure - 1e-9:
             self._next_exposure += 1.0 / self.vision_hz
-            self._poses.append((truth.time_s + self.delay_s, truth.p_n.copy(), truth.q_nb.copy()))
-        while self._poses and self._poses[0][0] <= truth.time_s + 1e-9:
+            truth = self.world.truth()
+            self._poses.append((self.now + self.delay_s, truth.p_n, truth.q_nb))
+        while self._poses and self._poses[0][0] <= self.now + 1e-9:
             _, p, q = self._poses.popleft()
             self._see(p, q)
         self.motors = self.pilots.step(self.now, self._sense())
@@ -244,12 +247,8 @@ class Flight:
         for i in np.flatnonzero(self.vision_on):
             p, q = self.faults[i](p_n[i], q_nb[i]) if i in self.faults else (p_n[i], q_nb[i])
             p = p + self.rng.normal(0, self.vision_noise[0], 3)
-            cov = [float("nan")] * 21
-            for k in (0, 6, 11, 15, 18, 20):
-                cov[k] = 1e-6
-            none = [float("nan")] * 21
             m = mavlink.MAVLink_odometry_message(
-                0, 1, 12, *p, np.asarray(q).tolist(), *none[:6], cov, none, 0, 2, 0
+                0, 1, 12, *p.tolist(), np.asarray(q).tolist(), *NONE[:6], COVARIANCE, NONE, 0, 2, 0
             )
             self.pilots.receive(int(i), "vision", m.pack(self.codec[i]))
 

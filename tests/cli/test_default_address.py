@@ -17,7 +17,7 @@ from arena.run_dirs import starting_alone
 from arena.schema import load_arena
 from arena.supervisor import create
 
-TEXT = "name: lab\nvehicles: {uav1: {autopilot: builtin}}\n"
+TEXT = "name: lab\nsim: {processes: one}\nvehicles: {uav1: {autopilot: builtin}}\n"
 
 
 @pytest.fixture

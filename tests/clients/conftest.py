@@ -13,11 +13,13 @@ from arena.schema.px4 import find_px4
 from .site import Site
 
 _SEEN: dict[str, int] = {}
+SPEED = "3"
+"""Simulated time per real time. SDKs keep time by the clock of the computer, so not the greatest speed."""
 
 
 @pytest.fixture(scope="module", params=["builtin", pytest.param("px4", marks=pytest.mark.px4)])
 def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """Give an arena at real time, as SDKs need it."""
+    """Give an arena: PX4 in real time, the built-in autopilot at SPEED."""
     kind = request.param
     if kind == "px4" and ((found := find_px4()) is None or found.stand_in):
         pytest.skip("no PX4 is found: set PX4_HOME")
@@ -36,9 +38,11 @@ def _open(hangar: Hangar, kind: str, more: str) -> Site:
     yaml = hangar.folder / "arena.yaml"
     yaml.write_text(
         f"name: clients\naddress: {hangar.address}\nworld: {{size: [30, 30, 12]}}\ndefaults: {{autopilot: {kind}}}\n"
+        # an SDK sends its setpoints in real time
+        f"failsafe: {{offboard_loss: {{after_s: 3}}}}\n"
         f"vehicles:\n  uav1: {{id: {vehicle}, start: {{position: [0, 0, 0]}}{more}}}\n"
     )
-    flight: Flight = hangar.up(yaml)
+    flight: Flight = hangar.up(yaml, *(() if kind == "px4" else ("--speed", SPEED)))
     return Site(flight=flight, kind=kind, vehicle=vehicle)
 
 

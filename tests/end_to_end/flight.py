@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import ctypes
 import json
@@ -11,8 +12,9 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,8 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
+from arena.clock import SimClock
+from arena.report.run_report import write_summary
 from arena.supervisor import Control, RunState, open_run, proc_fs
 from arena.wire.truth_page import Truth, TruthReader
 
@@ -32,6 +36,8 @@ STANDS_M = 0.03
 
 PATIENCE = 3.0
 """Factor on all time limits, for a machine that is shared and slow."""
+PACE_S = 0.02
+"""Simulated time between two waits of `Flight.paced` [s]."""
 LEAST_S = 30.0
 """Least time limit of a wait for an event [s]: starting one process can take so long on a starved machine."""
 
@@ -135,6 +141,9 @@ class Flight:
 
     @property
     def summary(self) -> dict[str, Any]:
+        """Return summary.json. A flight without a report gets it here, which costs less than the plots of a report."""
+        if not (self.folder / "summary.json").exists():
+            write_summary(self.folder)
         return self.json("summary.json")
 
     def stats(self, process: str) -> dict[str, Any]:
@@ -230,6 +239,27 @@ class Flight:
         return eventually(
             lambda: len(found()) >= times and found()[times - 1], limit_s, f"{process} {to}", self.said
         )
+
+    @contextlib.contextmanager
+    def paced(self, speed: float) -> Iterator[None]:
+        """Hold the simulation back to this speed (simulated time per real time) during the block.
+
+        The arena must be in lockstep, which is any `--speed` but 1.
+        """
+        clock, over = SimClock(self.json("slices/world.json")["clock"], "test"), threading.Event()
+
+        def hold() -> None:
+            while not over.wait(PACE_S / speed):
+                clock.sleep_only(clock.now() + PACE_S)
+
+        holds = threading.Thread(target=hold)
+        holds.start()
+        try:
+            yield
+        finally:
+            over.set()
+            holds.join()
+            clock.close()
 
     def signal(self, number: int) -> None:
         self.process.send_signal(number)

@@ -299,7 +299,8 @@ class _Flying:
         self.go.unlink(missing_ok=True)
         if sortie.where == "air":
             self.go.touch()
-        self.flight = hangar.up(_yaml(sortie, hangar, self.go, first_id), "--no-report", *options)
+        speed = () if sortie.speed == "1" else ("--speed", sortie.speed)
+        self.flight = hangar.up(_yaml(sortie, hangar, self.go, first_id), "--no-report", *speed, *options)
         self.expected = sortie.expected()
         self.fates: dict[Hit, Fate | None] = {}
         self.programs: dict[str, int] = {}
@@ -515,7 +516,7 @@ def _yaml(sortie: Sortie, hangar: Hangar, go: Path, first_id: int) -> Path:
         "name: processes",
         f"address: {hangar.address}",
         "world: {size: [14, 6, 3]}",
-        f"sim: {{speed: {sortie.speed}, processes: many}}",
+        "sim: {processes: many}",
         f"tools: {{one: {sleeps}, two: {sleeps}}}",
         f"defaults: {{program: {program}}}",
         *sortie.more.splitlines(),

@@ -18,7 +18,6 @@ from pymavlink.dialects.v20 import common as mavlink
 from .flight import Flight, Hangar
 
 pytestmark = pytest.mark.flight
-REPORT = True  # these tests read the summary
 VEHICLES = {"uav1": "tours", "uav2": "tours"}
 FLOOD, FLOOD_PER_S = 21_000, 7000
 GROWTH_MB = 6.0

@@ -73,7 +73,8 @@ def touring(hangar: Hangar, copilot: str, *options: str) -> Flight:
 
 def bereft(hangar: Hangar, copilot: str, number: int = signal.SIGKILL) -> Flight:
     """Return a flight in the air whose copilot was killed or stopped."""
-    flight = touring(hangar, copilot, "--until-done")
+    # a new copilot must be ready before the tour ends
+    flight = touring(hangar, copilot, "--until-done", "--speed", "4")
     flight.until_up()
     os.kill(flight.pid("copilot"), number)
     return flight

@@ -106,7 +106,7 @@ def test_truth_is_within_2_cm_of_a_flight_with_many_processes(
     """Every place of the fused flight is within 2 cm of the other flight's path. At the same time, the median distance is below 2 cm.
 
     At the same time, single distances may be larger: the zero of time, the entry into OFFBOARD, is exact to one row of the log
-    (1/30 s), and the many-process flight is in real time.
+    (1/30 s).
     """
     (t_one, p_one), (t_many, p_many) = truth(first, vehicle), truth(many, vehicle)
     path = places_at(np.arange(0.0, t_many[-1], 0.01), t_many, p_many)

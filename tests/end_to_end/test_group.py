@@ -10,7 +10,6 @@ import pytest
 from .flight import PROGRAMS, Flight, Hangar
 
 pytestmark = pytest.mark.flight
-REPORT = True  # these tests read the summary
 
 NAMES = ("uav1", "uav2", "uav3", "uav4")
 

@@ -12,11 +12,9 @@ import pytest
 from arena.plan import make_plan
 from arena.schema import load_arena
 
-from .flight import ROOT, Hangar, end_with_us
+from .flight import PROGRAMS, ROOT, Hangar, end_with_us
 
-pytestmark = [pytest.mark.crowd, pytest.mark.alone]  # real time, which a neighbour on the cores would take
-REPORT = True  # these tests read the summary
-EXAMPLE = ROOT / "examples" / "01_two_quads" / "position_setpoints.py"
+pytestmark = pytest.mark.crowd
 BOARD = ROOT / "tests" / "children" / "hitl_board.py"
 
 
@@ -27,7 +25,11 @@ def yaml(hangar: Hangar, serial_cable: tuple[str, str]) -> Path:
 name: loop
 address: {hangar.address}
 vehicles:
-  uav1: {{id: 6, autopilot: hitl, serial: {serial_cable[0]}, program: '{EXAMPLE}'}}
+  uav1:
+    id: 6
+    autopilot: hitl
+    serial: {serial_cable[0]}
+    program: {{path: '{PROGRAMS / "impatient.py"}', args: [tours]}}
 """)
     return file
 
@@ -57,7 +59,8 @@ def switch_on(params: dict[str, float], device: str, folder: Path) -> subprocess
     )
 
 
-def test_hitl_flies_the_first_example_and_lands(
+@pytest.mark.alone  # real time, which a neighbour on the cores would take
+def test_hitl_flies_to_setpoints_and_lands(
     hangar: Hangar, yaml: Path, serial_cable: tuple[str, str], running: list[subprocess.Popen[bytes]]
 ) -> None:
     running.append(switch_on(params_of(yaml), serial_cable[1], hangar.folder))
@@ -65,7 +68,7 @@ def test_hitl_flies_the_first_example_and_lands(
     assert flight.wait(150) == 0, flight.said()
     told = flight.summary["vehicles"]["uav1"]
     assert told["judged_by"] == "truth" and told["landing"]["landed"] and told["crashed"] == ""
-    assert len(told["setpoints"]["each"]) == 5 and all(
+    assert len(told["setpoints"]["each"]) == 4 and all(
         s["error_m"] <= 0.25 for s in told["setpoints"]["each"]
     ), told["setpoints"]
     flight.assert_nothing_left()

@@ -13,12 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from .flight import PROGRAMS, ROOT, Flight, Hangar, eventually
+from .flight import PROGRAMS, Flight, Hangar, eventually
 from .posing import PosingRoom, PosingVehicle
 
 pytestmark = pytest.mark.crowd  # two worlds: the arena and the simulated reality
-REPORT = True  # these tests read the summary
-EXAMPLE = ROOT / "examples" / "01_two_quads" / "position_setpoints.py"
 WIRE_PORT = 14540
 
 
@@ -59,7 +57,7 @@ def up(
 
 
 def test_real_and_simulated_vehicle_fly_the_same_program(hangar: Hangar, room: PosingRoom) -> None:
-    flight = up(hangar, room, EXAMPLE, "--until-done")
+    flight = up(hangar, room, PROGRAMS / "fly.py", "--until-done", args="tours")
     highest = 0.0
 
     def over() -> bool:
@@ -72,7 +70,7 @@ def test_real_and_simulated_vehicle_fly_the_same_program(hangar: Hangar, room: P
     told = flight.summary["vehicles"]
     assert told["uav1"]["judged_by"] == "truth" and told["uav2"]["judged_by"] != "truth"
     for name in ("uav1", "uav2"):
-        assert len(told[name]["setpoints"]["each"]) == 5
+        assert len(told[name]["setpoints"]["each"]) == 4
         assert all(s["error_m"] <= 0.15 for s in told[name]["setpoints"]["each"]), (
             name,
             told[name]["setpoints"],
@@ -87,7 +85,7 @@ def test_real_and_simulated_vehicle_fly_the_same_program(hangar: Hangar, room: P
 def test_failed_preflight_check_refuses_arming_with_its_reason(hangar: Hangar, room: PosingRoom) -> None:
     options = ("--until-done",)
     flight = up(
-        hangar, room, PROGRAMS / "fly.py", *options, args="lands", more=", params: {COM_OF_LOSS_T: 7}"
+        hangar, room, PROGRAMS / "impatient.py", *options, args="lands", more=", params: {COM_OF_LOSS_T: 7}"
     )
     assert flight.wait(120) == 1
     assert "COM_OF_LOSS_T" in flight.log("program.uav2") and "Preflight" in flight.log("program.uav2")

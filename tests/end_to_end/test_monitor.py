@@ -19,7 +19,7 @@ from browser import chromium, open_page
 
 from arena.supervisor import Control, open_run
 
-from .flight import Flight, Hangar, end_with_us, eventually, started_by
+from .flight import STANDS_M, Flight, Hangar, end_with_us, eventually, started_by
 
 pytestmark = [pytest.mark.flight, pytest.mark.browser]
 VEHICLES = {"uav1": "hovers", "uav2": "hovers"}
@@ -105,7 +105,7 @@ def picture(page: Any, name: str) -> None:
         page.screenshot(path=str(Path(folder) / f"{name}.png"), timeout=120_000)
 
 
-def test_page_shows_the_flight_lands_it_and_survives_the_next_arena(hangar):
+def test_page_shows_the_flight_commands_it_and_survives_the_next_arena(hangar):
     chromium()
     with monitor(hangar) as url, open_page(url, width=1000, height=640) as page:
         until_shown(page, "no arena is running", 60)
@@ -140,51 +140,49 @@ def test_page_shows_the_flight_lands_it_and_survives_the_next_arena(hangar):
         flight.cli("down", "--now")
         flight.wait()
         until_shown(page, "no arena is running", 60)
-        again = hangar.fly({"uav7": "hovers"})
+        again = hangar.fly({"uav7": "hovers", "uav8": "hovers"})
         again.truth()
-        until_shown(page, r"uav7\s+OFFBOARD", 60)
+        again.until_up(0.8)
+        until_shown(page, r"uav8\s+OFFBOARD", 60)
         assert "uav1" not in text_of(page).partition("Vehicles")[2]
-        press(page, "LAND uav7")
-        until_shown(page, r"uav7: (landed and disarmed after|already on the ground)", 60)
-        again.until_down(20)
+        hold_land_and_kill(page, again)
         again.cli("down", "--now")
+
+
+def hold_land_and_kill(page: Any, flight: Flight) -> None:
+    """Hold uav7, start and cancel KILL ALL, land uav7, and stop the motors of uav8."""
+    press(page, "HOLD uav7")
+    until_shown(page, r"uav7: holds its position", 60)
+    until_shown(page, r"uav7\s+AUTO.LOITER", 30)
+    assert re.search(r"uav8\s+OFFBOARD", text_of(page)), "the other vehicle flies on"
+    assert flight.heights().min() > 0.5
+
+    press(page, "KILL ALL")
+    until_shown(page, r"stops the motors of uav7, uav8 at once", 30)
+    picture(page, "kill")
+    focused = "document.activeElement.innerText.trim()"
+    eventually(lambda: page.evaluate(focused) == "Cancel", 30, "Cancel has the focus")
+    page.keyboard.press("Enter")
+    eventually(lambda: "at once" not in text_of(page), 60, "the dialog is closed")
+    assert flight.heights().min() > 0.5 and flight.fact("uav7.armed"), "Cancel stops nothing"
+
+    press(page, "LAND uav7")
+    until_shown(page, r"uav7: (landed and disarmed after|already on the ground)", 60)
+    eventually(lambda: flight.heights()[0] < STANDS_M, 20, "uav7 on the floor")
+    assert flight.heights()[1] > 0.5 and flight.fact("uav8.mode") == "OFFBOARD", "the other vehicle flies on"
+
+    press(page, "KILL ALL")
+    press(page, "Stop the motors of uav7, uav8")
+    until_shown(page, r"uav8: motors stopped", 60)
+    picture(page, "killed")
+    flight.until_down(1)
+    flight.until_disarmed(("uav7", "uav8"), 5)
 
 
 def assert_down(flight: Flight) -> None:
     """Check by the arena itself that all vehicles are on the floor and disarmed."""
     flight.until_down(1)
     flight.until_disarmed(VEHICLES, 5)
-
-
-def test_hold_and_kill_all_show_their_confirmation(hangar):
-    chromium()
-    flight = hangar.fly(VEHICLES)
-    flight.truth()  # the heights are counted from here
-    flight.until_up(0.8)
-    with monitor(hangar) as url, open_page(url, width=1000, height=640) as page:
-        until_shown(page, r"uav2\s+OFFBOARD", 60)
-        press(page, "HOLD uav1")
-        until_shown(page, r"uav1: holds its position", 60)
-        until_shown(page, r"uav1\s+AUTO.LOITER", 30)
-        assert re.search(r"uav2\s+OFFBOARD", text_of(page)), "the other vehicle flies on"
-        assert flight.heights().min() > 0.5
-
-        press(page, "KILL ALL")
-        until_shown(page, r"stops the motors of uav1, uav2 at once", 30)
-        picture(page, "kill")
-        focused = "document.activeElement.innerText.trim()"
-        eventually(lambda: page.evaluate(focused) == "Cancel", 30, "Cancel has the focus")
-        page.keyboard.press("Enter")
-        eventually(lambda: "at once" not in text_of(page), 60, "the dialog is closed")
-        assert flight.heights().min() > 0.5 and flight.fact("uav1.armed"), "Cancel stops nothing"
-
-        press(page, "KILL ALL")
-        press(page, "Stop the motors of uav1, uav2")
-        for vehicle in VEHICLES:
-            until_shown(page, rf"{vehicle}: motors stopped", 60)
-        picture(page, "killed")
-        assert_down(flight)
-        flight.cli("down", "--now")
 
 
 def browser_processes() -> list[psutil.Process]:

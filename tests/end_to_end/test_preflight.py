@@ -7,8 +7,8 @@ import math
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,6 @@ class Lab:
     hangar: Hangar
     vehicle: CarriedAutopilot
     flight: Flight
-    stack: ExitStack = field(default_factory=ExitStack)
 
     @property
     def record(self) -> Path:
@@ -61,8 +60,9 @@ class Lab:
         return command.returncode, "".join(lines)
 
 
-@pytest.fixture
-def lab(hangar: Hangar) -> Iterator[Lab]:
+@contextmanager
+def opened(hangar: Hangar) -> Iterator[Lab]:
+    """Start the arena, the vehicle and the cameras of a lab, and wait for the arm permit."""
     a, b, c, d = hangar.address.split(".")
     room, here = f"{a}.{int(b) + 60}.{c}.{d}", (hangar.address, 14540)
     file = hangar.folder / "arena.yaml"
@@ -97,6 +97,19 @@ vehicles:
         yield made
 
 
+@pytest.fixture
+def lab(hangar: Hangar) -> Iterator[Lab]:
+    with opened(hangar) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def shared_lab(shared_hangar: Hangar) -> Iterator[Lab]:
+    """Give a lab for all tests that leave its vehicle as they found it."""
+    with opened(shared_hangar) as made:
+        yield made
+
+
 @pytest.mark.alone  # the movement is sampled in real time
 def test_a_carried_vehicle_passes_and_stays_checked_until_its_battery_is_changed(lab: Lab) -> None:
     lab.until("no axes check: run arena preflight uav1", said=True)
@@ -114,30 +127,34 @@ def test_a_carried_vehicle_passes_and_stays_checked_until_its_battery_is_changed
     lab.until("has rebooted: run arena preflight uav1", said=True)
 
 
-def test_another_body_of_the_cameras_fails(lab: Lab) -> None:
-    real, lab.vehicle.moves = lab.vehicle.moves, Motion(begin=math.inf)
-    code, out = lab.check(lab.vehicle.moves)
+def test_another_body_of_the_cameras_fails(shared_lab: Lab) -> None:
+    real, shared_lab.vehicle.moves = shared_lab.vehicle.moves, Motion(begin=math.inf)
+    try:
+        code, out = shared_lab.check(shared_lab.vehicle.moves)
+    finally:
+        shared_lab.vehicle.moves = real
     assert real.begin == math.inf
     assert code != 0 and "the captured body 'uav1' did not move with the vehicle" in out, out
-    assert not lab.record.exists()
-    lab.until("no axes check: run arena preflight uav1", said=True)
+    assert not shared_lab.record.exists()
+    shared_lab.until("no axes check: run arena preflight uav1", said=True)
 
 
-def test_what_cannot_be_checked_is_refused(lab: Lab) -> None:
-    refused = lab.flight.cli("preflight", "uav9")
+def test_what_cannot_be_checked_is_refused(shared_lab: Lab) -> None:
+    refused = shared_lab.flight.cli("preflight", "uav9")
     assert refused.returncode != 0 and "expected a real vehicle: uav1" in refused.stderr
-    lab.vehicle.armed = True
-    eventually(lambda: lab.flight.fact("uav1.armed"), 20, "armed", lab.flight.said)
-    armed = lab.flight.cli("preflight", "uav1")
+    shared_lab.vehicle.armed = True
+    eventually(lambda: shared_lab.flight.fact("uav1.armed"), 20, "armed", shared_lab.flight.said)
+    armed = shared_lab.flight.cli("preflight", "uav1")
     assert armed.returncode != 0 and "nobody must lift an armed vehicle" in armed.stdout
-    lab.vehicle.armed = False
+    shared_lab.vehicle.armed = False
+    eventually(lambda: not shared_lab.flight.fact("uav1.armed"), 20, "disarmed", shared_lab.flight.said)
 
 
-def test_permit_during_the_check_is_refused_with_its_reason(lab: Lab) -> None:
-    with lab.flight.start_cli("preflight", "uav1") as command:
+def test_permit_during_the_check_is_refused_with_its_reason(shared_lab: Lab) -> None:
+    with shared_lab.flight.start_cli("preflight", "uav1") as command:
         assert command.stdout is not None
         next(line for line in command.stdout if "Lift the vehicle" in line)
-        refused = lab.flight.cli("arm-permit", "uav1")
+        refused = shared_lab.flight.cli("arm-permit", "uav1")
         command.send_signal(signal.SIGINT)
     assert refused.returncode != 0
     assert "uav1: got no arm permit: the axes check is running" in refused.stderr, refused.stderr

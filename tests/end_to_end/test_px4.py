@@ -24,12 +24,17 @@ from arena.wire.mavlink_codec import Codec
 from .flight import ROOT, Flight, Hangar, eventually
 
 pytestmark = pytest.mark.flight
-REPORT = True  # these tests read the summary
 
 FIRST_ID = 200 + os.getpid() % 40
 """PX4 binds its ports on every address, so these ids are used by no other test."""
 VEHICLES = ("uav1", "uav2")
 BOTH = ("stand-in", pytest.param("real", marks=pytest.mark.px4))
+MAV_TYPE = {
+    4: mavlink.MAV_TYPE_QUADROTOR,
+    6: mavlink.MAV_TYPE_HEXAROTOR,
+    8: mavlink.MAV_TYPE_OCTOROTOR,
+}
+"""Number of rotors -> type in HEARTBEAT."""
 
 
 @pytest.fixture
@@ -67,9 +72,11 @@ def px4_process(flight: Flight, vehicle: str) -> psutil.Process:
 @pytest.mark.parametrize("px4", BOTH, indirect=True)
 def test_px4_and_builtin_autopilot_fly_in_one_arena(hangar: Hangar, px4: list[str]) -> None:
     flight = hangar.fly(
-        {"uav1": "lands", "uav2": "lands"}, "--until-done", "--time-limit", "90", *px4, *flown_by_px4("uav1")
+        {"uav1": "lands", "uav2": "lands"},
+        *("--until-done", "--speed", "max", "--processes", "--time-limit", "300"),
+        *(*px4, *flown_by_px4("uav1")),
     )
-    code = flight.wait(150)
+    code = flight.wait(360)
     assert code == 0, flight.said()
     for vehicle in ("uav1", "uav2"):
         told = flight.summary["vehicles"][vehicle]
@@ -83,7 +90,8 @@ def test_px4_and_builtin_autopilot_fly_in_one_arena(hangar: Hangar, px4: list[st
         and flight.summary["px4"]["uav1"]["ended"] == ""
     )
     assert ("This is not PX4" in flight.log("px4.uav1")) is bool(px4)
-    assert ("arena's stand-in for PX4" in flight.said()) is bool(px4)
+    verdict = flight.cli("summary", str(flight.folder)).stdout
+    assert ("arena's stand-in for PX4" in verdict) is bool(px4)
     assert flight.stats("world")["autopilot"]["uav1"]["answers"] > 250 * 5
     assert "the world goes on without it" not in flight.said()
     flight.assert_nothing_left()
@@ -110,49 +118,36 @@ def ring_profile(folder: Path, rotors: int) -> Path:
     ("rotors", "px4"),
     [
         (6, "stand-in"),
+        pytest.param(4, "real", marks=pytest.mark.px4),
         pytest.param(6, "real", marks=pytest.mark.px4),
         pytest.param(8, "real", marks=pytest.mark.px4),
     ],
     indirect=["px4"],
 )
-def test_hexarotor_and_octorotor_fly_with_all_rotors(
+def test_fused_arena_flies_px4_with_all_rotors_and_builtin_autopilot(
     hangar: Hangar, px4: list[str], tmp_path: Path, rotors: int
 ) -> None:
     profile = ["--set", f"vehicles.uav1.profile={ring_profile(tmp_path, rotors)}"]
     flight = hangar.fly(
-        {"uav1": "tours"}, "--until-done", "--time-limit", "120", *px4, *flown_by_px4("uav1"), *profile
+        {"uav1": "tours", "uav2": "lands"},
+        *("--until-done", "--speed", "max", "--time-limit", "300"),
+        *(*px4, *flown_by_px4("uav1"), *profile),
     )
     with contextlib.closing(GroundStation(hangar.address)) as station:
-        code = flight.wait(150)
-    assert code == 0, flight.said()
-    assert station.newest[FIRST_ID, "HEARTBEAT"].type == (
-        mavlink.MAV_TYPE_HEXAROTOR if rotors == 6 else mavlink.MAV_TYPE_OCTOROTOR
-    )
-    told = flight.summary["vehicles"]["uav1"]
-    assert told["landing"]["landed"] and told["crashed"] == "" and told["verdict"]["max_tilt_deg"] < 40.0
-    assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"])
-    in_the_air = [row for row in flight.rows("uav1") if float(row["truth.pos.down"] or 0.0) < -0.5]
-    for k in range(8):
-        output = [float(row[f"act.output.{k + 1}"]) for row in in_the_air if row[f"act.output.{k + 1}"]]
-        assert (0.3 < sum(output) / len(output) < 0.9) is (k < rotors), f"output {k + 1}"
-
-
-@pytest.mark.parametrize("px4", BOTH, indirect=True)
-def test_fused_arena_flies_px4_and_builtin_autopilot(hangar: Hangar, px4: list[str]) -> None:
-    flight = hangar.fly(
-        {"uav1": "lands", "uav2": "lands"},
-        *("--until-done", "--speed", "max", "--time-limit", "300"),
-        *px4,
-        *flown_by_px4("uav1"),
-    )
-    assert flight.wait(360) == 0, flight.said()
+        assert flight.wait(360) == 0, flight.said()
+    assert station.newest[FIRST_ID, "HEARTBEAT"].type == MAV_TYPE[rotors]
     processes = flight.outcome["processes"]
     assert processes["router"]["member_of"] == "world" and processes["px4.uav1"]["starts"] == 1
     assert processes["forward.uav1"]["stats"]["poses"] > 100
     for vehicle in ("uav1", "uav2"):
         told = flight.summary["vehicles"][vehicle]
         assert told["landing"]["landed"] and told["crashed"] == "", vehicle
+        assert told["verdict"]["max_tilt_deg"] < 40.0
         assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"]), vehicle
+    in_the_air = [row for row in flight.rows("uav1") if float(row["truth.pos.down"] or 0.0) < -0.5]
+    for k in range(8):
+        output = [float(row[f"act.output.{k + 1}"]) for row in in_the_air if row[f"act.output.{k + 1}"]]
+        assert (0.3 < sum(output) / len(output) < 0.9) is (k < rotors), f"output {k + 1}"
     flight.assert_nothing_left()
 
 
@@ -170,7 +165,7 @@ def test_fused_arena_with_a_px4_that_does_not_start_flies_the_others(hangar: Han
 @pytest.mark.parametrize("px4", BOTH, indirect=True)
 def test_killed_px4_falls_and_stopped_px4_recovers(hangar: Hangar, px4: list[str]) -> None:
     flight = hangar.fly(
-        {"uav1": "hovers", "uav2": "hovers", "uav3": "tours"},
+        {"uav1": "hovers", "uav2": "hovers", "uav3": "lands"},
         "--until-done",
         "--time-limit",
         "300",  # wall time: a starved machine simulates slowly, and a limit in the landing stops the program (143)
@@ -203,7 +198,7 @@ def test_killed_px4_falls_and_stopped_px4_recovers(hangar: Hangar, px4: list[str
     assert summary["px4"]["uav1"]["ended"] == "killed by SIGKILL" and summary["px4"]["uav2"]["ended"] == ""
     assert "ENDED BY ITSELF (killed by SIGKILL)" in (flight.folder / "summary.txt").read_text()
     third = summary["vehicles"]["uav3"]
-    assert third["landing"]["landed"] and third["crashed"] == "" and third["verdict"]["max_height_m"] > 1.2
+    assert third["landing"]["landed"] and third["crashed"] == "" and third["verdict"]["max_height_m"] > 0.9
     assert summary["processes"]["program.uav3"]["exit_code"] == 0
     flight.assert_nothing_left()
 
@@ -223,25 +218,21 @@ def landed_all(said: str) -> bool:
     return any(f"land: uav2: {words}" in said for words in ("landed and disarmed", "already on the ground"))
 
 
-@pytest.mark.parametrize(
-    "script", ["echo libfoo.so.1: no such file >&2; exit 127", "exec sleep 1000"], ids=["exits", "hangs"]
-)
-def test_px4_that_never_connects_is_reported_and_others_fly(hangar: Hangar, script: str) -> None:
-    home = broken_px4(hangar.folder, script)
-    options = ("--until-done", "--time-limit", "90", "--set", f"px4.home={home}", *flown_by_px4("uav1"))
-    flight = hangar.fly({"uav1": "lands", "uav2": "hovers"}, *options)
-    flight.until_said("uav1: no heartbeat for 10 s; starting the other vehicles", 40)
+def test_px4_that_never_connects_is_reported_and_others_fly(hangar: Hangar) -> None:
+    ends, hangs = "echo libfoo.so.1: no such file >&2; exit 127", "exec sleep 1000"
+    home = broken_px4(hangar.folder, f'case "$PWD" in */uav1) {ends};; *) {hangs};; esac')
+    options = ("--until-done", "--time-limit", "90", "--set", f"px4.home={home}")
+    flight = hangar.fly(
+        {"uav1": "lands", "uav2": "hovers", "uav3": "lands"}, *options, *flown_by_px4("uav1", "uav3")
+    )
+    flight.until_said("uav1, uav3: no heartbeat for 10 s; starting the other vehicles", 40)
     flight.until_said("uav2: in the air", 40)
-    exits = "exit 127" in script
-    if not exits:
-        flight.until_said("uav1: PX4 is not ready after 20 s. It has printed nothing", 40)
+    flight.until_said("uav3: PX4 is not ready after 20 s. It has printed nothing", 40)
     assert flight.cli("down", "--run", str(flight.folder)).returncode == 1
     assert flight.wait(60) == 1 and landed_all(flight.said())
-    why = "its PX4 has ended" if exits else "its PX4 has never connected to the world"
-    assert f"the landing does not wait for uav1: {why}" in flight.said()
-    assert not exits or (
-        "PX4 ended before it was ready (exit 127)" in flight.said() and "needs px4.uav1" in flight.said()
-    )
+    for name, why in (("uav1", "has ended"), ("uav3", "has never connected to the world")):
+        assert f"the landing does not wait for {name}: its PX4 {why}" in flight.said()
+    assert "PX4 ended before it was ready (exit 127)" in flight.said() and "needs px4.uav1" in flight.said()
     assert not any("landing was not confirmed" in words for words in flight.outcome["failed"])
     flight.assert_nothing_left()
 

@@ -11,7 +11,6 @@ import pytest
 from .flight import Flight, Hangar, eventually
 
 pytestmark = pytest.mark.flight
-REPORT = True  # these tests read the summary
 
 
 def assert_landed_softly(flight: Flight, vehicle: str) -> None:
@@ -35,7 +34,7 @@ def assert_landed_softly(flight: Flight, vehicle: str) -> None:
     ],
 )
 def test_signal_in_flight_lands_then_stops(hangar: Hangar, number: int, code: int, cause: str) -> None:
-    flight = hangar.fly({"uav1": "hovers"})
+    flight = hangar.fly({"uav1": "hovers"}, "--speed", "max")
     flight.until_up(0.9)
     flight.signal(number)
     assert flight.wait() == code, flight.said()

@@ -10,12 +10,11 @@ import pytest
 from .flight import Hangar, eventually
 
 pytestmark = pytest.mark.flight
-REPORT = True  # these tests read the summary
 VEHICLES = {"uav1": "hovers", "uav2": "hovers"}
 
 
 def test_arena_without_supervisor_lands_and_ends(hangar: Hangar) -> None:
-    flight = hangar.fly(VEHICLES)
+    flight = hangar.fly(VEHICLES, "--speed", "max", "--processes")
     flight.until_up(0.9)
     programs = [flight.pid(f"program.{v}") for v in VEHICLES]
     world = flight.pid("world")
@@ -34,7 +33,7 @@ def test_arena_without_supervisor_lands_and_ends(hangar: Hangar) -> None:
         assert (rows[-1]["info.is_armed"], rows[-1]["info.is_landed"]) == ("False", "True")
         assert max(float(r["truth.vel.down"]) for r in rows) < 1.5
 
-    again = hangar.fly({"uav1": "lands"}, "--until-done")
+    again = hangar.fly({"uav1": "lands"}, "--until-done", "--speed", "max")
     assert again.wait() == 0, again.said()
     assert again.summary["vehicles"]["uav1"]["landing"]["landed"]
     again.assert_nothing_left()

@@ -14,7 +14,7 @@ from arena.flight_log.columns import columns
 from .flight import ROOT, Flight, Hangar
 
 pytestmark = pytest.mark.flight
-REPORT = True  # these tests read the summary
+REPORT = True  # these tests read the report
 VEHICLES = ("uav1", "uav2")
 
 

@@ -26,7 +26,7 @@ with UAV.from_args() as uav:
                 uav.set_pos_yaw(above + np.array(step), 0.5, 5.0)
             uav.auto_land()
         case "hovers":
-            uav.set_pos_yaw(above, 0.0, 300.0)
+            uav.set_pos_yaw(above, 0.0, 3000.0)
         case "sends_at":
             for _ in range(int(8.0 * float(uav.args[1]))):
                 uav.set_pos_vel_yaw(above, [0.0, 0.0, 0.0], 0.0, float(uav.args[1]))
