@@ -39,6 +39,12 @@ class BrakingLimits:
     down: Array
 
 
+def length(vectors: Array) -> Array:
+    """Return the lengths (...,) of vectors (..., 3). Much faster than `np.linalg.norm` for few vectors."""
+    lengths: Array = np.sqrt((vectors * vectors).sum(-1))
+    return lengths
+
+
 def stop(speed: Array, accel: Array, jerk: Array) -> tuple[Array, Array]:
     """Return the distance [m] and the duration [s] of the shortest stop from a speed.
 
@@ -56,7 +62,7 @@ class Stop:
     start: position now [m] [NED] (N, 3).
     v_n: velocity at the beginning of the braking [m/s] [NED] (N, 3).
     react_s: time before the braking [s] (N,).
-    took_s: duration of the braking, horizontal and vertical [s] (N, 2).
+    took_s: duration of the braking along north, east and down [s] (N, 3).
     """
 
     start: Array
@@ -67,12 +73,8 @@ class Stop:
     @property
     def way(self) -> Array:
         """Predicted displacement of N stopping vehicles from `start` to standstill [m] [NED] (N, 3)."""
-        ways: Array = self.v_n * (self.react_s[:, None] + DISTANCE_FACTOR * 0.5 * self._took)
+        ways: Array = self.v_n * (self.react_s[:, None] + DISTANCE_FACTOR * 0.5 * self.took_s)
         return ways
-
-    @property
-    def _took(self) -> Array:
-        return self.took_s[:, (0, 0, 1)]
 
     def path(self, times: Array, later_s: float = 0.0) -> Array:
         """Return the predicted positions of N stopping vehicles at K times [m] [NED] (N, K, 3).
@@ -81,10 +83,10 @@ class Stop:
         """
         on = np.minimum(times[None, :], self.react_s[:, None] + later_s)[:, :, None]
         left = np.maximum(times[None, :] - self.react_s[:, None] - later_s, 0.0)[:, :, None]
-        took = np.maximum(DISTANCE_FACTOR * self._took, 1e-6)[:, None, :]
+        took = np.maximum(DISTANCE_FACTOR * self.took_s, 1e-6)[:, None, :]
         u = np.minimum(left / took, 1.0)
         # the speed's course of such a stop is close to v (1 - u^2 (3 - 2 u)); its integral has the same way, v T / 2
-        at: Array = self.start[:, None, :] + self.v_n[:, None, :] * (on + took * (u - u**3 + 0.5 * u**4))
+        at: Array = self.start[:, None, :] + self.v_n[:, None, :] * (on + took * (u - u * u * u * (1.0 - 0.5 * u)))
         return at
 
 
@@ -105,4 +107,4 @@ def predict_stops(p_n: Array, v_n: Array, accel_n: Array, react_s: Array, limits
     climb = v_n[:, 2]
     _, took_z = stop(np.abs(climb), np.where(climb < 0.0, limits.up, limits.down), limits.jerk)
     braking = np.column_stack([along * fastest[:, None], climb])
-    return Stop(start=p_n, v_n=braking, react_s=react_s + REACTION_S, took_s=np.column_stack([took, took_z]))
+    return Stop(start=p_n, v_n=braking, react_s=react_s + REACTION_S, took_s=np.column_stack([took, took, took_z]))

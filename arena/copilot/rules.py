@@ -2,7 +2,7 @@
 
 Pure; a rule with a duration stores when its condition began.
 
-An unknown value never violates a rule, because every comparison is combined with the mask of known values.
+An unknown value never violates a rule: it is NaN, and comparisons with NaN are false, or a mask excludes it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from arena.copilot.braking import length
 from arena.copilot.fleet_state import FleetState, Mask, Violation
 from arena.copilot.separation import SeparationResult, separation
 from arena.copilot.settings import Rules, Vehicle
@@ -62,7 +63,8 @@ class RuleChecker:
         past_low = judged & m.moving[:, None] & below & (end < self._low + reserve)
         past_high |= judged & ~below & (m.p_n > self._high)
         past_low |= judged & ~above & (m.p_n < self._low)
-        for row, axis in np.argwhere(past_high | past_low):
+        past = past_high | past_low
+        for row, axis in np.argwhere(past) if past.any() else ():
             high = bool(past_high[row, axis])
             left = float(
                 self._high[row, axis] - m.p_n[row, axis] if high else m.p_n[row, axis] - self._low[row, axis]
@@ -94,37 +96,35 @@ class RuleChecker:
 
     def _speed(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["speed.above_m_s"]
-        speed = np.linalg.norm(m.v_n, axis=1)
-        for row in np.flatnonzero(m.placed & m.moving & (speed > limit)):
+        speed = length(m.v_n)
+        for row in _rows(m.placed & m.moving & (speed > limit)):
             yield Violation(
-                row=int(row), rule="speed", why=f"it flies at {speed[row]:.1f} m/s (at most {limit:g} m/s)"
+                row=row, rule="speed", why=f"it flies at {speed[row]:.1f} m/s (at most {limit:g} m/s)"
             )
 
     def _pose_age(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["pose_age.above_s"]
-        for row in np.flatnonzero(self._poses & (m.pose_age > limit)):
+        for row in _rows(self._poses & (m.pose_age > limit)):
             why = f"no captured pose for {m.pose_age[row]:.2f} s (at most {limit:g} s)"
-            yield Violation(row=int(row), rule="pose_age", why=why, enough="land")
+            yield Violation(row=row, rule="pose_age", why=why, enough="land")
 
     def _estimate(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["estimate.off_m"]
-        known = self._poses & m.placed & np.isfinite(m.off)
-        for row in self._lasting(m, "estimate", known & (np.nan_to_num(m.off) > limit)):
+        for row in self._lasting(m, "estimate", self._poses & m.placed & (m.off > limit)):
             why = f"its estimate is {m.off[row]:.2f} m from its captured track (at most {limit:g} m)"
             yield Violation(row=row, rule="estimate", why=why, enough="land")
 
     def _battery(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["battery.below"]
-        for row in np.flatnonzero(np.isfinite(m.battery) & (np.nan_to_num(m.battery, nan=1.0) < limit)):
+        for row in _rows(m.battery < limit):
             why = f"its battery is at {100 * m.battery[row]:.0f} % (at least {100 * limit:g} %)"
-            yield Violation(row=int(row), rule="battery", why=why, enough="land")
+            yield Violation(row=row, rule="battery", why=why, enough="land")
 
     def _program(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["program.silent_s"]
-        known = m.offboard & np.isfinite(m.silent_s)
-        for row in np.flatnonzero(known & (np.nan_to_num(m.silent_s) > limit)):
+        for row in _rows(m.offboard & (m.silent_s > limit)):
             why = f"no heartbeat of its program for {m.silent_s[row]:.1f} s in OFFBOARD (at most {limit:g} s)"
-            yield Violation(row=int(row), rule="program", why=why)
+            yield Violation(row=row, rule="program", why=why)
 
     def _lasting(self, m: FleetState, rule: str, now_so: Mask) -> list[int]:
         """Return the rows of the flying vehicles that have violated a rule for the whole of its time `for_s`.
@@ -134,9 +134,13 @@ class RuleChecker:
         since = self._since[rule]
         so = now_so & m.flying
         since[:] = np.where(so, np.minimum(since, m.now), np.inf)
-        return [
-            int(row) for row in np.flatnonzero(so & (m.now - since >= self._rules.figure[f"{rule}.for_s"]))
-        ]
+        return _rows(so & (m.now - since >= self._rules.figure[f"{rule}.for_s"]))
+
+
+def _rows(mask: Mask) -> list[int]:
+    """Return the rows of the vehicles in a mask."""
+    rows: list[int] = mask.nonzero()[0].tolist()
+    return rows
 
 
 def _fence_text(left: float, way: float, reserve: float, speed: float, side: str) -> str:

@@ -10,11 +10,13 @@ avoids the approach. It is held when a hold 0.1 s later would be too late for it
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.copilot.braking import length
 from arena.copilot.fleet_state import FleetState, Mask, Violation
 from arena.copilot.settings import Step
 
@@ -46,17 +48,27 @@ def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> 
 
     at_m: minimum distance of the origins [m]. ahead_s: shortest prediction time [s].
     """
-    rows = np.flatnonzero(m.placed)
-    a, b = (rows[side] for side in np.triu_indices(len(rows), 1))
-    counts = m.flying[a] | m.flying[b]
+    a, b = _pairs(len(m.placed))
+    counts = m.placed[a] & m.placed[b] & (m.flying[a] | m.flying[b])
     a, b = a[counts], b[counts]
-    gap = np.linalg.norm(m.p_n[b] - m.p_n[a], axis=1)
-    closest = float(gap.min()) if len(gap) else float("inf")
-    meeting = _meeting(m, a, b, at_m)
-    speed = np.linalg.norm(np.maximum(np.abs(m.v_n), np.abs(m.stop.v_n)), axis=1)
-    near = gap - (speed[a] + speed[b]) * _horizon(m, ahead_s) < at_m
-    broken = _broken(m, a[near], b[near], gap[near], at_m, ahead_s, names)
-    return SeparationResult(broken=broken, meeting=meeting, closest=closest)
+    if not len(a):
+        return SeparationResult(broken=(), meeting=(), closest=float("inf"))
+    gap = length(m.p_n[b] - m.p_n[a])
+    speed = length(np.maximum(np.abs(m.v_n), np.abs(m.stop.v_n)))
+    horizon_s = _horizon(m, ahead_s)
+    near = gap - (speed[a] + speed[b]) * horizon_s < at_m
+    return SeparationResult(
+        broken=_broken(m, a[near], b[near], gap[near], at_m, ahead_s, horizon_s, names),
+        meeting=_meeting(m, a, b, at_m),
+        closest=float(gap.min()),
+    )
+
+
+@functools.cache
+def _pairs(count: int) -> tuple[Index, Index]:
+    """Return the rows of all pairs of `count` vehicles: (first, second), (P,) each."""
+    first, second = np.triu_indices(count, 1)
+    return first, second
 
 
 def _horizon(m: FleetState, ahead_s: float) -> float:
@@ -66,20 +78,26 @@ def _horizon(m: FleetState, ahead_s: float) -> float:
 
 
 def _broken(
-    m: FleetState, a: Index, b: Index, gap: Array, at_m: float, ahead_s: float, names: list[str]
+    m: FleetState,
+    a: Index,
+    b: Index,
+    gap: Array,
+    at_m: float,
+    ahead_s: float,
+    horizon_s: float,
+    names: list[str],
 ) -> tuple[Violation, ...]:
     if not len(a):
         return ()
-    times = np.arange(0.0, _horizon(m, ahead_s) + _SAMPLE_S, _SAMPLE_S)
+    times = np.arange(0.0, horizon_s + _SAMPLE_S, _SAMPLE_S)
     still = np.where(m.flying[:, None, None], 1.0, 0.0)
     here = m.p_n[:, None, :]
     stopping = here + still * (m.stop.path(times) - here)
     going = np.where(m.held[:, None, None], stopping, _predicted_paths(m, times, ahead_s, stopping))
-    late = here + still * (m.stop.path(times, _WAIT_S) - here)
     nearest, when = approach(going[a], going[b], times)
     closing = ((m.p_n[b] - m.p_n[a]) * (m.v_n[b] - m.v_n[a])).sum(1) < _PARTING_M_S * gap
     found: list[Violation] = []
-    for k in np.flatnonzero((nearest < at_m) & closing):
+    for k in ((nearest < at_m) & closing).nonzero()[0]:
         first, yields = _order(m, int(a[k]), int(b[k]))
         if not m.open[yields]:
             continue  # neither may be commanded
@@ -91,6 +109,7 @@ def _broken(
             Violation(row=yields, rule="separation", why=f"yields to {names[first]}: {text}", enough=enough)
         )
         if m.open[first]:
+            late = here + still * (m.stop.path(times, _WAIT_S) - here)
             reach, _ = approach(late[[first]], stopping[[yields]], times)
             if reach[0] < at_m:
                 why = f"{names[yields]} cannot yield far enough: {text}"
@@ -127,7 +146,7 @@ def _predicted_paths(m: FleetState, times: Array, ahead_s: float, stopping: Arra
     speed2 = (v * v).sum(1)
     to = np.where(m.settled[:, None], m.target - m.p_n, np.nan)
     arrive = np.where(speed2 > 1e-6, (to * v).sum(1) / np.maximum(speed2, 1e-6), np.nan)
-    beside = np.linalg.norm(to - v * arrive[:, None], axis=1)
+    beside = length(to - v * arrive[:, None])
     ends = (
         m.settled & (beside < _ON_THE_WAY_M) & (arrive >= 0.0)
     )  # NaN compares false: the vehicle then keeps its velocity
@@ -147,10 +166,10 @@ def approach(one: Array, other: Array, times: Array) -> tuple[Array, Array]:
     one, other: positions [m] (P, K, 3) at `times` [s] (K,), linear between the samples.
     """
     r = other - one
-    d = np.diff(r, axis=1)
+    d = r[:, 1:] - r[:, :-1]
     length2 = np.maximum((d * d).sum(2), 1e-12)
-    s = np.clip(-(r[:, :-1] * d).sum(2) / length2, 0.0, 1.0)
-    away = np.linalg.norm(r[:, :-1] + s[:, :, None] * d, axis=2)
+    s = np.minimum(np.maximum(-(r[:, :-1] * d).sum(2) / length2, 0.0), 1.0)
+    away = length(r[:, :-1] + s[:, :, None] * d)
     k = away.argmin(1)
     pick = np.arange(len(k))
     return away[pick, k], times[k] + s[pick, k] * _SAMPLE_S
@@ -159,7 +178,7 @@ def approach(one: Array, other: Array, times: Array) -> tuple[Array, Array]:
 def _meeting(m: FleetState, a: Index, b: Index, at_m: float) -> tuple[tuple[int, int], ...]:
     aimed: Mask = m.settled & m.offboard & m.flying
     both = aimed[a] & aimed[b]
-    apart = np.linalg.norm(m.target[b] - m.target[a], axis=1)
-    return tuple(
-        (int(x), int(y)) for x, y in zip(a[both & (apart < at_m)], b[both & (apart < at_m)], strict=True)
-    )
+    if not both.any():
+        return ()
+    close = both & (length(m.target[b] - m.target[a]) < at_m)
+    return tuple((int(x), int(y)) for x, y in zip(a[close], b[close], strict=True))

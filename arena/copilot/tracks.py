@@ -25,6 +25,7 @@ _LEAST = 5
 _GAP_S = 0.25
 _JUMP_M_S = 30.0  # faster than indoor flight: the body was lost or swapped, and the old slope is not valid
 _MEMORY_S = 0.5
+_PAST = 32  # stored steps of the copilot: more than it makes in _MEMORY_S
 
 
 class Tracks:
@@ -42,7 +43,8 @@ class Tracks:
         self._last: list[tuple[float, Sequence[float], Sequence[float]] | None] = [None] * n
         self.seen_at = np.full(n, -np.inf)
         self.repeated = self.restarted = 0
-        self._past: list[tuple[float, Array]] = []
+        self._past, self._past_at = np.full((_PAST, n, 3), np.nan), np.full(_PAST, -np.inf)
+        self._steps = 0
 
     def on_pose(
         self,
@@ -90,8 +92,10 @@ class Tracks:
         found = np.array(
             [(np.nan,) * 3 if pose is None else pose[1] for pose in self._last], dtype=np.float64
         ).reshape(-1, 3)
-        self._past = [(t, p) for t, p in self._past if now - t <= _MEMORY_S]
-        self._past.append((now, found))
+        self._past[now - self._past_at > _MEMORY_S] = np.nan
+        at = self._steps % _PAST
+        self._past[at], self._past_at[at] = found, now
+        self._steps += 1
         return found
 
     def velocities(self) -> tuple[Array, Mask]:
@@ -132,7 +136,6 @@ class Tracks:
         p_n: estimated positions [m] [NED] (N, 3). They are compared with the track, not with the newest pose,
         because an estimate arrives late and a fast body has moved since.
         """
-        if not self._past:
-            return np.full(len(p_n), np.nan)
-        away: Array = np.linalg.norm(np.stack([p for _, p in self._past]) - p_n[None], axis=2)
-        return np.where(np.isnan(away).all(0), np.nan, np.min(np.where(np.isnan(away), np.inf, away), axis=0))
+        apart = self._past - p_n
+        nearest: Array = np.sqrt(np.fmin.reduce((apart * apart).sum(2), axis=0))  # fmin ignores NaN
+        return nearest
