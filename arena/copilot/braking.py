@@ -86,7 +86,9 @@ class Stop:
         took = np.maximum(DISTANCE_FACTOR * self.took_s, 1e-6)[:, None, :]
         u = np.minimum(left / took, 1.0)
         # the speed's course of such a stop is close to v (1 - u^2 (3 - 2 u)); its integral has the same way, v T / 2
-        at: Array = self.start[:, None, :] + self.v_n[:, None, :] * (on + took * (u - u * u * u * (1.0 - 0.5 * u)))
+        at: Array = self.start[:, None, :] + self.v_n[:, None, :] * (
+            on + took * (u - u * u * u * (1.0 - 0.5 * u))
+        )
         return at
 
 
@@ -107,4 +109,6 @@ def predict_stops(p_n: Array, v_n: Array, accel_n: Array, react_s: Array, limits
     climb = v_n[:, 2]
     _, took_z = stop(np.abs(climb), np.where(climb < 0.0, limits.up, limits.down), limits.jerk)
     braking = np.column_stack([along * fastest[:, None], climb])
-    return Stop(start=p_n, v_n=braking, react_s=react_s + REACTION_S, took_s=np.column_stack([took, took, took_z]))
+    return Stop(
+        start=p_n, v_n=braking, react_s=react_s + REACTION_S, took_s=np.column_stack([took, took, took_z])
+    )
