@@ -70,7 +70,7 @@ class FusedRouter:
     ) -> None:
         self._process, self._inbox = process, inbox
         table = Table.from_slice(process.settings)
-        self._router = Router(table, now)
+        self._router = Router(table, now, real_now=time.monotonic)
         self._counts = self._router.counts
         self.sockets = self._router.sockets
         self.record: Callable[[int, bytes], None] = lambda socket, data: None

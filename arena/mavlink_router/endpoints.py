@@ -17,6 +17,8 @@ Destinations = tuple[tuple[int, Address], ...]
 """(index in `Router.sockets` to send from, address to send to) of each receiver."""
 TO_ALL = 0
 """Target of a message that is addressed to no system."""
+MAX_TOOLS = 16
+"""Most tools of a vehicle: one more removes the tool that has been silent for longest."""
 Out = tuple[Buffer, Destinations]
 """A datagram to send, and its receivers. It is usually a part of the received datagram."""
 
@@ -86,7 +88,7 @@ class VehicleRoutes:
     ground_up_and_record: receivers of a message that a ground station sends to the vehicle
     record: the recorder, for messages from the vehicle
     sensor_receivers: clients, tools and recorder, for measurements of emulated sensors; () if they must be searched again
-    tools: clients that have sent to the tool socket
+    tools: clients that have sent to the tool socket, the one that has been silent for longest first
     """
 
     number: int
@@ -113,6 +115,26 @@ class VehicleRoutes:
     def ground(self) -> AutopilotLink | None:
         """Ground station link of the vehicle, or None if the router link also serves ground stations."""
         return self.links[1] if len(self.links) > 1 else None
+
+    def use_tool(self, sender: Address, now: float) -> tuple[Endpoint, bool]:
+        """Return the endpoint of a tool that has just sent a frame, and whether the tool is new.
+
+        now: real time, monotonic [s]
+        """
+        known = self.tools.pop(sender, None)
+        endpoint = known or Endpoint(socket=self.tool_socket, address=sender, role=None)
+        if known is None and len(self.tools) >= MAX_TOOLS:
+            del self.tools[next(iter(self.tools))]
+        self.tools[sender] = endpoint
+        endpoint.last = now
+        return endpoint, known is None
+
+    def remove_tools(self, silent_since: float) -> bool:
+        """Remove the tools that have sent nothing since this time, monotonic [s]. Return whether there were any."""
+        silent = [address for address, tool in self.tools.items() if tool.last < silent_since]
+        for address in silent:
+            del self.tools[address]
+        return bool(silent)
 
     def receivers(self, link: AutopilotLink, target: int, stations: Iterable[Endpoint]) -> Destinations:
         """Return the receivers of a message that an autopilot has sent on `link`.

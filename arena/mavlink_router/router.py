@@ -45,8 +45,7 @@ from arena.wire.mavlink_ids import SENSORS_COMPONENT as SENSORS
 from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT, TIMESYNC
 from arena.wire.relative_measurements import DEBUG_FLOAT_ARRAY
 
-TOOL_TIMEOUT_S = 10.0  # a tool's address is removed this long after its last frame
-MAX_TOOLS = 16  # per vehicle: one more removes the tool that has been silent for longest
+TOOL_TIMEOUT_S = 10.0  # a tool's address is removed this long after its last frame, in real time
 MAX_ROUTES = 256  # cached routes per vehicle
 GCS_TIMEOUT_S = 3.0
 
@@ -62,6 +61,7 @@ class Router:
     a second.
     commands: decides which commands of clients reach the vehicles
     sim_now: returns the simulation time [s]; None without a simulated world
+    real_now: returns the real time [s], by which tools send heartbeats; None if the methods get real time, not simulation time
     shortcut: finds the receivers of ordinary datagrams (telemetry to all clients, setpoints, ...) in compiled code
     use_shortcut: whether to use the shortcut; without it the receivers are the same. Default: only if the kernels are compiled,
         because their Python source is slower than the methods of this class
@@ -74,10 +74,12 @@ class Router:
         table: Table,
         sim_now: Callable[[], float] | None = None,
         *,
+        real_now: Callable[[], float] | None = None,
         use_shortcut: bool = INTERPRETED is None,
         kernel: type[OrdinaryDatagrams] = OrdinaryDatagrams,
     ) -> None:
         self.table, self._counts = table, Counts()
+        self._real = (lambda now: now) if real_now is None else lambda _: real_now()
         self.use_shortcut = use_shortcut
         self.commands = CommandFilter(table.vehicles, sim_now)
         self._socket_table = SocketTable()
@@ -141,9 +143,7 @@ class Router:
         self.may_have_news = True
         for v in self._vehicles:
             v.status.tick(now)
-            silent = [address for address, tool in v.tools.items() if now - tool.last > TOOL_TIMEOUT_S]
-            for address in silent:
-                del v.tools[address]
+            if v.remove_tools(self._real(now) - TOOL_TIMEOUT_S):
                 self._forget_routes(v)
 
     def heartbeat(self, frame: bytes, *, operator: bool = True) -> list[Out]:
@@ -302,14 +302,9 @@ class Router:
         frames = self._parse(data)
         if not frames:
             return []
-        endpoint = v.tools.pop(sender, None)
-        if endpoint is None:
-            endpoint = Endpoint(socket=v.tool_socket, address=sender, role=None)
+        endpoint, is_new = v.use_tool(sender, self._real(now))
+        if is_new:
             self._forget_routes(v)
-            if len(v.tools) >= MAX_TOOLS:
-                del v.tools[next(iter(v.tools))]
-        v.tools[sender] = endpoint
-        endpoint.last = now
         return self._up(v, endpoint, frames, data, now)
 
     def _from_gcs(self, sender: Address, data: Buffer, now: float) -> list[Out]:

@@ -47,7 +47,8 @@ def routed(station):
         "seed": 1,
     }
     inbox = []
-    router = FusedRouter(SimpleNamespace(settings=settings), lambda: 1.0, {0}, inbox)
+    ignore = dict.fromkeys(("audit", "event", "facts", "ready", "stats"), lambda *_: None)
+    router = FusedRouter(SimpleNamespace(settings=settings, **ignore), lambda: 1.0, {0}, inbox)
     yield router, inbox
     router.close()
 
@@ -154,3 +155,17 @@ def test_telemetry_is_not_joined_while_a_fault_impairs_a_link(routed):
         for _ in range(2):
             router.from_vehicle(0, attitude, 1.0)
             assert program.recv(1000) == attitude
+
+
+def test_tool_stays_connected_in_a_simulation_that_is_faster_than_its_heartbeats(routed):
+    router, _ = routed
+    heartbeat = packed(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), 240, 190)
+    attitude = packed(mavlink.MAVLink_attitude_message(5, 0.1, 0, 0, 0, 0, 0), 1, 1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as tool:
+        tool.bind((HOST, 0))
+        tool.settimeout(60.0)
+        tool.sendto(heartbeat, (HOST, 24016))
+        router.drain(1.0)
+        router.step(61.0)  # a minute of simulation, in which the tool has had no time for another heartbeat
+        router.from_vehicle(0, attitude, 61.0)
+        assert tool.recv(1000) == attitude

@@ -21,7 +21,8 @@ from fleet import (
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import InputError
-from arena.mavlink_router.router import MAX_SENDERS, MAX_TOOLS, TOOL_TIMEOUT_S, Router
+from arena.mavlink_router.endpoints import MAX_TOOLS
+from arena.mavlink_router.router import MAX_SENDERS, TOOL_TIMEOUT_S, Router
 from arena.mavlink_router.routing_table import Table
 
 PROGRAM1, PROGRAM2, GCS_ID = (1, 191), (2, 191), (255, 190)
