@@ -15,8 +15,8 @@ from collections.abc import Callable
 from typing import Any
 
 from arena.clock import Clock, SimClock, WallClock
-from arena.copilot.copilot import STEP_HZ, Copilot, Output
-from arena.copilot.settings import Rules, Vehicle
+from arena.copilot.copilot import Copilot, Output
+from arena.copilot.settings import STEP_HZ, Rules, Vehicle
 from arena.errors import ArenaError
 from arena.mocap.client import ChangeReport, MocapClient, open_client
 from arena.process_context import ProcessContext, ShutdownPolicy, run_and_close, run_process

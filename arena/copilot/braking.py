@@ -39,12 +39,6 @@ class BrakingLimits:
     down: Array
 
 
-def length(vectors: Array) -> Array:
-    """Return the lengths (...,) of vectors (..., 3). Much faster than `np.linalg.norm` for few vectors."""
-    lengths: Array = np.sqrt((vectors * vectors).sum(-1))
-    return lengths
-
-
 def stop(speed: Array, accel: Array, jerk: Array) -> tuple[Array, Array]:
     """Return the distance [m] and the duration [s] of the shortest stop from a speed.
 

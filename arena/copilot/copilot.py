@@ -19,7 +19,7 @@ from arena.copilot.braking import BrakingLimits, predict_stops
 from arena.copilot.escalation import Escalation, VehicleStatus, may_end
 from arena.copilot.fleet_state import FleetState, Mask, Violation
 from arena.copilot.rules import RuleChecker
-from arena.copilot.settings import Rules, Step, Vehicle
+from arena.copilot.settings import STEP_HZ, Rules, Step, Vehicle
 from arena.copilot.tracks import LATE_S, Tracks
 from arena.copilot.vehicle_state import VehicleStates
 from arena.mocap.client import CapturedFrame, StreamLateness
@@ -30,7 +30,6 @@ from arena.wire.mavlink_ids import COPILOT
 from arena.wire.mavlink_minimal import result_words
 from arena.wire.px4_mode import mode_numbers
 
-STEP_HZ = 50.0
 _SILENT_S = 3.0
 _PROMPT_S = 0.1  # a frame that is later is late
 _YOUNG_S = 0.3  # an older pose gives no position; the rule `pose_age` has its own limit

@@ -14,6 +14,12 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
+def length(vectors: Array) -> Array:
+    """Return the lengths (...,) of vectors (..., 3). `np.linalg.norm` takes longer for few vectors."""
+    lengths: Array = np.sqrt((vectors * vectors).sum(-1))
+    return lengths
+
+
 @dataclass(frozen=True, kw_only=True)
 class FleetState:
     """State of N vehicles at one instant, one row per vehicle.

@@ -12,8 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from arena.copilot.braking import length
-from arena.copilot.fleet_state import FleetState, Mask, Violation
+from arena.copilot.fleet_state import FleetState, Mask, Violation, length
 from arena.copilot.separation import SeparationResult, separation
 from arena.copilot.settings import Rules, Vehicle
 
@@ -110,7 +109,9 @@ class RuleChecker:
 
     def _estimate(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["estimate.off_m"]
-        for row in self._lasting(m, "estimate", self._poses & m.placed & (m.off > limit)):
+        for row in self._lasting(
+            m, "estimate", self._poses & m.placed & np.isfinite(m.off) & (m.off > limit)
+        ):
             why = f"its estimate is {m.off[row]:.2f} m from its captured track (at most {limit:g} m)"
             yield Violation(row=row, rule="estimate", why=why, enough="land")
 

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.copilot.braking import length
-from arena.copilot.fleet_state import FleetState, Mask, Violation
+from arena.copilot.fleet_state import FleetState, Mask, Violation, length
 from arena.copilot.settings import Step
 
 Array = NDArray[np.float64]
@@ -68,6 +67,7 @@ def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> 
 def _pairs(count: int) -> tuple[Index, Index]:
     """Return the rows of all pairs of `count` vehicles: (first, second), (P,) each."""
     first, second = np.triu_indices(count, 1)
+    first.flags.writeable = second.flags.writeable = False
     return first, second
 
 
@@ -96,8 +96,12 @@ def _broken(
     going = np.where(m.held[:, None, None], stopping, _predicted_paths(m, times, ahead_s, stopping))
     nearest, when = approach(going[a], going[b], times)
     closing = ((m.p_n[b] - m.p_n[a]) * (m.v_n[b] - m.v_n[a])).sum(1) < _PARTING_M_S * gap
+    conflicts = ((nearest < at_m) & closing).nonzero()[0]
+    if not len(conflicts):
+        return ()
+    late = here + still * (m.stop.path(times, _WAIT_S) - here)
     found: list[Violation] = []
-    for k in ((nearest < at_m) & closing).nonzero()[0]:
+    for k in conflicts:
         first, yields = _order(m, int(a[k]), int(b[k]))
         if not m.open[yields]:
             continue  # neither may be commanded
@@ -109,7 +113,6 @@ def _broken(
             Violation(row=yields, rule="separation", why=f"yields to {names[first]}: {text}", enough=enough)
         )
         if m.open[first]:
-            late = here + still * (m.stop.path(times, _WAIT_S) - here)
             reach, _ = approach(late[[first]], stopping[[yields]], times)
             if reach[0] < at_m:
                 why = f"{names[yields]} cannot yield far enough: {text}"

@@ -9,6 +9,8 @@ from typing import Any, Literal
 Step = Literal["hold", "land", "terminate"]
 Do = Literal["none", "hold", "land", "terminate"]
 Address = tuple[str, int]
+STEP_HZ = 50.0
+"""Rate at which the copilot checks the rules [Hz]."""
 STEPS: tuple[Step, ...] = ("hold", "land", "terminate")
 
 

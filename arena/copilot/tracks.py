@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.constants import GRAVITY_M_S2
+from arena.copilot.settings import STEP_HZ
 from arena.portable_math import arccos
 
 Array = NDArray[np.float64]
@@ -25,7 +26,9 @@ _LEAST = 5
 _GAP_S = 0.25
 _JUMP_M_S = 30.0  # faster than indoor flight: the body was lost or swapped, and the old slope is not valid
 _MEMORY_S = 0.5
-_PAST = 32  # stored steps of the copilot: more than it makes in _MEMORY_S
+_PAST = (
+    int(_MEMORY_S * STEP_HZ) + 7
+)  # stored steps of the copilot. After a pause, a few steps follow each other faster
 
 
 class Tracks:

@@ -86,7 +86,7 @@ def report(folder: Path, progress: Callable[[str], None] = lambda _: None) -> st
 def write_summary(folder: Path, progress: Callable[[str], None] = lambda _: None) -> tuple[RunData, str]:
     """Write summary.json, summary.txt and the logs of the vehicles into the run folder.
 
-    progress: as of `report`.
+    progress: see `report`.
     Returns (the data of the run, text of summary.txt).
     """
     progress("reading the record")

@@ -113,7 +113,13 @@ def test_estimate_is_violated_after_its_duration() -> None:
 
 @pytest.mark.parametrize(
     "unknown",
-    [{"battery": [np.nan]}, {"silent_s": [np.nan]}, {"off": [np.nan]}, {"target": [[np.nan] * 3]}],
+    [
+        {"battery": [np.nan]},
+        {"silent_s": [np.nan]},
+        {"off": [np.nan]},
+        {"off": [np.inf]},
+        {"target": [[np.nan] * 3]},
+    ],
 )
 def test_unknown_values_violate_nothing(unknown: dict[str, Any]) -> None:
     assert judge().violations(moment([FAR], **unknown)) == []

@@ -86,3 +86,5 @@ def test_estimate_is_compared_with_the_track_of_half_a_second() -> None:
     assert tracks.distance_to_track(late)[0] == pytest.approx(0.0, abs=1e-6)
     assert tracks.distance_to_track(wrong)[0] == pytest.approx(0.7, abs=0.02)
     assert np.isnan(Tracks(["a"]).distance_to_track(late)[0])
+    left = np.array([[3.0 * 0.4, 0.0, 0.0]])  # 0.58 s ago; the track begins at 3 * 0.48 m
+    assert tracks.distance_to_track(left)[0] == pytest.approx(3.0 * 0.08)

@@ -24,6 +24,7 @@ import psutil
 from numpy.typing import NDArray
 
 from arena.clock import SimClock
+from arena.errors import RunError
 from arena.report.run_report import write_summary
 from arena.supervisor import Control, RunState, open_run, proc_fs
 from arena.wire.truth_page import Truth, TruthReader
@@ -115,7 +116,7 @@ class Flight:
                 preexec_fn=end_with_us,  # noqa: PLW1509  nothing else is done in it
             )
         self._truth: TruthReader | None = None
-        self._stood: NDArray[np.float64] | None = None
+        self._stood_d = np.empty(0)
 
     # -- records on disk
 
@@ -141,8 +142,9 @@ class Flight:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """Return summary.json. A flight without a report gets it here, which costs less than the plots of a report."""
+        """Return the content of summary.json. If the flight made no report, write the summary first."""
         if not (self.folder / "summary.json").exists():
+            assert self.process.poll() is not None, "the run has not ended"
             write_summary(self.folder)
         return self.json("summary.json")
 
@@ -193,10 +195,15 @@ class Flight:
     def truth(self) -> Truth:
         """Return the newest truth. After a first call it can be read when the world has ended, too."""
         if self._truth is None:
-            page = Path(self.json("slices/world.json")["truth"])
+            world = self.json("slices/world.json")
+            page = Path(world["truth"])
             eventually(page.exists, 20, "a truth page", self.said)
             self._truth = TruthReader(page)
-            self._stood = eventually(self._truth.newest, 10, "a first truth").p_n.copy()
+            eventually(self._truth.newest, 10, "a first truth")
+            # not the first truth, which a fast simulation may write in the air
+            self._stood_d = np.array(
+                [v["position"][2] - v["profile"]["ground_clearance_m"] for v in world["vehicles"]]
+            )
         found = self._truth.newest()
         assert found is not None
         return found
@@ -204,8 +211,7 @@ class Flight:
     def heights(self) -> NDArray[np.float64]:
         """Return the height of each vehicle above its start position [m] (V,)."""
         now = self.truth()
-        assert self._stood is not None
-        return self._stood[:, 2] - now.p_n[:, 2]
+        return self._stood_d - now.p_n[:, 2]
 
     def until_up(self, height_m: float = 0.5, limit_s: float = 30.0) -> None:
         """Wait until every vehicle is above this height."""
@@ -242,24 +248,33 @@ class Flight:
 
     @contextlib.contextmanager
     def paced(self, speed: float) -> Iterator[None]:
-        """Hold the simulation back to this speed (simulated time per real time) during the block.
+        """Limit the simulation to this speed (simulated time per real time) during the block.
 
         The arena must be in lockstep, which is any `--speed` but 1.
         """
-        clock, over = SimClock(self.json("slices/world.json")["clock"], "test"), threading.Event()
+        clock, ended = SimClock(self.json("slices/world.json")["clock"], "test"), threading.Event()
+        failure: list[RunError] = []
 
-        def hold() -> None:
-            while not over.wait(PACE_S / speed):
-                clock.sleep_only(clock.now() + PACE_S)
+        def limit() -> None:
+            while not ended.wait(PACE_S / speed):
+                try:
+                    clock.request_wake(clock.now() + PACE_S)
+                    while clock.wait_for_wake(0.5) is None and not ended.is_set():
+                        pass
+                except RunError as error:
+                    failure.append(error)
+                    return
 
-        holds = threading.Thread(target=hold)
-        holds.start()
+        clock.sleep_only(clock.now() + PACE_S)  # from now on the world waits
+        thread = threading.Thread(target=limit, daemon=True)
+        thread.start()
         try:
             yield
         finally:
-            over.set()
-            holds.join()
+            ended.set()
+            thread.join(10.0)
             clock.close()
+        assert not failure, f"the world ended: {failure}"
 
     def signal(self, number: int) -> None:
         self.process.send_signal(number)

@@ -144,7 +144,7 @@ class Hit:
 class Sortie:
     """One flight of one arena.
 
-    speed: "1" (real time) where a restart is measured, because starting a process takes wall time.
+    speed: value of `--speed`. "1" (real time) where a restart in flight is measured, because starting a process takes wall time.
     px4: vehicles that fly PX4 or its stand-in.
     stay_s: time that programs hover [s]; long where a command lands the vehicles.
     more: further lines of the YAML.

@@ -71,12 +71,19 @@ def touring(hangar: Hangar, copilot: str, *options: str) -> Flight:
     return hangar.up(file, *options)
 
 
-def bereft(hangar: Hangar, copilot: str, number: int = signal.SIGKILL) -> Flight:
-    """Return a flight in the air whose copilot was killed or stopped."""
-    # a new copilot must be ready before the tour ends
-    flight = touring(hangar, copilot, "--until-done", "--speed", "4")
+def bereft(
+    hangar: Hangar, copilot: str, number: int = signal.SIGKILL, until: tuple[str, int] = ("EXITED", 1)
+) -> Flight:
+    """Return a flight in the air whose copilot was killed or stopped.
+
+    until: state that the copilot must then reach, and how often.
+    """
+    flight = touring(hangar, copilot, "--until-done", "--speed", "4", "--processes")
     flight.until_up()
-    os.kill(flight.pid("copilot"), number)
+    state, times = until
+    with flight.paced(0.5):  # the state is reached before the tour ends
+        os.kill(flight.pid("copilot"), number)
+        flight.until_event("copilot", state, 30, times)
     return flight
 
 
@@ -94,7 +101,8 @@ def test_all_vehicles_land_when_the_copilot_is_lost(hangar: Hangar, number: int)
     ("on_loss", "starts"), [("restart", 2), pytest.param("warn", 1, marks=pytest.mark.nightly)]
 )
 def test_flight_continues_without_an_optional_copilot(hangar: Hangar, on_loss: str, starts: int) -> None:
-    flight = bereft(hangar, f"copilot: {{on_loss: {on_loss}}}")
+    until = ("READY", 2) if on_loss == "restart" else ("EXITED", 1)
+    flight = bereft(hangar, f"copilot: {{on_loss: {on_loss}}}", until=until)
     code = flight.wait(120)
     assert [e["to"] for e in flight.events("copilot") if "to" in e].count("READY") == starts
     assert all(flight.outcome["processes"][f"program.{n}"]["exit_code"] == 0 for n in ("uav1", "uav2"))

@@ -5,6 +5,8 @@ With the copilot, setpoints may be missing for longer than the copilot's limit f
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import pytest
 
 from .flight import PROGRAMS, Flight, Hangar
@@ -24,6 +26,11 @@ SLOW = {"slow": "sends_at, '2'"}
 def both(kinds: dict[str, str]) -> dict[str, str]:
     """Return the vehicles of the kinds, one with each backend: name -> arguments of `programs/fly.py`."""
     return {f"{kind}_{backend}": args for backend in BACKENDS for kind, args in kinds.items()}
+
+
+def names(kinds: Iterable[str]) -> list[str]:
+    """Return the names of the vehicles of the kinds."""
+    return list(both(dict.fromkeys(kinds, "")))
 
 
 def fly(hangar: Hangar, kinds: dict[str, str], more: str = "") -> Flight:

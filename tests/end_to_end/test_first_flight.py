@@ -136,7 +136,7 @@ vehicles:
     autopilot: hardware
     profile: iris
     url: "udpin:{here[0]}:{here[1]}"
-    program: {{path: '{PROGRAMS / "impatient.py"}', args: [hovers]}}
+    program: {{path: '{PROGRAMS / "ready_in_8_s.py"}', args: [hovers]}}
 """)
     vehicle = RealVehicle(
         system=1,

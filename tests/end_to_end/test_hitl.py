@@ -18,8 +18,8 @@ pytestmark = pytest.mark.crowd
 BOARD = ROOT / "tests" / "children" / "hitl_board.py"
 
 
-@pytest.fixture
-def yaml(hangar: Hangar, serial_cable: tuple[str, str]) -> Path:
+def write_arena(hangar: Hangar, device: str, program: str) -> Path:
+    """Write the YAML of a flight controller at a serial device. program: file in `programs`."""
     file = hangar.folder / "arena.yaml"
     file.write_text(f"""\
 name: loop
@@ -28,8 +28,8 @@ vehicles:
   uav1:
     id: 6
     autopilot: hitl
-    serial: {serial_cable[0]}
-    program: {{path: '{PROGRAMS / "impatient.py"}', args: [tours]}}
+    serial: {device}
+    program: {{path: '{PROGRAMS / program}', args: [tours]}}
 """)
     return file
 
@@ -61,8 +61,9 @@ def switch_on(params: dict[str, float], device: str, folder: Path) -> subprocess
 
 @pytest.mark.alone  # real time, which a neighbour on the cores would take
 def test_hitl_flies_to_setpoints_and_lands(
-    hangar: Hangar, yaml: Path, serial_cable: tuple[str, str], running: list[subprocess.Popen[bytes]]
+    hangar: Hangar, serial_cable: tuple[str, str], running: list[subprocess.Popen[bytes]]
 ) -> None:
+    yaml = write_arena(hangar, serial_cable[0], "fly.py")
     running.append(switch_on(params_of(yaml), serial_cable[1], hangar.folder))
     flight = hangar.up(yaml, "--until-done", "--time-limit", "100")
     assert flight.wait(150) == 0, flight.said()
@@ -75,8 +76,9 @@ def test_hitl_flies_to_setpoints_and_lands(
 
 
 def test_hitl_board_without_parameters_does_not_arm(
-    hangar: Hangar, yaml: Path, serial_cable: tuple[str, str], running: list[subprocess.Popen[bytes]]
+    hangar: Hangar, serial_cable: tuple[str, str], running: list[subprocess.Popen[bytes]]
 ) -> None:
+    yaml = write_arena(hangar, serial_cable[0], "ready_in_8_s.py")
     wrong = {**params_of(yaml), "SYS_HITL": 0}
     running.append(switch_on(wrong, serial_cable[1], hangar.folder))
     flight = hangar.up(yaml, "--until-done", "--time-limit", "60")

@@ -183,7 +183,7 @@ def test_forwarder_restart_in_flight_keeps_the_vehicle_flying(flying: Flight) ->
     poses = flying.status()["processes"]["world"]["stats"]["autopilot"]["uav1"]["vision"]
     refused = flying.cli("restart", "forward.uav1")
     assert refused.returncode == 1 and "--yes" in refused.stderr and flying.pid("forward.uav1") == first
-    with flying.paced(0.2):  # the restart takes less simulated time than the vehicle flies without poses
+    with flying.paced(0.05):  # the restart takes less simulated time than the vehicle flies without poses
         assert flying.cli("restart", "forward.uav1", "--yes").returncode == 0
         flying.until_event("forward.uav1", "READY", 15, times=2)
     eventually(

@@ -17,6 +17,7 @@ from .flight import PROGRAMS, Flight, Hangar, eventually
 from .posing import PosingRoom, PosingVehicle
 
 pytestmark = pytest.mark.crowd  # two worlds: the arena and the simulated reality
+REPORT = True  # with figures of a real vehicle
 WIRE_PORT = 14540
 
 
@@ -84,8 +85,14 @@ def test_real_and_simulated_vehicle_fly_the_same_program(hangar: Hangar, room: P
 
 def test_failed_preflight_check_refuses_arming_with_its_reason(hangar: Hangar, room: PosingRoom) -> None:
     options = ("--until-done",)
+    soon = f"program: {{path: '{PROGRAMS / 'ready_in_8_s.py'}', args: [lands]}}"
     flight = up(
-        hangar, room, PROGRAMS / "impatient.py", *options, args="lands", more=", params: {COM_OF_LOSS_T: 7}"
+        hangar,
+        room,
+        PROGRAMS / "fly.py",
+        *options,
+        args="lands",
+        more=f", params: {{COM_OF_LOSS_T: 7}}, {soon}",
     )
     assert flight.wait(120) == 1
     assert "COM_OF_LOSS_T" in flight.log("program.uav2") and "Preflight" in flight.log("program.uav2")

@@ -8,7 +8,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -135,22 +135,22 @@ def test_page_shows_the_flight_commands_it_and_survives_the_next_arena(hangar):
         for vehicle in VEHICLES:
             until_shown(page, rf"{vehicle}: landed and disarmed after", 60)
         picture(page, "landed")
-        assert_down(flight)
+        assert_down(flight, VEHICLES)
 
         flight.cli("down", "--now")
         flight.wait()
         until_shown(page, "no arena is running", 60)
-        again = hangar.fly({"uav7": "hovers", "uav8": "hovers"})
+        again = hangar.fly({"uav7": "hovers", "uav8": "hovers", "uav9": "hovers"})
         again.truth()
         again.until_up(0.8)
-        until_shown(page, r"uav8\s+OFFBOARD", 60)
+        until_shown(page, r"uav9\s+OFFBOARD", 60)
         assert "uav1" not in text_of(page).partition("Vehicles")[2]
         hold_land_and_kill(page, again)
         again.cli("down", "--now")
 
 
 def hold_land_and_kill(page: Any, flight: Flight) -> None:
-    """Hold uav7, start and cancel KILL ALL, land uav7, and stop the motors of uav8."""
+    """Hold uav7, start and cancel KILL ALL, land uav7, and stop the motors of all."""
     press(page, "HOLD uav7")
     until_shown(page, r"uav7: holds its position", 60)
     until_shown(page, r"uav7\s+AUTO.LOITER", 30)
@@ -158,7 +158,7 @@ def hold_land_and_kill(page: Any, flight: Flight) -> None:
     assert flight.heights().min() > 0.5
 
     press(page, "KILL ALL")
-    until_shown(page, r"stops the motors of uav7, uav8 at once", 30)
+    until_shown(page, r"stops the motors of uav7, uav8, uav9 at once", 30)
     picture(page, "kill")
     focused = "document.activeElement.innerText.trim()"
     eventually(lambda: page.evaluate(focused) == "Cancel", 30, "Cancel has the focus")
@@ -169,20 +169,22 @@ def hold_land_and_kill(page: Any, flight: Flight) -> None:
     press(page, "LAND uav7")
     until_shown(page, r"uav7: (landed and disarmed after|already on the ground)", 60)
     eventually(lambda: flight.heights()[0] < STANDS_M, 20, "uav7 on the floor")
-    assert flight.heights()[1] > 0.5 and flight.fact("uav8.mode") == "OFFBOARD", "the other vehicle flies on"
+    assert flight.heights()[1:].min() > 0.5 and flight.fact("uav8.mode") == "OFFBOARD", (
+        "the other vehicle flies on"
+    )
 
     press(page, "KILL ALL")
-    press(page, "Stop the motors of uav7, uav8")
-    until_shown(page, r"uav8: motors stopped", 60)
+    press(page, "Stop the motors of uav7, uav8, uav9")
+    for vehicle in ("uav8", "uav9"):
+        until_shown(page, rf"{vehicle}: motors stopped", 60)
     picture(page, "killed")
-    flight.until_down(1)
-    flight.until_disarmed(("uav7", "uav8"), 5)
+    assert_down(flight, ("uav7", "uav8", "uav9"))
 
 
-def assert_down(flight: Flight) -> None:
+def assert_down(flight: Flight, vehicles: Iterable[str]) -> None:
     """Check by the arena itself that all vehicles are on the floor and disarmed."""
     flight.until_down(1)
-    flight.until_disarmed(VEHICLES, 5)
+    flight.until_disarmed(vehicles, 5)
 
 
 def browser_processes() -> list[psutil.Process]:

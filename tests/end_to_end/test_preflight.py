@@ -61,7 +61,7 @@ class Lab:
 
 
 @contextmanager
-def opened(hangar: Hangar) -> Iterator[Lab]:
+def open_lab(hangar: Hangar) -> Iterator[Lab]:
     """Start the arena, the vehicle and the cameras of a lab, and wait for the arm permit."""
     a, b, c, d = hangar.address.split(".")
     room, here = f"{a}.{int(b) + 60}.{c}.{d}", (hangar.address, 14540)
@@ -99,14 +99,14 @@ vehicles:
 
 @pytest.fixture
 def lab(hangar: Hangar) -> Iterator[Lab]:
-    with opened(hangar) as made:
+    with open_lab(hangar) as made:
         yield made
 
 
 @pytest.fixture(scope="module")
 def shared_lab(shared_hangar: Hangar) -> Iterator[Lab]:
     """Give a lab for all tests that leave its vehicle as they found it."""
-    with opened(shared_hangar) as made:
+    with open_lab(shared_hangar) as made:
         yield made
 
 

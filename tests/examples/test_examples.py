@@ -13,7 +13,7 @@ from arena.cli import main
 
 EXAMPLES = sorted((ROOT / "examples").glob("*/arena.yaml"))
 FLOWN_ELSEWHERE = {"01_two_quads", "14_two_backends"}
-REPORT = True  # these tests read the summary
+REPORT = True
 CROWDED = {"10_ten_quads"}
 SWARM = {"11_swarm"}
 SHORT = [e for e in EXAMPLES if e.parent.name not in FLOWN_ELSEWHERE | CROWDED | SWARM]

@@ -26,7 +26,7 @@ with UAV.from_args() as uav:
                 uav.set_pos_yaw(above + np.array(step), 0.5, 5.0)
             uav.auto_land()
         case "hovers":
-            uav.set_pos_yaw(above, 0.0, 3000.0)
+            uav.set_pos_yaw(above, 0.0, 3000.0)  # longer than the battery lasts
         case "sends_at":
             for _ in range(int(8.0 * float(uav.args[1]))):
                 uav.set_pos_vel_yaw(above, [0.0, 0.0, 0.0], 0.0, float(uav.args[1]))
@@ -40,7 +40,7 @@ with UAV.from_args() as uav:
         case "spins":
             begun = time.monotonic()
             while True:  # does not reply to anything, as long as a vehicle needs to land with all of the CPU; then without
-                if time.monotonic() > begun + SPIN_S:
+                if time.monotonic() > begun + (float(uav.args[1]) if uav.args[1:] else SPIN_S):
                     time.sleep(1.0)
         case "waits":
             threading.Event().wait()
