@@ -10,8 +10,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from arena.clock import Clock, Rate, SimClock, SimTime, WallClock
-from arena.errors import InputError, RunError, VehicleError
+from arena.clock import Clock, Rate, SimClock, WallClock
+from arena.errors import ArenaError, InputError, RunError
 from arena.fly.running_vehicle import RunningVehicle, find_vehicle
 from arena.uav import UAV
 from arena.uav.arguments import read_file
@@ -23,23 +23,28 @@ _OFFBOARD = "OFFBOARD"
 class FollowedClock:
     """Clock that returns the simulation time to an interactive session, without ever pausing the simulation.
 
+    All methods raise RunError when the world has ended. Its time then stands still, so old values would never become stale.
+
     path: path of the simulation clock without suffix
     """
 
     def __init__(self, path: str) -> None:
-        self._time = SimTime(path)
-        self._last, self._since = -1.0, time.monotonic()
+        self._client = SimClock(
+            path, "session"
+        )  # it never requests a wake-up, so the world does not wait for it
 
     def now(self) -> float:
         """Return the simulation time [s]."""
-        return self._time.now()
+        if self._client.ended():
+            raise RunError("the world that serves the simulation clock has ended")
+        return self._client.now()
 
     def sleep_until(self, t: float) -> float:
         """Sleep until the simulation time t [s]. Return the time after the sleep [s].
 
         Ctrl-C interrupts the sleep.
         """
-        while (now := self._time.now()) < t:
+        while (now := self.now()) < t:
             time.sleep(max(_POLL_S, min(0.02, 0.5 * (t - now))))
         return now
 
@@ -75,13 +80,13 @@ class Session:
                 say(f"{self.vehicle.name}: landed and disarmed")
             elif text := self._flown_by_others():
                 say(text)
-        except VehicleError as error:
+        except ArenaError as error:
             say(f"{self.vehicle.name}: LANDING NOT CONFIRMED: {error}. Use `arena land-all`")
         finally:
             self.uav.close()
 
     def _flies(self) -> bool:
-        with contextlib.suppress(VehicleError):
+        with contextlib.suppress(ArenaError):
             return self.uav.info.is_armed and self.uav.control.flies(self.vehicle.settings.offboard_loss_s)
         return False
 
@@ -94,7 +99,7 @@ class Session:
             if not self.uav.info.is_armed:
                 return ""
             mode = self.uav.info.flight_mode
-        except VehicleError as error:
+        except ArenaError as error:
             return f"{self.vehicle.name}: NOT LANDED by this shell: state not known ({error}). Use `arena land-all`"
         return f"{self.vehicle.name}: NOT LANDED by this shell: armed in {mode}, {self._holder(mode)}"
 

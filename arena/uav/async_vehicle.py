@@ -40,7 +40,7 @@ class AsyncUAV:
 
     def __init__(self, uav: UAV) -> None:
         self._uav, self._running = uav, ""
-        uav.control.record_wait_s = 0.0  # a blocked event loop would send no setpoints to the other vehicles
+        uav.control.never_block()
         self.args, self.clock = uav.args, uav.clock
         self.ekf, self.sen, self.act, self.info = uav.ekf, uav.sen, uav.act, uav.info
 

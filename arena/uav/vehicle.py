@@ -138,6 +138,8 @@ class UAV:
         made = cls(**read_arguments(argv))
         if argv is None and (member := MEMBERSHIP.get()) is not None:
             member.opened.append(made)
+            if member.threads.lockstep:  # only one thread runs at a time
+                made.control.never_block()
         return made
 
     @classmethod
@@ -154,6 +156,7 @@ class UAV:
         made = []
         for each in found:
             made.append(cls(**each))
+            made[-1].control.never_block()
             member.opened.append(made[-1])
         return Fleet(made, member.threads)
 

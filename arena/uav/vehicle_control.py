@@ -57,7 +57,6 @@ class VehicleControl:
 
     heartbeat: sender of the program's heartbeat, called in each method.
     run: the run folder, which records who took control of the vehicle; None without one.
-    record_wait_s: longest wait for this record after a loss of control, in which the caller is blocked [s].
     """
 
     def __init__(
@@ -73,12 +72,19 @@ class VehicleControl:
         self._source, self._connection, self._clock = source, connection, clock
         self._heartbeat, self._run = heartbeat, run
         self._reported = ReportedState(source)
-        self.record_wait_s = _RECORD_S
+        self._record_wait_s = _RECORD_S
         self._offboard = False
         self._armed = False
         self._lost = ""
         self._hold: tuple[Array, float] | None = None
         self._holding_since = math.inf
+
+    def never_block(self) -> None:
+        """Do not wait for the record of the cause after a loss of control, which blocks the caller for up to 0.5 s.
+
+        Other vehicles that the same thread flies would receive no setpoints in this time.
+        """
+        self._record_wait_s = 0.0
 
     def guard(self) -> None:
         """Check that the program still controls the vehicle, and raise an error if not.
@@ -370,7 +376,7 @@ class VehicleControl:
     def _cause(self) -> str:
         """Return the cause of the loss of control, as text."""
         worst = mavlink.MAV_SEVERITY_WARNING
-        end = time.monotonic() + (self.record_wait_s if self._run is not None else 0.0)
+        end = time.monotonic() + (self._record_wait_s if self._run is not None else 0.0)
         while True:
             texts = self._source.telemetry.recent_texts(self._source.now() - TEXTS_S, worst)
             cause = cause_of_loss(self._source.ns, texts, self._run, time.monotonic())

@@ -196,6 +196,20 @@ def test_clients_have_sessions_of_their_own_and_silent_ones_end(client):
     assert late.send(Operation.OPEN_FILE_RO, path)[0].operation == ACK
 
 
+def test_session_that_waits_for_the_disk_or_sends_a_burst_is_not_silent(client, library):
+    assert client.send(Operation.OPEN_FILE_RO, b"/log/uav1.ulg") == []
+    other = Client(client.server, 99)
+    other.now = 10.1
+    assert other.send(Operation.LIST_DIRECTORY, b"/")
+    library.reading[0].ready = True
+    (reply,) = client.next()
+    assert reply.operation == ACK
+    client.send(Operation.BURST_READ_FILE, size=239)
+    other.now = 30.0
+    assert other.send(Operation.LIST_DIRECTORY, b"/")
+    assert client.server.busy, "the burst goes on"
+
+
 # -- log protocol ------------------------------------------------------------------------------------------------------
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from arena.clock import ClockServer
 from arena.errors import RunError, StaleDataError
-from arena.fly.connect import Session
+from arena.fly.connect import FollowedClock, Session
 
 
 class Vehicle:
@@ -86,4 +88,33 @@ def test_session_without_telemetry_is_closed_without_a_command() -> None:
     assert said_at_the_end(uav) == [
         "uav1: NOT LANDED by this shell: state not known (no heartbeat). Use `arena land-all`"
     ]
+    assert uav.done == ["close"]
+
+
+def test_clock_of_a_session_ends_with_the_world_and_never_holds_it(tmp_path: Path) -> None:
+    """Otherwise the last position would stay fresh for ever, and a sleep would never end."""
+    server = ClockServer(tmp_path / "clock", lockstep=True)
+    clock = FollowedClock(str(tmp_path / "clock"))
+    server.tick(1.0)
+    assert clock.now() == 1.0 and clock.sleep_until(0.9) == 1.0
+    assert server.may_advance(1.0, 0.0)
+    server.close()
+    with pytest.raises(RunError, match="the world"):
+        clock.now()
+    with pytest.raises(RunError, match="the world"):
+        clock.sleep_until(2.0)
+
+
+def test_session_whose_world_has_ended_says_so() -> None:
+    class Ended(Vehicle):
+        @property
+        def info(self) -> object:
+            raise RunError("the world has ended")
+
+        @info.setter
+        def info(self, value: object) -> None:
+            pass
+
+    uav = Ended(armed=True, flies=True)
+    assert "state not known (the world has ended)" in said_at_the_end(uav)[0]
     assert uav.done == ["close"]

@@ -132,6 +132,21 @@ def test_one_program_gets_all_vehicles_of_its_group(tmp_path, capsys):
     assert capsys.readouterr().out == "('uav1', 'uav2', 'uav3') 3 ['--row=2']\n"
 
 
+@pytest.mark.parametrize("once", [True, False])
+def test_loss_of_one_vehicle_does_not_block_the_program_of_the_others(tmp_path, capsys, monkeypatch, once):
+    """The others would receive no setpoints. In lockstep only one thread of a group runs at a time."""
+    monkeypatch.setattr(GroupThreads, "lockstep", property(lambda self: True))
+    opened = "UAV.all_from_args()" if once else "[UAV.from_args()]"
+    text = (
+        f"import time\nfrom pathlib import Path\nfrom arena import UAV\ncontrol = {opened}[0].control\n"
+        f"control._run, began = Path({str(tmp_path)!r}), time.monotonic()\ncontrol._cause()\n"
+        "print(time.monotonic() - began < 0.4)\n"
+    )
+    group, _ = group_of(tmp_path, text, once=once, count=1)
+    assert group.run() == 0
+    assert capsys.readouterr().out == "True\n"
+
+
 def test_single_and_common_programs_are_not_mixed(tmp_path, capsys):
     group, _ = group_of(tmp_path, "from arena import UAV\nUAV.from_args()\n", once=True)
     assert group.run() == 1 and "Use UAV.all_from_args" in capsys.readouterr().err

@@ -119,6 +119,11 @@ class _Session:
     used_at: float = 0.0
     last: tuple[int, Any] | None = None
 
+    @property
+    def has_output(self) -> bool:
+        """True while a reply waits for the disk, or a burst is in progress."""
+        return self.waiting is not None or self.stream_at >= 0
+
 
 class _Refused(Exception):
     """Exception: the FTP server refuses a request. problem: error code of the reply."""
@@ -145,7 +150,7 @@ class FileServer:
     @property
     def busy(self) -> bool:
         """True while a file is being read or sent."""
-        return any(s.waiting is not None or s.stream_at >= 0 for s in self._sessions.values())
+        return any(s.has_output for s in self._sessions.values())
 
     def receive(self, link: str, m: Any, now: float) -> list[Any]:
         """Process a FILE_TRANSFER_PROTOCOL message to this vehicle. Return the replies for the same link.
@@ -186,10 +191,10 @@ class FileServer:
     def _session(self, client: _Client, now: float) -> _Session | None:
         """Return the session of a client; None if too many clients have a session.
 
-        Sessions that were not used for 10 s are removed.
+        Sessions without a request for 10 s are removed, except those that still have data to send.
         """
         for other, s in list(self._sessions.items()):
-            if other != client and now - s.used_at > _SESSION_TIMEOUT_S:
+            if other != client and not s.has_output and now - s.used_at > _SESSION_TIMEOUT_S:
                 del self._sessions[other]
         if client not in self._sessions and len(self._sessions) >= _MOST_SESSIONS:
             return None
