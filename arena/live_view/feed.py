@@ -23,6 +23,7 @@ from arena.live_view.snapshot import (
     EventList,
     Playback,
     ProcessRow,
+    ShownTime,
     Snapshot,
     playback_of,
     process_rows,
@@ -101,7 +102,8 @@ class _OpenRun:
         self.settings = Settings.from_slice(raw)
         self._tracker = FleetTracker(self.settings.vehicles)
         self._events = EventList(v.name for v in self.settings.vehicles)
-        self._ports = ToolsPorts([v.tools for v in self.settings.vehicles], self._tracker.on_datagram)
+        self._shown = ShownTime()
+        self._ports = ToolsPorts([v.tools for v in self.settings.vehicles], self._on_datagram)
         self._status = RunStatus(Path(state.rt) / "control.sock")
         self._captures: list[MocapClient] = []
         for capture in self.settings.captures:
@@ -125,17 +127,18 @@ class _OpenRun:
         return not self._state.live and not _is_up(open_run(self._run))
 
     def poll(self, now: float) -> Snapshot:
+        self._shown.update(now, self._playback)
         self._ports.poll(now)
         for capture in self._captures:
             with contextlib.suppress(OSError, ArenaError):
-                self._tracker.on_frames(capture.poll(now), now)
+                self._tracker.on_frames(capture.poll(now), self._shown.at(now))
         if now >= self._slow_at:
             self._slow_at = now + SEARCH_PERIOD_S
             self._open_pages()
             self._paths.poll()
             self._events.on_lines(self._tail.read())
         if self._truth is not None and (truth := self._truth.newest()) is not None:
-            self._tracker.on_truth(truth, now)
+            self._tracker.on_truth(truth, self._shown.at(now))
         number, status = self._status.newest
         if number != self._number:
             self._number = number
@@ -143,6 +146,9 @@ class _OpenRun:
             self._events.on_status(status)
             self._processes, self._playback = process_rows(status), playback_of(status)
         return self._snapshot(now, status)
+
+    def _on_datagram(self, row: int, data: bytes, now: float) -> None:
+        self._tracker.on_datagram(row, data, self._shown.at(now))
 
     def close(self) -> None:
         self._ports.close()
@@ -160,7 +166,7 @@ class _OpenRun:
             real_time_factor=real_time_factor(status),
             answers=self._status.answers(now),
             settings=self.settings,
-            fleet=self._tracker.snapshot(now),
+            fleet=self._tracker.snapshot(self._shown.at(now)),
             processes=self._processes,
             events=self._events.newest,
             playback=self._playback,

@@ -68,6 +68,29 @@ class Playback:
     duration_s: float
     paused: bool
 
+    @property
+    def stands(self) -> bool:
+        """True if the replay is paused or at its end."""
+        return self.paused or self.time_s >= self.duration_s
+
+
+class ShownTime:
+    """Time [s] that stands still while a replay stands still, so that the values that are shown do not become old."""
+
+    def __init__(self) -> None:
+        self._stood_s = 0.0
+        self._updated_at: float | None = None
+
+    def update(self, now: float, playback: Playback | None) -> None:
+        """Call this in each poll. playback: position of the replay; None if the arena is not a replay."""
+        if self._updated_at is not None and playback is not None and playback.stands:
+            self._stood_s += now - self._updated_at
+        self._updated_at = now
+
+    def at(self, now: float) -> float:
+        """Return the shown time [s]. now: monotonic [s]"""
+        return now - self._stood_s
+
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:

@@ -10,6 +10,7 @@ import sys
 import time
 from collections import defaultdict
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ import psutil
 import pytest
 
 from arena.flight_log.recording import Recording
+from arena.live_view import LiveFeed
+from arena.live_view.fleet import STALE_S
 from arena.supervisor import Control, open_run
 from arena.wire.telemetry import Telemetry
 
@@ -92,6 +95,24 @@ def ask(run: Path, **request: object) -> dict[str, object]:
     state = open_run(run)
     assert state is not None
     return Control(Path(state.rt, "control.sock")).ask(**request)
+
+
+def test_state_in_a_paused_replay_does_not_become_old(running: Path) -> None:
+    with closing(LiveFeed(running)) as feed:
+
+        def silent_s() -> float:
+            shown = feed.poll(time.monotonic())
+            return math.inf if shown is None else float(shown.fleet.silent_s.max())
+
+        def is_received() -> bool:
+            ask(running, do="replay", seek_s=5.0)  # until the router knows this viewer
+            return silent_s() < 1.0
+
+        eventually(is_received, 10, "the telemetry after a jump")
+        end = time.monotonic() + STALE_S + 1.0
+        while time.monotonic() < end:
+            assert silent_s() < 2.0
+            time.sleep(0.05)
 
 
 def test_program_reads_the_recorded_telemetry_and_cannot_command(flight: Flight, running: Path) -> None:

@@ -6,6 +6,7 @@ from arena.live_view.snapshot import (
     MAX_EVENTS,
     EventList,
     Playback,
+    ShownTime,
     playback_of,
     process_rows,
     real_time_factor,
@@ -87,3 +88,19 @@ def test_position_in_the_record_is_that_of_the_replay():
     assert playback_of(status) == Playback(time_s=3.5, duration_s=40.0, paused=True)
     assert playback_of({"processes": {"world": {"kind": "world", "stats": {}}}}) is None
     assert playback_of({}) is None
+
+
+def test_shown_time_stands_while_a_replay_is_paused_or_at_its_end():
+    shown = ShownTime()
+
+    def update(now, time_s, *, paused=False):
+        shown.update(now, Playback(time_s=time_s, duration_s=9.0, paused=paused))
+        return shown.at(now)
+
+    shown.update(100.0, None)
+    assert shown.at(100.5) == 100.5
+    assert update(101.0, 1.0) == 101.0
+    assert update(102.0, 2.0, paused=True) == 101.0
+    assert update(112.0, 2.0, paused=True) == 101.0
+    assert update(113.0, 3.0) == 102.0
+    assert update(114.0, 9.0) == 102.0
