@@ -26,9 +26,8 @@ _LEAST = 5
 _GAP_S = 0.25
 _JUMP_M_S = 30.0  # faster than indoor flight: the body was lost or swapped, and the old slope is not valid
 _MEMORY_S = 0.5
-_PAST = (
-    int(_MEMORY_S * STEP_HZ) + 7
-)  # stored steps of the copilot. After a pause, a few steps follow each other faster
+# stored steps of the copilot. After a pause, a few steps follow each other faster
+_PAST = int(_MEMORY_S * STEP_HZ) + 7
 
 
 class Tracks:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable
 from functools import partial
@@ -11,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from arena.clock import Clock, Rate, SimClock, WallClock
-from arena.errors import ArenaError, InputError, RunError
+from arena.errors import ArenaError, InputError, RunError, VehicleError
 from arena.fly.running_vehicle import RunningVehicle, find_vehicle
 from arena.uav import UAV
 from arena.uav.arguments import read_file
@@ -23,20 +22,24 @@ _OFFBOARD = "OFFBOARD"
 class FollowedClock:
     """Clock that returns the simulation time to an interactive session, without ever pausing the simulation.
 
-    All methods raise RunError when the world has ended. Its time then stands still, so old values would never become stale.
+    After the end of the world all methods raise RunError: the time no longer advances, so old data would count as fresh.
 
     path: path of the simulation clock without suffix
     """
 
     def __init__(self, path: str) -> None:
-        self._client = SimClock(
-            path, "session"
-        )  # it never requests a wake-up, so the world does not wait for it
+        # It never requests a wake-up, so the world does not wait for it. No program has a name with a dot.
+        self._client = SimClock(path, "arena.connect")
+
+    @property
+    def has_ended(self) -> bool:
+        """True if the world has ended."""
+        return self._client.ended()
 
     def now(self) -> float:
         """Return the simulation time [s]."""
-        if self._client.ended():
-            raise RunError("the world that serves the simulation clock has ended")
+        if self.has_ended:
+            raise RunError("the simulated world has ended")
         return self._client.now()
 
     def sleep_until(self, t: float) -> float:
@@ -81,14 +84,30 @@ class Session:
             elif text := self._flown_by_others():
                 say(text)
         except ArenaError as error:
-            say(f"{self.vehicle.name}: LANDING NOT CONFIRMED: {error}. Use `arena land-all`")
+            if self._world_has_ended():
+                say(f"{self.vehicle.name}: the simulated world has ended")
+            else:
+                say(f"{self.vehicle.name}: LANDING NOT CONFIRMED: {error}. Use `arena land-all`")
         finally:
             self.uav.close()
 
     def _flies(self) -> bool:
-        with contextlib.suppress(ArenaError):
-            return self.uav.info.is_armed and self.uav.control.flies(self.vehicle.settings.offboard_loss_s)
-        return False
+        try:
+            return self._has_control()
+        except VehicleError:
+            return False
+        except RunError:
+            if self._world_has_ended():
+                raise
+        # The thread that receives raises an error once. It must not keep the vehicle from its landing.
+        return self._has_control()
+
+    def _has_control(self) -> bool:
+        return self.uav.info.is_armed and self.uav.control.flies(self.vehicle.settings.offboard_loss_s)
+
+    def _world_has_ended(self) -> bool:
+        clock = self.uav.clock
+        return isinstance(clock, FollowedClock) and clock.has_ended
 
     def _flown_by_others(self) -> str:
         """Return a warning that the vehicle is still armed: its mode, and who has control; "" if disarmed.
@@ -99,7 +118,7 @@ class Session:
             if not self.uav.info.is_armed:
                 return ""
             mode = self.uav.info.flight_mode
-        except ArenaError as error:
+        except VehicleError as error:
             return f"{self.vehicle.name}: NOT LANDED by this shell: state not known ({error}). Use `arena land-all`"
         return f"{self.vehicle.name}: NOT LANDED by this shell: armed in {mode}, {self._holder(mode)}"
 
@@ -134,6 +153,7 @@ def connect(
     The vehicle must have no program of its own that runs: only one process can receive at the program's port. Clocks are as in a
     program: simulation time for simulated vehicles, wall time for real vehicles.
     `close` sends no command: a vehicle in the air then enters its offboard failsafe, and lands.
+    After the end of a simulated world the methods and values of the vehicle raise RunError, unless `lockstep` is set.
     Raises RunError if no arena runs, and InputError if the name fits no vehicle, the vehicle is real without `real`, or the port is
     in use.
     """

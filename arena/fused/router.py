@@ -49,7 +49,7 @@ class _Paths(NamedTuple):
 class FusedRouter:
     """MAVLink router that exchanges datagrams with built-in autopilots in memory, without sockets.
 
-    All times are simulation time [s].
+    All times are simulation time [s], except that of silent tools.
 
     in_memory: indices, in the world, of the vehicles with such links. The links of the other vehicles are sockets.
     inbox: receives the datagrams for the built-in autopilots.

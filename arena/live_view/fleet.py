@@ -53,7 +53,7 @@ class FleetSnapshot:
     motors: output of each rotor, 0..1 [-] (N, MAX_ROTORS)
     battery: remaining charge [%] (N,)
     pose_age_s: age of the last pose that the autopilot was sent [s] (N,)
-    silent_s: time since the last message of the autopilot [s] (N,); inf before the first
+    silent_s: time since the last message of the autopilot, without pauses of a replay [s] (N,); inf before the first
     texts: last STATUSTEXT of each vehicle, "" before the first
     """
 
@@ -86,7 +86,7 @@ class FleetSnapshot:
 
 
 class FleetTracker:
-    """Collector of the newest state of all vehicles. All times `now` are monotonic [s].
+    """Collector of the newest state of all vehicles. All times `now` are of `ShownTime` [s].
 
     Pass received data to the `on_...` methods, and call `snapshot` when a picture is drawn.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -69,23 +70,35 @@ class Playback:
     paused: bool
 
     @property
-    def stands(self) -> bool:
+    def is_still(self) -> bool:
         """True if the replay is paused or at its end."""
         return self.paused or self.time_s >= self.duration_s
 
 
 class ShownTime:
-    """Time [s] that stands still while a replay stands still, so that the values that are shown do not become old."""
+    """Time [s] that does not advance while a replay is paused or at its end, so that the values that are shown do not become old.
+
+    All times `now` are monotonic [s].
+    """
 
     def __init__(self) -> None:
-        self._stood_s = 0.0
-        self._updated_at: float | None = None
+        self._stood_s, self._was_still = 0.0, False
+        self._updated_at = self._heard_at = math.nan
+
+    def hear(self, now: float) -> None:
+        """Call this for each message of a vehicle."""
+        self._heard_at = now
 
     def update(self, now: float, playback: Playback | None) -> None:
-        """Call this in each poll. playback: position of the replay; None if the arena is not a replay."""
-        if self._updated_at is not None and playback is not None and playback.stands:
-            self._stood_s += now - self._updated_at
-        self._updated_at = now
+        """Call this in each poll. playback: position of the replay; None if the arena is not a replay.
+
+        The supervisor reports a pause late, so the time stops at the newest message before the pause.
+        """
+        is_still = playback is not None and playback.is_still
+        if is_still:
+            since = self._updated_at if self._was_still or math.isnan(self._heard_at) else self._heard_at
+            self._stood_s += 0.0 if math.isnan(since) else now - since
+        self._updated_at, self._was_still = now, is_still
 
     def at(self, now: float) -> float:
         """Return the shown time [s]. now: monotonic [s]"""

@@ -32,7 +32,7 @@ class Endpoint:
     socket: index in `Router.sockets`
     role: role of the senders; None for a tool, whose role follows from its MAVLink system id
     senders: system << 8 | component of every sender that has used this address, oldest first
-    last: time of the last frame, monotonic [s]
+    last: real time of the last frame, monotonic [s]; only of a tool
     place: socket and address
     """
 

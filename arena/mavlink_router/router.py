@@ -79,7 +79,7 @@ class Router:
         kernel: type[OrdinaryDatagrams] = OrdinaryDatagrams,
     ) -> None:
         self.table, self._counts = table, Counts()
-        self._real = (lambda now: now) if real_now is None else lambda _: real_now()
+        self._real: Callable[[float], float] = (lambda now: now) if real_now is None else lambda _: real_now()
         self.use_shortcut = use_shortcut
         self.commands = CommandFilter(table.vehicles, sim_now)
         self._socket_table = SocketTable()

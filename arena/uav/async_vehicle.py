@@ -40,7 +40,7 @@ class AsyncUAV:
 
     def __init__(self, uav: UAV) -> None:
         self._uav, self._running = uav, ""
-        uav.control.never_block()
+        uav.control.share_thread()
         self.args, self.clock = uav.args, uav.clock
         self.ekf, self.sen, self.act, self.info = uav.ekf, uav.sen, uav.act, uav.info
 

@@ -108,6 +108,8 @@ class Connection:
         Raises RunError once if the background thread could not process received data.
         """
         error, self._error = self._error, None
+        if isinstance(error, RunError):  # the world has ended
+            raise error
         if error is not None:
             raise RunError(
                 f"{self.url}: received data could not be processed: {type(error).__name__}: {error}"

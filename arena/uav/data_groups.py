@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from arena.errors import RunError
 from arena.geometry import Array, euler_from_quat, quat_conj, quat_rotate
 from arena.uav.data_source import Body, Source
 from arena.uav.relative_sensors import Beacons, EmulatedSensor, Neighbours
@@ -254,7 +255,10 @@ class Info:
     @property
     def is_connected(self) -> bool:
         """True while heartbeats of the autopilot arrive. Never raises an error."""
-        return self.age_s <= self._source.limit_s("connection")
+        try:
+            return self.age_s <= self._source.limit_s("connection")
+        except RunError:  # the world has ended, or the last data could not be read
+            return False
 
     @property
     def is_armed(self) -> bool:

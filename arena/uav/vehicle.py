@@ -139,7 +139,7 @@ class UAV:
         if argv is None and (member := MEMBERSHIP.get()) is not None:
             member.opened.append(made)
             if member.threads.lockstep:  # only one thread runs at a time
-                made.control.never_block()
+                made.control.share_thread()
         return made
 
     @classmethod
@@ -156,7 +156,7 @@ class UAV:
         made = []
         for each in found:
             made.append(cls(**each))
-            made[-1].control.never_block()
+            made[-1].control.share_thread()
             member.opened.append(made[-1])
         return Fleet(made, member.threads)
 

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.clock import Clock
+from arena.clock import Clock, LockstepClock
 from arena.errors import (
     CommandRefusedError,
     NotConfirmedError,
@@ -46,6 +46,8 @@ _REOFFBOARD_S = 0.3  # from a rejected OFFBOARD until the next request
 # and a reserve, sent before the request on the same link, so the delay of the link does not matter.
 _STREAM_FIRST_S = 0.25
 _RECORD_S, _RECORD_POLL_S = 0.5, 0.05  # wall time: the router records a takeover when the program sees it
+_SHARED_RECORD_S = 0.1
+_NOT_RECORDED = "the run has not recorded the cause yet: see its events.jsonl"
 _HEARTBEAT_S = (
     1.0  # period of heartbeats: the mode in a heartbeat may be as old as this, even if it is read late
 )
@@ -79,12 +81,14 @@ class VehicleControl:
         self._hold: tuple[Array, float] | None = None
         self._holding_since = math.inf
 
-    def never_block(self) -> None:
-        """Do not wait for the record of the cause after a loss of control, which blocks the caller for up to 0.5 s.
+    def share_thread(self) -> None:
+        """Wait hardly or not for the record of the cause after a loss of control: the same thread flies other vehicles.
 
-        Other vehicles that the same thread flies would receive no setpoints in this time.
+        In real time they would receive no setpoints during the wait. In lockstep simulation time does not advance, but the world
+        waits for a program for 1 s only.
         """
-        self._record_wait_s = 0.0
+        lockstep = isinstance(self._clock, LockstepClock) and self._clock.lockstep
+        self._record_wait_s = _SHARED_RECORD_S if lockstep else 0.0
 
     def guard(self) -> None:
         """Check that the program still controls the vehicle, and raise an error if not.
@@ -380,8 +384,10 @@ class VehicleControl:
         while True:
             texts = self._source.telemetry.recent_texts(self._source.now() - TEXTS_S, worst)
             cause = cause_of_loss(self._source.ns, texts, self._run, time.monotonic())
-            if cause != UNKNOWN or time.monotonic() >= end:
+            if cause != UNKNOWN:
                 return cause
+            if time.monotonic() >= end:
+                return UNKNOWN if self._run is None or self._record_wait_s == _RECORD_S else _NOT_RECORDED
             time.sleep(_RECORD_POLL_S)
 
     def _lose(self, what: str) -> None:

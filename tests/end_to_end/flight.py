@@ -252,6 +252,7 @@ class Flight:
 
         The arena must be in lockstep, which is any `--speed` but 1.
         """
+        assert PACE_S / speed < 0.5, "the world drops a client that does not sleep for 1 s"
         clock, ended = SimClock(self.json("slices/world.json")["clock"], "test"), threading.Event()
         failure: list[RunError] = []
 

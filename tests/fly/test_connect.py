@@ -10,6 +10,7 @@ import pytest
 from arena.clock import ClockServer
 from arena.errors import RunError, StaleDataError
 from arena.fly.connect import FollowedClock, Session
+from arena.uav import UAV
 
 
 class Vehicle:
@@ -18,6 +19,7 @@ class Vehicle:
     def __init__(self, *, armed: bool, flies: bool, mode: str = "OFFBOARD") -> None:
         self.info = SimpleNamespace(is_armed=armed, flight_mode=mode)
         self.control = SimpleNamespace(flies=lambda offboard_loss_s: flies and offboard_loss_s == 2.5)
+        self.clock: object = None
         self.done: list[str] = []
 
     def auto_land(self) -> None:
@@ -96,25 +98,66 @@ def test_clock_of_a_session_ends_with_the_world_and_never_holds_it(tmp_path: Pat
     server = ClockServer(tmp_path / "clock", lockstep=True)
     clock = FollowedClock(str(tmp_path / "clock"))
     server.tick(1.0)
-    assert clock.now() == 1.0 and clock.sleep_until(0.9) == 1.0
-    assert server.may_advance(1.0, 0.0)
+    server.poll()
+    assert clock.now() == 1.0 and clock.sleep_until(0.9) == 1.0 and not clock.has_ended
+    assert server.may_advance(1.0, 0.0) and not (server.joined or server.asleep or server.dropped)
     server.close()
-    with pytest.raises(RunError, match="the world"):
+    with pytest.raises(RunError, match="the simulated world has ended"):
         clock.now()
-    with pytest.raises(RunError, match="the world"):
+    with pytest.raises(RunError, match="the simulated world has ended"):
         clock.sleep_until(2.0)
 
 
-def test_session_whose_world_has_ended_says_so() -> None:
-    class Ended(Vehicle):
-        @property
-        def info(self) -> object:
-            raise RunError("the world has ended")
+def ended_world(tmp_path: Path) -> FollowedClock:
+    server = ClockServer(tmp_path / "clock", lockstep=True)
+    clock = FollowedClock(str(tmp_path / "clock"))
+    server.close()
+    return clock
 
-        @info.setter
-        def info(self, value: object) -> None:
-            pass
 
-    uav = Ended(armed=True, flies=True)
-    assert "state not known (the world has ended)" in said_at_the_end(uav)[0]
+class Failing(Vehicle):
+    """Its values raise the errors of a list, one after the other."""
+
+    def __init__(self, clock: object, *errors: Exception) -> None:
+        super().__init__(armed=True, flies=True)
+        self.clock, self.errors = clock, list(errors)
+
+    @property
+    def info(self) -> object:
+        if self.errors:
+            raise self.errors.pop(0)
+        return self._info
+
+    @info.setter
+    def info(self, value: object) -> None:
+        self._info = value
+
+
+def test_session_whose_world_has_ended_says_so(tmp_path: Path) -> None:
+    uav = Failing(ended_world(tmp_path), RunError("the world has ended"))
+    uav.errors *= 2
+    assert said_at_the_end(uav) == ["uav1: the simulated world has ended"]
     assert uav.done == ["close"]
+
+
+def test_error_of_the_receiving_thread_does_not_keep_a_session_from_landing() -> None:
+    uav = Failing(None, RunError("received data could not be processed"))
+    said_at_the_end(uav)
+    assert uav.done == ["land", "close"]
+    again = Failing(None, *[RunError("received data could not be processed")] * 2)
+    assert "LANDING NOT CONFIRMED: received data" in said_at_the_end(again)[0]
+
+
+def test_connection_of_a_session_names_the_end_of_the_world(tmp_path: Path) -> None:
+    uav = UAV(
+        *("uav1", 1.5, 0.3, 0.1, 4, {"kind": "quadratic", "a": 34.068, "b": 7.1202, "fade_speed_m_s": 25.0}),
+        link="udpin:127.58.77.1:16001",
+        system_id=1,
+        clock=ended_world(tmp_path),
+    )
+    try:
+        assert not uav.info.is_connected
+        with pytest.raises(RunError, match=r"^the simulated world has ended"):
+            _ = uav.info.is_armed
+    finally:
+        uav.close()
