@@ -148,7 +148,7 @@ class _OpenRun:
         return self._snapshot(now, status)
 
     def _on_datagram(self, row: int, data: bytes, now: float) -> None:
-        self._shown.hear(now)
+        self._shown.receive(now)
         self._tracker.on_datagram(row, data, self._shown.at(now))
 
     def close(self) -> None:

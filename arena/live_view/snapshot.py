@@ -83,11 +83,11 @@ class ShownTime:
 
     def __init__(self) -> None:
         self._stood_s, self._was_still = 0.0, False
-        self._updated_at = self._heard_at = math.nan
+        self._updated_at = self._received_at = math.nan
 
-    def hear(self, now: float) -> None:
+    def receive(self, now: float) -> None:
         """Call this for each message of a vehicle."""
-        self._heard_at = now
+        self._received_at = now
 
     def update(self, now: float, playback: Playback | None) -> None:
         """Call this in each poll. playback: position of the replay; None if the arena is not a replay.
@@ -96,7 +96,9 @@ class ShownTime:
         """
         is_still = playback is not None and playback.is_still
         if is_still:
-            since = self._updated_at if self._was_still or math.isnan(self._heard_at) else self._heard_at
+            since = (
+                self._updated_at if self._was_still or math.isnan(self._received_at) else self._received_at
+            )
             self._stood_s += 0.0 if math.isnan(since) else now - since
         self._updated_at, self._was_still = now, is_still
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -157,6 +158,7 @@ def test_connection_of_a_session_names_the_end_of_the_world(tmp_path: Path) -> N
     )
     try:
         assert not uav.info.is_connected
+        time.sleep(0.05)  # the thread that receives meets the end, too
         with pytest.raises(RunError, match=r"^the simulated world has ended"):
             _ = uav.info.is_armed
     finally:

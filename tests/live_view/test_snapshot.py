@@ -103,6 +103,6 @@ def test_shown_time_stands_while_a_replay_is_paused_or_at_its_end():
     assert update(102.0, 2.0, paused=True) == 101.0
     assert update(112.0, 2.0, paused=True) == 101.0
     assert update(113.0, 3.0) == 102.0
-    shown.hear(113.5)
+    shown.receive(113.5)
     assert shown.at(113.5) == 102.5
     assert update(114.0, 9.0) == 102.5, "the time stops at the newest message"
