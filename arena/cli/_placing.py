@@ -1,4 +1,4 @@
-"""Checks of `arena up` before the start: is the address free, and do other arenas or replays that are running get in the way?"""
+"""Checks of `arena up` before the start: whether the address is free, and whether a running arena or replay is in the way."""
 
 from __future__ import annotations
 

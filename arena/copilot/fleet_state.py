@@ -15,7 +15,7 @@ Mask = NDArray[np.bool_]
 
 
 def length(vectors: Array) -> Array:
-    """Return the lengths (...,) of vectors (..., 3). `np.linalg.norm` takes longer for few vectors."""
+    """Return the lengths (...,) of vectors (..., 3). For few vectors this is faster than `np.linalg.norm`."""
     lengths: Array = np.sqrt((vectors * vectors).sum(-1))
     return lengths
 

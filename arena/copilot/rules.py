@@ -109,9 +109,8 @@ class RuleChecker:
 
     def _estimate(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["estimate.off_m"]
-        for row in self._lasting(
-            m, "estimate", self._poses & m.placed & np.isfinite(m.off) & (m.off > limit)
-        ):
+        known = self._poses & m.placed & np.isfinite(m.off)
+        for row in self._lasting(m, "estimate", known & (m.off > limit)):
             why = f"its estimate is {m.off[row]:.2f} m from its captured track (at most {limit:g} m)"
             yield Violation(row=row, rule="estimate", why=why, enough="land")
 
@@ -139,7 +138,7 @@ class RuleChecker:
 
 
 def _rows(mask: Mask) -> list[int]:
-    """Return the rows of the vehicles in a mask."""
+    """Return the rows at which a mask is true."""
     rows: list[int] = mask.nonzero()[0].tolist()
     return rows
 

@@ -65,7 +65,7 @@ def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> 
 
 @functools.cache
 def _pairs(count: int) -> tuple[Index, Index]:
-    """Return the rows of all pairs of `count` vehicles: (first, second), (P,) each."""
+    """Return all pairs of `count` vehicles as two arrays of rows: the first and the second vehicle of each pair (P,)."""
     first, second = np.triu_indices(count, 1)
     first.flags.writeable = second.flags.writeable = False
     return first, second

@@ -86,7 +86,7 @@ class FleetSnapshot:
 
 
 class FleetTracker:
-    """Collector of the newest state of all vehicles. All times `now` are of `ShownTime` [s].
+    """Collector of the newest state of all vehicles. All times `now` are times of `ShownTime` [s].
 
     Pass received data to the `on_...` methods, and call `snapshot` when a picture is drawn.
     """

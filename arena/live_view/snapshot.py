@@ -86,13 +86,15 @@ class ShownTime:
         self._updated_at = self._received_at = math.nan
 
     def receive(self, now: float) -> None:
-        """Call this for each message of a vehicle."""
+        """Store the time of a message from a vehicle. Call this for each message."""
         self._received_at = now
 
     def update(self, now: float, playback: Playback | None) -> None:
-        """Call this in each poll. playback: position of the replay; None if the arena is not a replay.
+        """Stop or continue the shown time. Call this regularly.
 
         The supervisor reports a pause late, so the time stops at the newest message before the pause.
+
+        playback: position of the replay; None if the arena is not a replay
         """
         is_still = playback is not None and playback.is_still
         if is_still:

@@ -18,7 +18,7 @@ Destinations = tuple[tuple[int, Address], ...]
 TO_ALL = 0
 """Target of a message that is addressed to no system."""
 MAX_TOOLS = 16
-"""Most tools of a vehicle: one more removes the tool that has been silent for longest."""
+"""Largest number of tools of a vehicle. If another one connects, the tool that has been silent for longest is removed."""
 Out = tuple[Buffer, Destinations]
 """A datagram to send, and its receivers. It is usually a part of the received datagram."""
 

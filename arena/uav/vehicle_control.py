@@ -46,7 +46,7 @@ _REOFFBOARD_S = 0.3  # from a rejected OFFBOARD until the next request
 # and a reserve, sent before the request on the same link, so the delay of the link does not matter.
 _STREAM_FIRST_S = 0.25
 _RECORD_S, _RECORD_POLL_S = 0.5, 0.05  # wall time: the router records a takeover when the program sees it
-_SHARED_RECORD_S = 0.1
+_SHARED_RECORD_S = 0.1  # wall time: the world waits for a program for 1 s
 _NOT_RECORDED = "the run has not recorded the cause yet: see its events.jsonl"
 _HEARTBEAT_S = (
     1.0  # period of heartbeats: the mode in a heartbeat may be as old as this, even if it is read late
@@ -74,7 +74,7 @@ class VehicleControl:
         self._source, self._connection, self._clock = source, connection, clock
         self._heartbeat, self._run = heartbeat, run
         self._reported = ReportedState(source)
-        self._record_wait_s = _RECORD_S
+        self._record_wait_s, self._unknown_cause = _RECORD_S, UNKNOWN
         self._offboard = False
         self._armed = False
         self._lost = ""
@@ -82,13 +82,13 @@ class VehicleControl:
         self._holding_since = math.inf
 
     def share_thread(self) -> None:
-        """Wait hardly or not for the record of the cause after a loss of control: the same thread flies other vehicles.
+        """Call this if the same thread also flies other vehicles: they receive no setpoints while a method waits.
 
-        In real time they would receive no setpoints during the wait. In lockstep simulation time does not advance, but the world
-        waits for a program for 1 s only.
+        After a loss of control, no method then waits until the run has recorded the cause; in lockstep only for a short time.
         """
         lockstep = isinstance(self._clock, LockstepClock) and self._clock.lockstep
         self._record_wait_s = _SHARED_RECORD_S if lockstep else 0.0
+        self._unknown_cause = _NOT_RECORDED
 
     def guard(self) -> None:
         """Check that the program still controls the vehicle, and raise an error if not.
@@ -387,7 +387,7 @@ class VehicleControl:
             if cause != UNKNOWN:
                 return cause
             if time.monotonic() >= end:
-                return UNKNOWN if self._run is None or self._record_wait_s == _RECORD_S else _NOT_RECORDED
+                return UNKNOWN if self._run is None else self._unknown_cause
             time.sleep(_RECORD_POLL_S)
 
     def _lose(self, what: str) -> None:

@@ -127,7 +127,7 @@ class Sensor(Protocol):
         ...
 
     def measure(self, values: Array, motion: Motion) -> None:
-        """Measure once: write a new value of each quantity to the arrays that `views` returned.
+        """Measure once, and write the new values to the arrays that `views` returned.
 
         values: the array that was passed to `views`, with new noise plus bias. The sensor may add the true values to it in
             place; the suite then limits them to the ranges of the channels.
