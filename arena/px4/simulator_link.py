@@ -66,7 +66,7 @@ class SimulatorLink:
         self.motors[:] = 0.0
         self._replies = MotorReplies(PARSER, hil.HIL_ACTUATOR_CONTROLS, view(self.motors))
         self.in_step, self.unanswered = False, 0
-        self._samples, self._sent_us, self._stamped = 0, 0, False
+        self._samples, self._first_us, self._sent_us, self._stamped = 0, 0, 0, False
         self._readings[:] = 0.0
         self._sent_times: deque[int] = deque(maxlen=_SENT_TIMES)
         self._stream = Stream()
@@ -86,6 +86,7 @@ class SimulatorLink:
                 sensor.write(values, sensors, row)
                 bits |= sensor.bits
         self._sent_us = round(now * 1e6)
+        self._first_us = self._first_us if self._samples else self._sent_us
         self._sent_times.append(self._sent_us)
         self._samples += 1
         if self.in_step:
@@ -149,8 +150,8 @@ class SimulatorLink:
         newest = self._replies
         self.in_step = self.in_step or newest.lockstep
         # PX4 stamps a reply with the time of the sample it replies to. This separates replies to lockstep samples from
-        # those to samples of the free run.
-        self._stamped = self._stamped or newest.time_usec in self._sent_times
+        # those to samples of the free run, of which more can be without a reply than `_sent_times` has room for.
+        self._stamped = self._stamped or self._first_us <= newest.time_usec <= self._sent_us
         if not self._stamped:
             self.unanswered = max(self.unanswered - 1, 0)
         elif newest.time_usec >= self._sent_us:

@@ -149,6 +149,7 @@ class World:
         while not (found := true()):
             assert time.monotonic() < deadline, (self.events, self.status())
             self.step()
+            time.sleep(0.001)  # the fake PX4s keep up, also on a busy machine
         return found
 
     def status(self) -> list[str]:

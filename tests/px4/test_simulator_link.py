@@ -99,6 +99,20 @@ def test_a_reply_to_an_older_sample_is_not_the_awaited_one() -> None:
     assert link.unanswered == 0
 
 
+def test_a_reply_far_behind_in_the_free_run_is_not_the_awaited_one() -> None:
+    link = SimulatorLink(4, HIL)
+    for k in range(1, 1001):  # a busy machine: the world is far ahead of PX4's first reply
+        link.sample(0.004 * k, SENSORS, 0)
+    link.receive(answer([0.5] * 4, time_usec=4000))
+    assert link.in_step
+    link.sample(4.004, SENSORS, 0)
+    for k in range(2, 1001):
+        link.receive(answer([0.5] * 4, time_usec=4000 * k))
+        assert link.unanswered == 1
+    link.receive(answer([0.5] * 4, time_usec=4_004_000))
+    assert link.unanswered == 0
+
+
 def test_replies_with_own_time_stamps_are_counted() -> None:
     link = SimulatorLink(4, HIL)
     link.sample(0.002, SENSORS, 0)
