@@ -245,6 +245,8 @@ class Px4Links:
         A late PX4 still gets samples, because PX4 runs only when a sample arrives. The samples are sent at most in real time.
         Otherwise a slow PX4 could never catch up, because the world does not wait for a late PX4.
         """
+        if server.late_since is not None:
+            self._read(server)  # its replies since the last step: after a new sample it would be late again
         if server.connection is None:
             return
         if server.late_since is not None:

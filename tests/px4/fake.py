@@ -74,6 +74,7 @@ class FakePx4:
         self._reading.set()
         self._socket = socket.create_connection(address, 5.0)
         self._socket.settimeout(None)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as PX4 does
         self._socket.sendall(first_messages())
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()

@@ -87,6 +87,23 @@ def test_a_late_px4_is_reported_and_rejoins(two: World, soon_late: None) -> None
     assert two.step(50).tolist() == [[0.25] * 4, [0.5] * 4]
 
 
+def test_a_late_px4_rejoins_a_world_whose_steps_are_slow(soon_late: None) -> None:
+    world = World(1)
+    try:
+        px4 = FakePx4(world.places[0], [0.25] * 4)
+        world.until_in_step()
+        px4.stop_reading()
+        world.until(lambda: world.status() == ["late"])
+        px4.resume_reading()
+        for _ in range(20):
+            time.sleep(0.02)  # longer than the pause between two samples for a late PX4
+            world.step()
+        assert world.status() == ["in step"]
+        assert world.step().tolist() == [[0.25] * 4]
+    finally:
+        world.links.close()
+
+
 def test_a_disconnected_px4_is_reported_and_its_motors_stop(two: World) -> None:
     px4s = connect(two)
     px4s[0].disconnect()
