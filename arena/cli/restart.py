@@ -23,7 +23,8 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Restart one process of a running arena.
 
-        The option --yes is required if a flying vehicle depends on the process.
+        The option --yes is required if a flying vehicle depends on the process. The world cannot be restarted alone, because
+        all other processes use its clock.
         """
         connect(find(run)).ask(do="restart", name=name, yes=yes)
         print(f"{name}: restart requested; `arena ps` shows its state")

@@ -42,6 +42,7 @@ from arena.supervisor.process_set import Orders, ProcessSet
 from arena.supervisor.process_state import ENDED, State
 from arena.supervisor.release_task import ReleaseTask
 from arena.supervisor.replay_request import replay_packet
+from arena.supervisor.restart_rules import restart_refusal
 from arena.supervisor.run_end import Cause, End
 from arena.supervisor.run_folder import Member, RunFolder
 from arena.supervisor.run_options import Options, Show
@@ -302,7 +303,8 @@ class Supervisor:
         if name not in specs:
             raise ValueError(no_such_process(name, self.plan))
         self._require_run(f"{name} is not restarted: the arena is {self.phase}, so it starts no processes")
-        if not in_flight and (refusal := run_end.restart_refusal(specs[name], self._shutdown.flying())):
+        refusal = restart_refusal(specs[name], self._shutdown.flying())
+        if refusal and not in_flight:
             raise ValueError(refusal)
         self._processes.request_restart(name)
         self._log.event(time.monotonic(), name, "restart requested by `arena restart`")

@@ -283,31 +283,6 @@ def serving_real(plan: Plan, vehicles: Collection[str]) -> frozenset[str]:
     return frozenset(s.name for s in plan.processes if s.kind in SERVING and (s.vehicle or "") in {"", *real})
 
 
-_IN_FLIGHT = {
-    "world": "the simulation stops, and a new world starts with all vehicles on the ground",
-    "px4": "the motors stop and the vehicle falls",
-    "link": "the vehicle receives no poses and no commands until the restart is complete",
-    "mocap": "the poses stop for 1 to 3 s, so the autopilots may lose their position and land without it",
-    "forward": "the poses stop for 1 to 3 s, so the autopilot may lose its position and land without it",
-    "router": "programs and ground stations are cut off for 1 to 3 s, so setpoints stop and failsafes act",
-}
-"""Kind of process -> effect of its restart on flying vehicles that depend on it."""
-
-
-def restart_refusal(spec: ProcessSpec, flying: Sequence[str]) -> str:
-    """Return the reason why `arena restart` of a process needs `--yes` now, or "" if it does not.
-
-    flying: vehicles that may be in the air.
-    """
-    served = [name for name in flying if spec.vehicle in (None, name)]
-    if not served or spec.kind not in _IN_FLIGHT:
-        return ""
-    return (
-        f"{spec.name} is not restarted: {', '.join(served)} may be flying. During a restart {_IN_FLIGHT[spec.kind]}. "
-        f"Land first (`arena land-all`), or restart in flight with --yes"
-    )
-
-
 def may_stop(plan: Plan, statuses: Statuses) -> set[str]:
     """Return the processes that can be stopped now, because no running process needs them."""
     held = {need for spec in plan.processes if statuses[spec.name].state in ALIVE for need in spec.needs}

@@ -19,7 +19,6 @@ from arena.supervisor.run_end import (
     lost,
     may_fly,
     may_stop,
-    restart_refusal,
     settle_s,
 )
 
@@ -220,24 +219,6 @@ def test_program_that_ctrl_c_ended_has_not_failed():
         end = End(cause=cause, why="because", statuses=statuses)
         found = failures(PLAN, end, {**statuses, "p": FAILED}, {}, landed=True, until_done=True)
         assert [text.partition(" (")[0] for text in found] == [text.partition(" (")[0] for text in expected]
-
-
-@pytest.mark.parametrize("kind", ["world", "px4", "link", "mocap", "forward", "router"])
-def test_restart_of_what_a_flying_vehicle_needs_is_refused(kind):
-    process = spec("x", "x", kind=kind)
-    assert "uav1, uav2 may be flying" in restart_refusal(process, ["uav1", "uav2"])
-    assert restart_refusal(process, []) == ""
-
-
-def test_restart_of_one_vehicles_process_looks_at_that_vehicle_only():
-    forwarder = spec("forward.uav1", "x", kind="forward", vehicle="uav1")
-    assert restart_refusal(forwarder, ["uav2"]) == ""
-    assert "uav1 may be flying" in restart_refusal(forwarder, ["uav1", "uav2"])
-
-
-@pytest.mark.parametrize("kind", ["program", "recorder", "tool", "copilot"])
-def test_restart_of_other_processes_is_allowed_in_flight(kind):
-    assert restart_refusal(spec("x", "x", kind=kind), ["uav1"]) == ""
 
 
 def test_unconfirmed_landing_fails_every_end():

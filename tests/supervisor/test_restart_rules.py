@@ -1,0 +1,31 @@
+"""Which process may be restarted, and when."""
+
+import pytest
+
+from arena.supervisor.restart_rules import restart_refusal
+
+from .conftest import spec
+
+
+@pytest.mark.parametrize("kind", ["world", "replay"])
+def test_process_that_keeps_the_clock_is_never_restarted(kind):
+    with pytest.raises(ValueError, match=f"{kind} is not restarted.*arena down"):
+        restart_refusal(spec(kind, kind, kind=kind), [])
+
+
+@pytest.mark.parametrize("kind", ["px4", "link", "mocap", "forward", "router"])
+def test_restart_of_what_a_flying_vehicle_needs_is_refused(kind):
+    process = spec("x", "x", kind=kind)
+    assert "uav1, uav2 may be flying" in restart_refusal(process, ["uav1", "uav2"])
+    assert restart_refusal(process, []) == ""
+
+
+def test_restart_of_one_vehicles_process_looks_at_that_vehicle_only():
+    forwarder = spec("forward.uav1", "x", kind="forward", vehicle="uav1")
+    assert restart_refusal(forwarder, ["uav2"]) == ""
+    assert "uav1 may be flying" in restart_refusal(forwarder, ["uav1", "uav2"])
+
+
+@pytest.mark.parametrize("kind", ["program", "recorder", "tool", "copilot"])
+def test_restart_of_other_processes_is_allowed_in_flight(kind):
+    assert restart_refusal(spec("x", "x", kind=kind), ["uav1"]) == ""
