@@ -131,11 +131,17 @@ class HandFlight:
 def fly_by_hand(vehicle: RunningVehicle, gamepad: SticksSource | None = None) -> int:
     """Fly a vehicle by hand in this terminal until the person quits. Return the exit code.
 
-    Raises InputError without a terminal, and RunError if another person flies the vehicle or the vehicle does not obey joysticks.
+    Raises InputError without a terminal and if the simulation is faster than real time. Raises RunError if another person flies the
+    vehicle or the vehicle does not obey joysticks.
     """
     if not sys.stdin.isatty():
         raise InputError(
             "arena fly: stdin is not a terminal. A trajectory file needs no terminal: arena fly VEHICLE FILE"
+        )
+    if vehicle.speed > 1.0:
+        raise InputError(
+            f"{vehicle.name}: the simulation is faster than real time, and stick positions are sent in real time. "
+            "Start the arena with --speed 1 to fly by hand"
         )
     assert vehicle.settings.tools is not None
     with contextlib.closing(lock_pilot(vehicle)), _terminal():

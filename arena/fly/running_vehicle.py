@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +42,21 @@ class RunningVehicle:
     def is_real(self) -> bool:
         """True for a real vehicle, False for a simulated vehicle."""
         return self.settings.kind == "real"
+
+    @property
+    def speed(self) -> float:
+        """Requested simulated seconds per second of wall time; inf for `max`, 1.0 for a real vehicle.
+
+        Raises RunError if the file of the run cannot be read.
+        """
+        if self.is_real:
+            return 1.0
+        path = Path(self.run.run) / "slices" / "world.json"
+        try:
+            given = json.loads(path.read_text())["speed"]
+        except (OSError, ValueError, KeyError) as error:
+            raise RunError(f"{path}: cannot read the speed of the simulation: {error}") from error
+        return math.inf if given == "max" else float(given)
 
     def facts(self) -> Mapping[str, Any]:
         """Return what the supervisor reports about the vehicle, such as `armed`, `mode` and `control`.

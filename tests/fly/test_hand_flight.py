@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot import Autopilots
-from arena.errors import EXIT_FAILED, EXIT_OK
-from arena.fly.by_hand import HandFlight
+from arena.errors import EXIT_FAILED, EXIT_OK, InputError
+from arena.fly.by_hand import HandFlight, fly_by_hand
 from arena.fly.pilot import Pilot
+from arena.fly.running_vehicle import RunningVehicle
 from arena.wire.sticks import CENTRED, Sticks
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "autopilot"))
@@ -217,3 +220,21 @@ def test_vehicle_that_ignores_joysticks_is_not_flown(mode, problem):
     room.world.run(0.1)
     assert room.pilot.source == mode
     assert (problem in room.pilot.source_problem()) if problem else room.pilot.source_problem() == ""
+
+
+@pytest.mark.parametrize(("speed", "refused"), [("max", True), (2.0, True), (1.0, False), (0.5, False)])
+def test_a_simulation_faster_than_real_time_is_refused(
+    speed: float | str, refused: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "slices").mkdir()
+    (tmp_path / "slices" / "world.json").write_text(json.dumps({"speed": speed}))
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+    vehicle = RunningVehicle(
+        run=SimpleNamespace(run=str(tmp_path), rt=str(tmp_path / "missing")),
+        room=None,
+        settings=SimpleNamespace(name="uav1", id=1, kind="built-in", tools=("127.0.0.1", 1)),
+        program_file=tmp_path,
+    )
+    # an arena that is not refused has no runtime folder here, so its vehicle cannot be locked
+    with pytest.raises(InputError if refused else FileNotFoundError):
+        fly_by_hand(vehicle)
