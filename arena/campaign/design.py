@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -18,7 +19,8 @@ from arena.campaign.sampler import in_range, latin_hypercube, random_points, who
 from arena.campaign.sweep import LARGEST_CAMPAIGN, PLACEHOLDER, Setting, Sweep, Value, is_drawn
 from arena.errors import InputError
 
-_DIGITS = 6  # significant digits of drawn values, so that a value on the command line is the flown value
+# significant digits of values of a range, so that a value on the command line is the flown value
+_DIGITS, _MOST_DIGITS = 6, 17
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +52,7 @@ class Flight:
 def flights(sweep: Sweep) -> list[Flight]:
     """Return all flights of a campaign, such as 6 flights for 3 combinations of settings and 2 seeds.
 
-    Raises InputError if there are too many flights.
+    Raises InputError if there are too many flights, or if two of them are the same.
     """
     every = points(sweep)
     if len(every) * len(sweep.seeds) > LARGEST_CAMPAIGN:
@@ -59,7 +61,21 @@ def flights(sweep: Sweep) -> list[Flight]:
             "give fewer values, samples or seeds"
         )
     pairs = itertools.product(every, sweep.seeds)
-    return [_flight(sweep, number, point, seed) for number, (point, seed) in enumerate(pairs, start=1)]
+    found = [_flight(sweep, number, point, seed) for number, (point, seed) in enumerate(pairs, start=1)]
+    _refuse_equal(sweep, found)
+    return found
+
+
+def _refuse_equal(sweep: Sweep, found: Sequence[Flight]) -> None:
+    """Raise InputError if two flights have the same id: they would fly in the same folder, and count twice."""
+    first: dict[str, Flight] = {}
+    for flight in found:
+        if (same := first.setdefault(flight.id, flight)) is not flight:
+            values = ", ".join(f"{name} {value}" for name, value in flight.settings.items())
+            raise InputError(
+                f"{sweep.file}: flights {same.number} and {flight.number} are the same ({values}). "
+                "Give fewer samples or steps, or a larger range"
+            )
 
 
 def points(sweep: Sweep) -> list[dict[str, Value]]:
@@ -86,8 +102,10 @@ def listed_values(setting: Setting) -> list[Value]:
     if setting.values is not None:
         return list(setting.values)
     low, high = _range(setting)
+    if setting.integer:
+        low, high = math.ceil(low), math.floor(high)
     values = in_range(np.linspace(0.0, 1.0, setting.steps or 2), low, high, setting.scale)
-    return [round(v) if setting.integer else _short(v) for v in values.tolist()]
+    return [round(v) if setting.integer else _short(v, low, high) for v in values.tolist()]
 
 
 def drawn_values(sweep: Sweep) -> list[tuple[Value, ...]]:
@@ -108,7 +126,7 @@ def _column(setting: Setting, share: Any) -> list[Value]:
     low, high = _range(setting)
     if setting.integer:
         return [int(v) for v in whole_numbers(share, low, high, setting.scale)]
-    return [_short(v) for v in in_range(share, low, high, setting.scale).tolist()]
+    return [_short(v, low, high) for v in in_range(share, low, high, setting.scale).tolist()]
 
 
 def _range(setting: Setting) -> tuple[float, float]:
@@ -119,8 +137,14 @@ def _range(setting: Setting) -> tuple[float, float]:
     return setting.min, setting.max
 
 
-def _short(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
+def _short(value: float, low: float, high: float) -> float:
+    """Round a value of a range, so that it is short in a command line.
+
+    Values of a narrow range get more digits, because they differ only in their last digits.
+    """
+    narrow = math.log10(max(abs(low), abs(high)) / (high - low))
+    digits = min(_DIGITS + max(0, math.floor(narrow)), _MOST_DIGITS)
+    return min(max(float(f"{value:.{digits}g}"), low), high)
 
 
 def overrides_of(name: str, setting: Setting, value: Value) -> tuple[str, ...]:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from arena.campaign.design import Flight
 from arena.campaign.measures import of_flight, of_vehicle, recorded_by_world
 from arena.campaign.store import Record
-from arena.errors import EXIT_OK, ArenaError
+from arena.errors import EXIT_OK, ArenaError, RunError
 from arena.flight_log.flight import read_flight
 from arena.schema import load_arena
 from arena.smoke.flying.fly_scenario import FlightOptions, alone_if_px4
@@ -26,6 +26,19 @@ END_TIMEOUT_S = 180.0
 """Wall time in which an arena must end after `wall_limit_s`, landing included [s]."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Flown:
+    """End of the arena of a flight.
+
+    run: path of the run folder; "" if there is none.  failed: reasons of a failure.
+    lost: the flight has no result, because the computer failed, and not the vehicles.
+    """
+
+    run: str
+    failed: Sequence[str]
+    lost: bool = False
+
+
 def fly(flight: Flight, folder: Path) -> Record:
     """Fly one flight of a campaign, wait until its arena has ended, and return the record of the result.
 
@@ -34,30 +47,28 @@ def fly(flight: Flight, folder: Path) -> Record:
     began = time.monotonic()
     own = folder / "flights" / flight.id
     own.mkdir(parents=True, exist_ok=True)
-    record = Record(
-        id=flight.id, number=flight.number, seed=flight.seed, settings=dict(flight.settings), passed=False
-    )
     try:
-        run, failed = _fly_arena(flight, own) if flight.kind == "arena" else _fly_scenario(flight, own)
-    except ArenaError as error:
-        run, failed = "", [str(error)]
-    vehicles = measured(Path(run)) if run else {}
-    return replace(
-        record,
-        passed=not failed,
-        reasons=tuple(failed),
-        run=os.path.relpath(run, folder) if run else "",
+        flown = _fly_arena(flight, own) if flight.kind == "arena" else _fly_scenario(flight, own)
+    except ArenaError as error:  # nothing was flown
+        flown = _Flown(run="", failed=[str(error)], lost=True)
+    vehicles = measured(Path(flown.run)) if flown.run and not flown.lost else {}
+    return Record(
+        id=flight.id,
+        number=flight.number,
+        seed=flight.seed,
+        settings=dict(flight.settings),
+        passed=not flown.failed,
+        lost=flown.lost,
+        reasons=tuple(flown.failed),
+        run=os.path.relpath(flown.run, folder) if flown.run else "",
         wall_s=round(time.monotonic() - began, 2),
         measures=of_flight(vehicles),
         vehicles=vehicles,
     )
 
 
-def _fly_arena(flight: Flight, folder: Path) -> tuple[str, list[str]]:
-    """Run the arena of one flight until its user programs have ended.
-
-    Return the path of the run folder, and the reasons of a failure.
-    """
+def _fly_arena(flight: Flight, folder: Path) -> _Flown:
+    """Run the arena of one flight until its user programs have ended."""
     session = Session(
         LaunchOptions(
             arena=Path(flight.file),
@@ -67,25 +78,48 @@ def _fly_arena(flight: Flight, folder: Path) -> tuple[str, list[str]]:
             arguments=("--until-done", "--time-limit", f"{flight.wall_limit_s:g}"),
         )
     )
-    with alone_if_px4(load_arena(flight.file, flight.overrides)):
-        code = session.run_to_end(flight.wall_limit_s + END_TIMEOUT_S)
+    try:
+        with alone_if_px4(load_arena(flight.file, flight.overrides)):
+            code = session.run_to_end(flight.wall_limit_s + END_TIMEOUT_S)
+    except RunError as error:
+        return _Flown(run=str(session.run or ""), failed=[str(error)], lost=session.run is None)
     outcome = session.outcome()
     failed = [str(text) for text in outcome.get("failed") or ()]
     if code != EXIT_OK and not failed:
-        failed = [
-            f"`arena up` ended with exit code {code}: {outcome.get('reason') or 'no reason was recorded'}"
-        ]
-    return str(session.run or ""), failed
+        why = outcome.get("reason") or ("it was killed" if code < 0 else "no reason was recorded")
+        failed = [f"`arena up` ended with exit code {code}: {why}"]
+    incomplete = [] if failed else missing_files(session.run)
+    killed = code < 0 and not outcome
+    return _Flown(run=str(session.run or ""), failed=[*failed, *incomplete], lost=killed or bool(incomplete))
 
 
-def _fly_scenario(flight: Flight, folder: Path) -> tuple[str, list[str]]:
-    """Fly the scenario of one flight of a campaign.
-
-    Return the path of the run folder, and the reasons of a failure, each with file and line.
-    """
+def _fly_scenario(flight: Flight, folder: Path) -> _Flown:
+    """Fly the scenario of one flight of a campaign. The reasons of a failure have file and line."""
     (scenario,) = load_scenarios(flight.file, flight.overrides)
     result = fly_scenario(scenario, FlightOptions(results=folder, seed=flight.seed, report=False))
-    return result.run, reasons(result)
+    failed = reasons(result)
+    incomplete = [] if failed else record_problems(_outcome(Path(result.run)))
+    return _Flown(run=result.run, failed=[*failed, *incomplete], lost=bool(incomplete) or not result.run)
+
+
+def missing_files(run: Path | None) -> list[str]:
+    """Return which results of a run are missing or not complete, for example because the disk was full."""
+    if run is None:
+        return ["the run has no folder"]
+    outcome = _outcome(run)
+    if not outcome:
+        return ["outcome.json is missing, so the result of the flight is not known"]
+    names = [v["name"] for v in json.loads((run / "plan.json").read_text())["vehicles"]]
+    logs = [f"csv/{name}.csv" for name in names]
+    missing = [log for log in logs if not (run / log).is_file()]
+    return record_problems(outcome) + ([f"{', '.join(missing)} missing: no measures"] if missing else [])
+
+
+def record_problems(outcome: Mapping[str, Any]) -> list[str]:
+    """Return why the record of a flight is not complete, as its recorder reports it. Return [] if it is complete."""
+    rows = outcome.get("processes") or {}
+    found = [(row.get("stats") or {}).get("record", "complete") for row in rows.values() if row]
+    return [f"the record of the flight is not complete: {why}" for why in found if why != "complete"]
 
 
 def measured(run: Path) -> dict[str, dict[str, float | None]]:

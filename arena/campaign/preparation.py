@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from arena.campaign.design import Flight, overrides_of
+from arena.campaign.effects import override_problem, without_effect
+from arena.campaign.inputs import digests, files_of, px4_binary
 from arena.campaign.sweep import Sweep
 from arena.errors import InputError, Problem
 from arena.schema import Arena, load_arena
-from arena.schema.loader import YamlPath
+from arena.schema.loader import YamlPath, load_yaml
+from arena.schema.ranges import expand_ranges
 from arena.smoke.flying.fly_scenario import refuse_real
 from arena.smoke.language.scenario import load_scenarios
 
 
-def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None] = lambda: None) -> Arena:
-    """Check that every combination of settings gives a valid arena. Return the arena of the first flight.
+@dataclass(frozen=True, kw_only=True)
+class Prepared:
+    """Result of the checks: the arena of the first flight, and what determines all flights.
+
+    inputs: path relative to the folder of the sweep file -> SHA-256 of each file that determines a flight.
+    """
+
+    arena: Arena
+    inputs: Mapping[str, str]
+
+
+def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None] = lambda: None) -> Prepared:
+    """Check that every combination of settings gives a valid arena, and that every setting has an effect.
 
     on_checked: function that is called after each point.
     Raises InputError with all problems. A problem with a varied value has the file and line of the sweep file.
@@ -26,20 +38,55 @@ def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None
     if not Path(sweep.flown).exists():
         given = sweep.source.value((sweep.kind,))
         raise InputError(sweep.source.problem((sweep.kind,), f"got {given!r}, which does not exist."))
+    if unreached := [problem for flight in flights[:1] for problem in _unreached(sweep, flight)]:
+        raise InputError(sorted(unreached, key=lambda p: (p.file, p.line)))
     first: Arena | None = None
+    files: set[Path] = set()
     problems: list[Problem] = []
-    for flight in {flight.overrides: flight for flight in flights}.values():
+    points = {flight.overrides: flight for flight in reversed(flights)}
+    for flight in reversed(points.values()):
         try:
             arena = load(flight)
             first = arena if first is None else first
+            files |= files_of(sweep.flown, arena)
         except InputError as error:
             if not error.problems:
                 raise
             problems += [at_sweep(sweep, flight, p) for p in error.problems]
         on_checked()
+    if not problems and first is not None:
+        said = "has no effect: all its values give the same flight. `arena check` names parameters without effect."
+        useless = without_effect(sweep, flights[0], first, load)
+        problems += [sweep.source.problem(("vary", name), said) for name in useless]
     if problems or first is None:
         raise InputError(sorted(dict.fromkeys(problems), key=lambda p: (p.file, p.line)))
-    return first
+    return Prepared(arena=first, inputs=digests(files, Path(sweep.file).parent, px4_binary(first)))
+
+
+def _unreached(sweep: Sweep, flight: Flight) -> Iterator[Problem]:
+    """Yield a problem for each override that cannot reach a flight, such as one of a vehicle that the arena does not have.
+
+    flight: first flight of the campaign.
+    """
+    vehicles = _vehicles_of(sweep, flight)
+    for path, override in _overrides_with_paths(sweep, flight.settings):
+        if said := override_problem(override, vehicles):
+            yield sweep.source.problem(path[:2], said)
+
+
+def _vehicles_of(sweep: Sweep, flight: Flight) -> list[str] | None:
+    """Return the vehicles that the YAML names, or that an override such as `vehicles.uav3={}` adds as a whole.
+
+    Return None if they are not known: the arena of a scenario, or an override of all vehicles.
+    """
+    keys = [text.partition("=")[0].strip().split(".") for text in flight.overrides]
+    if sweep.kind != "arena" or ["vehicles"] in keys:
+        return None
+    path = Path(sweep.flown)
+    data, _ = expand_ranges(load_yaml(path / "arena.yaml" if path.is_dir() else path))
+    named = data.get("vehicles") if isinstance(data, dict) else None
+    added = [key[1] for key in keys if key[0] == "vehicles" and len(key) == 2]
+    return [*(named if isinstance(named, dict) else ()), *added]
 
 
 def load(flight: Flight) -> Arena:
@@ -47,10 +94,11 @@ def load(flight: Flight) -> Arena:
 
     Raises InputError if the files are wrong, or if a vehicle is real.
     """
+    overrides = (*flight.overrides, "sim.speed=max")  # as it is flown
     if flight.kind == "arena":
-        arena = load_arena(flight.file, flight.overrides)
+        arena = load_arena(flight.file, overrides)
     else:
-        scenarios = load_scenarios(flight.file, flight.overrides)
+        scenarios = load_scenarios(flight.file, overrides)
         if len(scenarios) != 1:
             raise InputError(
                 f"{flight.file}: names {len(scenarios)} arenas, expected one in a campaign. Write a scenario file per arena"
@@ -106,20 +154,3 @@ def _overrides_with_paths(sweep: Sweep, settings: Mapping[str, object]) -> Itera
             inner = setting.values.index(value)
             where = ("vary", name, inner) if short else ("vary", name, "values", inner)
         yield from ((where, text) for text in overrides_of(name, setting, value))  # type: ignore[arg-type]
-
-
-def input_digests(sweep: Sweep, arena: Arena) -> dict[str, str]:
-    """Return path -> SHA-256 of each file that determines a flight: arena, scenario, programs, profiles.
-
-    The paths are relative to the folder of the sweep file. Modules that a program imports are not included.
-    """
-    files = {sweep.flown, arena.file}
-    files |= {v.program.path for v in arena.vehicles if v.program}
-    files |= {v.profile_key for v in arena.vehicles if v.profile_key.endswith(".yaml")}
-    folder = Path(sweep.file).parent
-    found = {}
-    for name in sorted(files):
-        path = Path(name, "arena.yaml") if Path(name).is_dir() else Path(name)
-        if path.is_file():
-            found[os.path.relpath(path, folder)] = hashlib.sha256(path.read_bytes()).hexdigest()
-    return found

@@ -21,11 +21,12 @@ class Pace:
 
     It uses the flights that ended since the campaign was started or resumed.
 
+    jobs: number of flights that fly at the same time; 1 if it is not known.
     clock: wall time [s]; replaced by tests.
     """
 
-    def __init__(self, clock: Clock = time.monotonic) -> None:
-        self._clock = clock
+    def __init__(self, jobs: int = 1, clock: Clock = time.monotonic) -> None:
+        self._jobs, self._clock = jobs, clock
         self._began = clock()
         self._here = 0
         self.total = 0
@@ -40,8 +41,11 @@ class Pace:
 
     @property
     def left_s(self) -> float | None:
-        """Estimated wall time until the end [s]; None before the first flight has ended."""
-        if not self._here:
+        """Estimated wall time until the end [s]; None before `jobs` flights have ended.
+
+        Before that, the flights that are nearly complete would not count.
+        """
+        if not self._here or self._here < min(self._jobs, self.total):
             return None
         return (self._clock() - self._began) / self._here * (self.total - self.flown)
 
@@ -71,16 +75,17 @@ class ProgressLines:
     def __exit__(self, *_: object) -> None:
         return
 
-    def begin(self, total: int, flown: int) -> None:
+    def begin(self, total: int, flown: int, failed: int) -> None:
         self._pace.begin(total, flown)
+        before = f", {flown} of them flown before" if flown else ""
         self._say(
-            f"{total} flight{'s' if total != 1 else ''}"
-            + (f", {flown} of them flown before" if flown else "")
+            f"{total} flight{'s' if total != 1 else ''}{before}{f' ({failed} failed)' if failed else ''}"
         )
 
     def add(self, record: Record) -> None:
         self._pace.add()
-        self._say(f"{line(record)}  {self._pace.flown}/{self._pace.total}, {self._pace.left}")
+        left = f", {self._pace.left}" if self._pace.left else ""
+        self._say(f"{line(record)}  {self._pace.flown}/{self._pace.total}{left}")
 
     def refresh(self) -> None:
         return
@@ -115,18 +120,21 @@ class ProgressBar:
         self._bar.refresh()
         self._bar.stop()
 
-    def begin(self, total: int, flown: int) -> None:
+    def begin(self, total: int, flown: int, failed: int) -> None:
         self._pace.begin(total, flown)
-        self._bar.update(self._task, total=total, completed=flown)
+        self._failed = failed
+        self._bar.update(self._task, total=total, completed=flown, failed=self._failures)
 
     def add(self, record: Record) -> None:
         self._pace.add()
         if not record.passed:
             self._failed += 1
             self._bar.console.print(Text(line(record)))
-        self._bar.update(
-            self._task, completed=self._pace.flown, failed=f"{self._failed} failed" * bool(self._failed)
-        )
+        self._bar.update(self._task, completed=self._pace.flown, failed=self._failures)
+
+    @property
+    def _failures(self) -> str:
+        return f"{self._failed} failed" if self._failed else ""
 
     def refresh(self) -> None:
         self._bar.update(self._task, left=self._pace.left)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import signal
 import tempfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
-import arena
 from arena.campaign.design import Flight
+from arena.campaign.inputs import PACKAGE, PX4, digest_of
 from arena.campaign.runner import Fly
 from arena.campaign.store import Record
 from arena.errors import InputError
@@ -68,34 +66,9 @@ def inputs_of(files: Mapping[str, str], folder: Path) -> dict[str, str]:
 
     files: path relative to `folder` -> SHA-256.
     """
-    made = {str((folder / path).resolve()): digest for path, digest in files.items()}
+    special = (PACKAGE, PX4)
+    made = {str((folder / path).resolve()): digest for path, digest in files.items() if path not in special}
     return {**made, PACKAGE: digest_of(PACKAGE)}
-
-
-PACKAGE = "the installed arena"
-"""Key that represents all modules of the package `arena` among the paths of files."""
-
-
-def digest_of(path: str) -> str:
-    """Return the SHA-256 of a file; "" if the file cannot be read.
-
-    path: path of the file. The key PACKAGE gives one SHA-256 of all modules of the package `arena`.
-    """
-    if path == PACKAGE:
-        return _package_digest()
-    try:
-        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-    except OSError:
-        return ""
-
-
-@cache
-def _package_digest() -> str:
-    folder = Path(arena.__file__).parent
-    made = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
-        made.update(f"{path.relative_to(folder)}\n".encode() + path.read_bytes())
-    return made.hexdigest()
 
 
 def pack(folder: Path) -> Files:

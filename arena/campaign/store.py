@@ -13,11 +13,12 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from io import FileIO
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from arena.campaign.design import Flight
-from arena.campaign.sweep import Value
+from arena.campaign.sweep import Sweep, Value
 from arena.errors import InputError, RunError
 
 RESULTS, CAMPAIGN, LOCK = "results.jsonl", "campaign.json", "campaign.lock"
@@ -51,7 +52,7 @@ class Record:
 class Listing:
     """Content of campaign.json: the settings and the flights of a campaign.
 
-    sweep: path of the sweep file.  kind: `arena` or `scenario`.
+    sweep: path of the sweep file.  kind: `arena` or `scenario`.  flown: path of this file, as the sweep file gives it.
     inputs: path -> SHA-256 of the files that determine a flight.
     flights: id, number, seed and settings of each flight.
     """
@@ -61,6 +62,7 @@ class Listing:
     kind: str
     inputs: Mapping[str, str]
     flights: Sequence[Mapping[str, Any]]
+    flown: str = ""
 
     @property
     def settings(self) -> tuple[str, ...]:
@@ -105,7 +107,10 @@ class Store:
     def write_listing(self, listing: Listing) -> None:
         """Write campaign.json as a whole, so that a reader never sees half of the file."""
         new = self.folder / f"{CAMPAIGN}.new"
-        new.write_text(json.dumps(dataclasses.asdict(listing), indent=1) + "\n")
+        with new.open("w") as file:
+            file.write(json.dumps(dataclasses.asdict(listing), indent=1) + "\n")
+            file.flush()
+            os.fsync(file.fileno())  # before the rename: a power failure must not leave an empty file
         new.replace(self.folder / CAMPAIGN)
 
     def listing(self) -> Listing | None:
@@ -135,23 +140,29 @@ class Store:
     @contextmanager
     def appending(self) -> Iterator[Appender]:
         """Open results.jsonl during a `with` block, to append the records of new flights."""
-        with (self.folder / RESULTS).open("ab") as file:
+        with (self.folder / RESULTS).open("ab", buffering=0) as file:
             yield Appender(file)
 
 
 class Appender:
     """Writer of results.jsonl. Each record is on the disk when `append` returns."""
 
-    def __init__(self, file: IO[bytes]) -> None:
+    def __init__(self, file: FileIO) -> None:
         self._file = file
         if file.tell() and not _ends_with_newline(Path(file.name)):
             file.write(b"\n")  # the last line was cut short when the campaign was killed
 
     def append(self, record: Record) -> None:
-        line = json.dumps(dataclasses.asdict(record), ensure_ascii=False)
-        self._file.write(line.encode() + b"\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        """Write one record. Raises RunError if the disk does not take it."""
+        line = json.dumps(dataclasses.asdict(record), ensure_ascii=False).encode() + b"\n"
+        try:
+            while line:
+                line = line[self._file.write(line) :]
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise RunError(
+                f"{self._file.name}: cannot be written: {error.strerror}. The campaign ends; the results before this flight are kept"
+            ) from error
 
 
 def _ends_with_newline(path: Path) -> bool:
@@ -170,17 +181,17 @@ def read_lines(lines: Iterable[str]) -> Iterator[Record]:
             continue
 
 
-def changed_inputs(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
-    """Return the paths of files that were changed, added or removed since the campaign began.
+def listing_of(sweep: Sweep, inputs: Mapping[str, str], flights: Sequence[Flight]) -> Listing:
+    """Return the content of campaign.json for these flights.
 
-    before, now: path -> SHA-256
+    inputs: path -> SHA-256 of the files that determine a flight.
     """
-    return sorted(path for path in {*before, *now} if before.get(path) != now.get(path))
-
-
-def listing_of(
-    name: str, sweep: str, kind: str, inputs: Mapping[str, str], flights: Sequence[Flight]
-) -> Listing:
-    """Return the content of campaign.json for these flights."""
     rows = [{"id": f.id, "number": f.number, "seed": f.seed, "settings": dict(f.settings)} for f in flights]
-    return Listing(name=name, sweep=sweep, kind=kind, inputs=inputs, flights=rows)
+    return Listing(
+        name=sweep.name,
+        sweep=sweep.file,
+        kind=sweep.kind,
+        flown=str(sweep.source.value((sweep.kind,))),
+        inputs=inputs,
+        flights=rows,
+    )

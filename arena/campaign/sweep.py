@@ -5,6 +5,7 @@ Unknown keys are refused.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from arena.campaign.measures import MEASURES
 from arena.errors import InputError, Problem
 from arena.schema.base import Positive, Strict
 from arena.schema.loader import YamlPath, load_yaml
@@ -20,7 +22,9 @@ from arena.schema.validate import validate
 
 PLACEHOLDER = "{}"
 LARGEST_CAMPAIGN = 100_000
-RESERVED = frozenset({"id", "number", "seed", "passed", "reasons", "run", "wall_s"})
+RESERVED = frozenset(
+    {"id", "number", "seed", "passed", "reasons", "run", "wall_s"} | {m.name for m in MEASURES}
+)
 """Names of columns in the table of results that no setting can have."""
 
 Value = bool | int | float | str | tuple[Any, ...] | None
@@ -211,8 +215,9 @@ def _of_range(s: Setting, low: float, high: float) -> Iterator[tuple[str, str]]:
         yield "max", f"got {high:g}, expected more than `min` ({low:g})."
     elif s.scale == "log" and low <= 0:
         yield "min", f"got {low:g}, expected more than 0, because `scale` is log."
-    elif s.integer and s.steps is not None and s.steps > int(high) - int(low) + 1:
-        yield "steps", f"got {s.steps}, but the range has only {int(high) - int(low) + 1} integers."
+    elif s.integer and (count := math.floor(high) - math.ceil(low) + 1) < (s.steps or 1):
+        key, got = ("steps", f"got {s.steps}") if s.steps else ("max", f"got {high:g}")
+        yield key, f"{got}, but the range has only {count} integers."
 
 
 def _template_problem(text: str) -> str:

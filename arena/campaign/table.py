@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -75,7 +76,7 @@ def write_parquet(listing: Listing, records: Sequence[Record], path: Path) -> No
         kind, about = types.get(name, (None, None))
         arrays.append(pa.array(values, type=kind))
         fields.append(pa.field(name, arrays[-1].type, metadata=about))
-    new = path.with_name(f"{path.name}.new")
+    new = path.with_name(f"{path.name}.{os.getpid()}.new")  # `arena campaign show` may write at the same time
     pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), new)
     new.replace(path)
 
@@ -107,15 +108,16 @@ def _number(value: float | None) -> float:
 def write_all(listing: Listing, records: Sequence[Record], folder: Path) -> list[Path]:
     """Write table and plots into the folder of a campaign.
 
-    Without pyarrow, only the plots are written.
+    Without pyarrow, only the plots are written. A table or a plot of older results, which is not written again, is removed.
 
     Return the paths of all files that were written.
     """
-    flown = [r for r in records if not r.lost]
-    if not flown:
-        return []
-    made = []
-    with contextlib.suppress(ImportError):
-        write_parquet(listing, flown, folder / PARQUET)
-        made.append(folder / PARQUET)
-    return made + write_plots(listing, flown, folder / "plots")
+    flown, made = [r for r in records if not r.lost], list[Path]()
+    if flown:
+        with contextlib.suppress(ImportError):
+            write_parquet(listing, flown, folder / PARQUET)
+            made.append(folder / PARQUET)
+        made += write_plots(listing, flown, folder / "plots")
+    for old in {folder / PARQUET, *(folder / "plots" / f"{m.name}.png" for m in MEASURES)} - {*made}:
+        old.unlink(missing_ok=True)
+    return made

@@ -1,7 +1,7 @@
 """`arena campaign`: fly many simulated flights with different seeds and settings, and show their results.
 
-Exit codes: 0 all flights passed; 1 a flight failed or was lost; 2 the sweep, or an arena of it, is not valid, so nothing was
-flown; 130 after Ctrl-C, when all arenas have ended. The results so far are kept.
+Exit codes: 0 all flights passed; 1 a flight failed or was lost; 2 the sweep, or an arena of it, is not valid, or a file of the
+campaign was changed while it flew; 130 after Ctrl-C, when all arenas have ended. The results so far are kept.
 """
 
 from __future__ import annotations
@@ -71,6 +71,9 @@ def fly(
             help="fly on the computers of this Ray cluster: HOST:PORT, or auto; default: `cluster` of the sweep file",
         ),
     ] = None,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="fly the flights again that have failed")
+    ] = False,
     list_: Annotated[
         bool, typer.Option("--list", help="check and list the flights, without flying them")
     ] = False,
@@ -93,7 +96,7 @@ def fly(
         )
     found = load_sweep(sweep)
     flights = design.flights(found)
-    arena = preparation.check(found, flights)
+    inputs = preparation.check(found, flights).inputs
     if list_:
         for flight in flights:
             print(f"{flight.id}  {describe(flight.number, flight.seed, flight.settings)}")
@@ -102,13 +105,13 @@ def fly(
         print(WITHOUT_PYARROW, file=sys.stderr)
     if INTERPRETED:
         print(INTERPRETED, file=sys.stderr)
-    inputs = preparation.input_digests(found, arena)
-    listing = listing_of(found.name, str(sweep), found.kind, inputs, flights)
+    listing = listing_of(found, inputs, flights)
     store = Store((results or Path("campaigns") / found.name).resolve())
     # With --jobs, the computers of the sweep file's cluster are not used.
     fly_all = _fly_all(jobs, cluster or (found.cluster if jobs is None else None), sweep, inputs, context.obj)
-    with _progress() as progress:
-        finished = fly_campaign(store, listing, flights, fly_all, progress)
+    on_cluster = cluster is not None or (found.cluster is not None and jobs is None)
+    with _progress(1 if on_cluster else jobs_or_cores(jobs)) as progress:
+        finished = fly_campaign(store, listing, flights, fly_all, progress, retry_failed=retry_failed)
     _print(store.folder)
     raise SystemExit(finished.exit_code)
 
@@ -154,13 +157,13 @@ def _fly_all(
     return partial(ray_cluster.fly_all, address=cluster, inputs=inputs_of(inputs, sweep.parent))
 
 
-def _progress() -> ProgressBar | ProgressLines:
+def _progress(jobs: int) -> ProgressBar | ProgressLines:
     from rich.console import Console
 
     from arena.campaign.progress import Pace, ProgressBar, ProgressLines
 
     console = Console()
-    return ProgressBar(Pace(), console) if console.is_terminal else ProgressLines(Pace(), _say)
+    return ProgressBar(Pace(jobs), console) if console.is_terminal else ProgressLines(Pace(jobs), _say)
 
 
 def _say(text: str) -> None:

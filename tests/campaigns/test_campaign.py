@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from arena import cli
 from arena.campaign import runner
 from arena.campaign.design import Flight, flights
 from arena.campaign.measures import MEASURES
+from arena.campaign.progress import Pace
 from arena.campaign.store import Record, Store
 from arena.campaign.sweep import load_sweep
 from arena.cli import main
@@ -110,6 +112,73 @@ def test_flight_of_a_killed_worker_is_flown_again(campaign: Any, folder: Path) -
 
     assert campaign(fly) == 0
     assert begun(folder) == [1, 2, 2, 3, 4]
+
+
+def test_flight_of_a_terminated_worker_is_flown_again(campaign: Any, folder: Path) -> None:
+    def fly(flight: Flight, into: Path) -> Record:
+        made = flown(flight, into)
+        if flight.number == 2 and begun(into).count(2) == 1:
+            os.kill(os.getpid(), signal.SIGTERM)
+            signal.pause()
+        return made
+
+    assert campaign(fly) == 0
+    assert begun(folder) == [1, 2, 2, 3, 4]
+
+
+def test_file_that_is_changed_during_the_campaign_ends_it(
+    campaign: Any, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fly(flight: Flight, into: Path) -> Record:
+        if flight.number == 2:
+            (tmp_path / "fly.py").write_text("# changed\n")
+        return flown(flight, into)
+
+    assert campaign(fly) == 2
+    assert "fly.py: changed while the campaign flew" in capsys.readouterr().err
+    assert [r.number for r in Store(folder).records().values()] == [1]
+    assert pyarrow.parquet.read_table(folder / "results.parquet").num_rows == 1
+    (tmp_path / "fly.py").write_text("")
+    assert campaign() == 0 and begun(folder) == [1, 2, 2, 3, 4]
+
+
+def test_failed_flights_are_flown_again_on_request(
+    campaign: Any, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert campaign(lambda f, d: flown(f, d, passed=f.number != 3)) == 1
+    assert campaign() == 1 and "4 of them flown before (1 failed)" in capsys.readouterr().out
+    assert campaign(flown, SWEEP, "--retry-failed") == 0
+    assert begun(folder) == [1, 2, 3, 3, 4]
+    assert pyarrow.parquet.read_table(folder / "results.parquet").column("passed").to_pylist() == [True] * 4
+
+
+def test_another_arena_under_the_same_name_is_refused(
+    campaign: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert campaign() == 0
+    (tmp_path / "other.yaml").write_text((tmp_path / "arena.yaml").read_text())
+    assert campaign(flown, SWEEP.replace("arena: arena.yaml", "arena: other.yaml")) == 2
+    assert "already has the results of arena.yaml, not of other.yaml" in capsys.readouterr().err
+
+
+def test_table_and_plots_of_older_results_are_removed(campaign: Any, folder: Path) -> None:
+    assert campaign() == 0
+    assert (
+        campaign(lambda f, d: replace(flown(f, d), measures={}), SWEEP.replace("1.0, 1.2", "1.1, 1.3")) == 0
+    )
+    assert [path.name for path in (folder / "plots").iterdir()] == []
+    assert pyarrow.parquet.read_table(folder / "results.parquet").num_rows == 4
+
+
+def test_time_left_is_given_once_all_jobs_have_ended_a_flight() -> None:
+    now = [0.0]
+    pace = Pace(4, lambda: now[0])
+    pace.begin(24, 0)
+    left = []
+    for now[0] in (9.0, 10.0, 10.0, 10.0):
+        pace.add()
+        left.append(pace.left_s)
+    assert left == [None, None, None, pytest.approx(50.0)]
 
 
 def test_lost_flight_is_flown_again_when_the_campaign_is_resumed(

@@ -8,10 +8,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
-from arena.campaign.design import flights, points
+from arena.campaign.design import flights, listed_values, points
 from arena.campaign.sampler import in_range, latin_hypercube, random_points, whole_numbers
-from arena.campaign.sweep import Sweep
+from arena.campaign.sweep import Scale, Setting, Sweep
 from arena.errors import InputError
 from arena.schema.loader import parse_scalar
 
@@ -77,6 +79,38 @@ def test_flight_keeps_its_id_when_the_sweep_grows(sweep_of: Load) -> None:
     assert not {f.id for f in flights(sweep_of("set: [b=1]\nseeds: 5\nvary: {a: [1]}\n"))} & {
         f.id for f in large
     }
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "samples: 50\nvary: {n: {min: 1, max: 3, integer: true}}\n",
+        "vary: {n: {min: 1, max: 10, steps: 10, integer: true, scale: log}}\n",
+    ],
+)
+def test_equal_flights_are_refused(sweep_of: Load, text: str) -> None:
+    with pytest.raises(InputError, match=r"flights \d+ and \d+ are the same \(n \d+\)"):
+        flights(sweep_of(text))
+
+
+@given(
+    low=st.floats(-1e6, 1e6),
+    width=st.floats(1e-6, 1e6),
+    count=st.integers(2, 40),
+    scale=st.sampled_from(["linear", "log"]),
+)
+def test_values_of_a_range_differ_and_stay_inside(low: float, width: float, count: int, scale: Scale) -> None:
+    low = abs(low) + 1e-3 if scale == "log" else low
+    high = low + width
+    assume(high > low and (high - low) / max(abs(low), abs(high)) > 1e-9)
+    values = [float(v) for v in listed_values(Setting(min=low, max=high, steps=count, scale=scale))]  # type: ignore[arg-type]
+    assert len(set(values)) == count and low <= min(values) and max(values) <= high
+
+
+def test_narrow_range_has_enough_digits(sweep_of: Load) -> None:
+    text = "samples: 20\nvary: {world.origin.lat_deg: {min: 47.397740, max: 47.397840}}\n"
+    found = [f.settings["world.origin.lat_deg"] for f in flights(sweep_of(text))]
+    assert len(set(found)) == 20 and all(47.397740 <= v <= 47.397840 for v in found)  # type: ignore[operator]
 
 
 def test_too_many_flights_are_refused(sweep_of: Load) -> None:

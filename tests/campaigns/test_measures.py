@@ -95,7 +95,7 @@ def test_plots_show_text_settings_and_missing_values(tmp_path: Path) -> None:
 
 def test_time_left_counts_only_flights_of_this_start() -> None:
     now = [100.0]
-    pace = progress.Pace(lambda: now[0])
+    pace = progress.Pace(clock=lambda: now[0])
     pace.begin(total=10, flown=4)
     assert pace.left_s is None and pace.left == ""
     now[0] = 130.0
@@ -111,8 +111,8 @@ def test_durations_are_short_texts() -> None:
 def test_bar_prints_failed_flights_and_the_time_left() -> None:
     now = [0.0]
     console = Console(file=io.StringIO(), width=120, force_terminal=True)
-    with progress.ProgressBar(progress.Pace(lambda: now[0]), console) as bar:
-        bar.begin(4, 1)
+    with progress.ProgressBar(progress.Pace(clock=lambda: now[0]), console) as bar:
+        bar.begin(4, 1, 0)
         now[0] = 600.0
         bar.add(record("a", passed=False))
         bar.refresh()

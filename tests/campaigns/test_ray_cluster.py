@@ -19,7 +19,6 @@ from arena.campaign.store import Record, Store
 from arena.campaign.sweep import Sweep
 from arena.cli import main
 from arena.errors import InputError, NotInstalledError, RunError
-from arena.schema import load_arena
 
 from .conftest import HOST, record_of
 
@@ -49,7 +48,7 @@ def test_flights_on_two_nodes_return_their_files(sweep_of: Load, tmp_path: Path,
         flights(sweep),
         results,
         address=address,
-        inputs=ray_task.inputs_of(preparation.input_digests(sweep, load_arena(sweep.flown)), tmp_path),
+        inputs=ray_task.inputs_of(preparation.check(sweep, flights(sweep)).inputs, tmp_path),
         on_record=found.append,
         flown_by=partial(fly_in_a_node, begun=begun),
     )

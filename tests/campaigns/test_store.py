@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from arena.campaign.store import Listing, Store, changed_inputs
+from arena.campaign.store import Appender, Listing, Store
 from arena.errors import InputError, RunError
 
 from .conftest import record
@@ -88,5 +88,10 @@ def test_listing_is_read_back(tmp_path: Path) -> None:
         store.listing()
 
 
-def test_changed_inputs_are_named() -> None:
-    assert changed_inputs({"a": "1", "b": "2", "c": "3"}, {"a": "1", "b": "9", "d": "4"}) == ["b", "c", "d"]
+def test_full_disk_is_reported(tmp_path: Path) -> None:
+    with (
+        Path("/dev/full").open("wb", buffering=0) as full,
+        pytest.raises(RunError, match="No space left on device"),
+    ):
+        Appender(full).append(record("a"))
+    assert not Store(tmp_path).records()

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
 
 from arena.campaign import design, preparation, ray_cluster, runner
+from arena.campaign import inputs as inputs_module
+from arena.campaign.inputs import PACKAGE, PX4, changed, digest_of, digests
 from arena.campaign.measures import MEASURES
 from arena.campaign.sweep import Setting, SweepFile, load_sweep
 from arena.cli import main
 from arena.errors import InputError
+from arena.schema.library import data_folder
 
 Write = Callable[[str], Path]
 
@@ -58,6 +61,13 @@ def test_complete_sweep_is_loaded(sweep_file: Write) -> None:
         ("arena: a.yaml\nvary:\n  m: [1, 1]\n", 3, "contains a value twice"),
         ("arena: a.yaml\nvary:\n  m: {values: [1], set: x.y=3}\n", 3, "expected key=value with {} for"),
         ("arena: a.yaml\nvary:\n  seed: [1]\n", 3, "vary.seed: is a column of the results"),
+        ("arena: a.yaml\nvary:\n  crashes: [1]\n", 3, "vary.crashes: is a column of the results"),
+        ("arena: a.yaml\nvary:\n  m: {min: 0.5, max: 3.5, steps: 4, integer: true}\n", 3, "only 3 integers"),
+        (
+            "arena: a.yaml\nsamples: 2\nvary:\n  m: {min: 0.2, max: 0.8, integer: true}\n",
+            4,
+            "only 0 integers",
+        ),
         ("arena: a.yaml\nsampling: sobol\n", 2, "expected latin_hypercube or random"),
     ],
 )
@@ -74,7 +84,21 @@ def test_all_problems_are_reported_at_once(sweep_file: Write) -> None:
     ("vary", "line", "said"),
     [
         ("  world.wind: [1]\n", 3, "world.wind: unknown key"),
-        ("  world.seed:\n    - 1\n    - -4\n", 5, "world.seed: got -4, expected at least 0"),
+        ("  mocap.rate_hz:\n    - 100\n    - -4\n", 5, "mocap.rate_hz: got -4, expected"),
+        (
+            "  world.seed: [7, 8]\n",
+            3,
+            "world.seed cannot be set: the campaign sets it in each flight. Use `seeds`",
+        ),
+        ("  w: {values: [1, 2], set: 'world={seed: {}}'}\n", 3, "world.seed cannot be set"),
+        ("  sim.speed: [1, 2]\n", 3, "sim.speed cannot be set: a campaign always flies as fast as possible"),
+        ("  vehicles.uva1.mass_kg: [1.0, 1.2]\n", 3, "the arena has no vehicle 'uva1'. It has: uav1"),
+        (
+            "  defaults.params.MPC_XY_PP: [1.0, 1.2]\n",
+            3,
+            "has no effect: all its values give the same flight",
+        ),
+        ("  vehicles.uav1.params.COM_ARM_SDCARD: [0, 1]\n", 3, "has no effect"),
         ("  wind: {values: [1, x], set: 'world.wind_m_s=[{}, 0, 0]'}\n", 3, "world.wind_m_s"),
         ("  defaults.mass_kg: [-1.0]\n", 3, "got -1.0, expected more than 0"),
     ],
@@ -123,16 +147,83 @@ def test_page_names_every_key_and_measure() -> None:
 def test_shipped_sweep_is_valid() -> None:
     sweep = load_sweep(Path(__file__).parents[2] / "examples" / "12_campaign" / "sweep.yaml")
     found = design.flights(sweep)
-    assert len(found) == 24 and preparation.check(sweep, found).vehicles
+    assert len(found) == 24 and preparation.check(sweep, found).arena.vehicles
+
+
+def test_setting_below_a_value_of_the_vehicle_is_refused(sweep_file: Write, tmp_path: Path) -> None:
+    path = sweep_file("arena: arena.yaml\nvary: {defaults.mass_kg: [1.0, 1.2]}\n")
+    (tmp_path / "arena.yaml").write_text(
+        "vehicles: {uav1: {autopilot: builtin, program: fly.py, mass_kg: 1.5}}\n"
+    )
+    sweep = load_sweep(path)
+    with pytest.raises(InputError, match=r"sweep.yaml:2: vary.defaults.mass_kg: has no effect"):
+        preparation.check(sweep, design.flights(sweep))
+
+
+def test_vehicle_that_an_override_adds_may_be_varied(sweep_file: Write) -> None:
+    text = "arena: arena.yaml\nset: ['vehicles.uav2={start: {position: [2, 0, 0]}}']\nvary: {vehicles.uav2.mass_kg: [1.0, 1.2]}\n"
+    sweep = load_sweep(sweep_file(text))
+    assert len(preparation.check(sweep, design.flights(sweep)).arena.vehicles) == 2
+
+
+def test_flight_controller_in_the_loop_is_refused(sweep_file: Write, tmp_path: Path) -> None:
+    path = sweep_file("arena: arena.yaml\n")
+    (tmp_path / "arena.yaml").write_text(
+        "vehicles: {uav1: {program: fly.py, autopilot: hitl, url: 'serial:/dev/ttyACM0:921600'}}\n"
+    )
+    with pytest.raises(InputError):
+        preparation.check(load_sweep(path), design.flights(load_sweep(path)))
+
+
+INPUTS = """\
+defaults: {autopilot: builtin}
+vehicles:
+  uav1: {program: fly.py, params_file: uav1.params, profile: own.yaml}
+"""
 
 
 def test_inputs_are_the_files_that_determine_a_flight(sweep_file: Write, tmp_path: Path) -> None:
-    sweep = load_sweep(sweep_file("arena: arena.yaml\n"))
-    arena = preparation.check(sweep, design.flights(sweep))
-    before = preparation.input_digests(sweep, arena)
-    assert set(before) == {"arena.yaml", "fly.py"}
-    (tmp_path / "fly.py").write_text("pass\n")
-    assert preparation.input_digests(sweep, arena)["fly.py"] != before["fly.py"]
+    path = sweep_file("arena: arena.yaml\nvary: {vehicles.uav1.program: [fly.py, b.py]}\n")
+    (tmp_path / "arena.yaml").write_text(INPUTS)
+    (tmp_path / "b.py").write_text("pass\n")
+    (tmp_path / "own.yaml").write_text((data_folder("profiles") / "iris.yaml").read_text())
+    (tmp_path / "uav1.params").write_text("1\t1\tMPC_XY_P\t0.9\t9\n")
+
+    def inputs() -> Mapping[str, str]:
+        sweep = load_sweep(path)
+        return preparation.check(sweep, design.flights(sweep)).inputs
+
+    before = inputs()
+    files = {"arena.yaml", "fly.py", "b.py", "own.yaml", "uav1.params"}
+    assert set(before) == {*files, PACKAGE}
+    path.write_text("arena: arena.yaml\nvary: {vehicles.uav1.program: [b.py, fly.py]}\n")
+    assert changed(before, inputs()) == []
+    path.write_text("arena: arena.yaml\nvary: {vehicles.uav1.program: [fly.py]}\n")
+    assert changed(before, inputs()) == changed(inputs(), before) == [], "values were added or removed"
+    for name in sorted(files - {"b.py"}):
+        text = (tmp_path / name).read_text()
+        (tmp_path / name).write_text(text + ("\n" if name != "arena.yaml" else "# changed\n"))
+        assert changed(before, inputs()) == [name]
+        (tmp_path / name).write_text(text)
+    assert changed(before, {**inputs(), PACKAGE: "another"}) == [PACKAGE]
+    assert changed({k: v for k, v in before.items() if k != PACKAGE}, inputs()) == [PACKAGE]
+
+
+def test_package_digest_includes_the_profiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = digest_of(PACKAGE)
+    monkeypatch.setattr(inputs_module, "data_folder", lambda name: tmp_path)
+    inputs_module._package_digest.cache_clear()
+    try:
+        assert digest_of(PACKAGE) != before
+    finally:
+        inputs_module._package_digest.cache_clear()
+
+
+def test_real_px4_is_one_of_the_inputs(tmp_path: Path) -> None:
+    (tmp_path / "px4").write_bytes(b"1")
+    before = digests((), tmp_path, str(tmp_path / "px4"))
+    (tmp_path / "px4").write_bytes(b"2")
+    assert changed(before, digests((), tmp_path, str(tmp_path / "px4"))) == [PX4]
 
 
 def test_sweep_names_the_cluster_and_jobs_overrides_it(

@@ -26,5 +26,5 @@ def test_real_vehicle_is_refused(tmp_path: Path):
         "mocap: {source: natnet, server: 127.0.0.2}\nvehicles:\n  uav1: {autopilot: builtin}\n"
         "  uav2: {autopilot: hardware, profile: iris, radio: none, url: 'udpin:127.0.0.1:14600', start: {position: [2, 0, 0]}}\n"
     )
-    with pytest.raises(InputError, match=r"got real vehicles \(uav2\)"):
+    with pytest.raises(InputError, match=r"got vehicles with real flight controllers \(uav2\)"):
         refuse_real(load_arena(tmp_path / "arena.yaml"))

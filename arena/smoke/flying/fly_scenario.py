@@ -54,16 +54,17 @@ def fly(scenario: Scenario, options: FlightOptions) -> Result:
 
     When this function returns or raises, all processes of the arena have ended. The run folder is kept.
     """
-    began, referee = time.monotonic(), Referee(scenario)
+    referee = Referee(scenario)
     folder = options.results / slug(scenario.name)
     folder.mkdir(parents=True, exist_ok=True)
     session = Session(launch_options(scenario, folder, options))
-    problem = ""
+    problem, began = "", time.monotonic()
     try:
-        with alone_if_px4(scenario.arena), session:
-            problem = _fly_until_over(
-                referee, session, began + WALL_LIMIT_S + WALL_LIMIT_PER_S * scenario.time_limit_s
-            )
+        with alone_if_px4(scenario.arena):  # the wait for other flights does not count
+            began = time.monotonic()
+            limit_s = WALL_LIMIT_S + WALL_LIMIT_PER_S * scenario.time_limit_s
+            with session:
+                problem = _fly_until_over(referee, session, began + limit_s)
     except RunError as error:
         problem = str(error)
     referee.finish(session.outcome(), problem)
@@ -104,10 +105,11 @@ def _fly_until_over(referee: Referee, session: Session, deadline: float) -> str:
 
 
 def refuse_real(arena: Arena) -> None:
-    """Raise InputError if the arena has a real vehicle, because scenarios inject faults."""
-    if real := [v.name for v in arena.vehicles if not v.simulated]:
+    """Raise InputError if the arena has a real vehicle or flight controller, because scenarios inject faults."""
+    if real := [v.name for v in arena.vehicles if not v.simulated or v.wire is not None]:
         raise InputError(
-            f"{arena.file}: got real vehicles ({', '.join(real)}), expected simulated ones: scenarios inject faults"
+            f"{arena.file}: got vehicles with real flight controllers ({', '.join(real)}), expected simulated ones: scenarios inject "
+            "faults"
         )
 
 

@@ -83,27 +83,32 @@ def run_all(
     on_end: function that is called with each task that ended, and its result.
     on_poll: function that is called every POLL_S or more often.
     forks: fork server for the workers; tasks and `work` must be picklable. None: each worker is a copy of this process.
-    Raises KeyboardInterrupt after Ctrl-C, when all workers have ended.
+    Raises KeyboardInterrupt after Ctrl-C, when all workers have ended. If `on_end` raises an error, all workers are ended first.
     """
     waiting, workers = list(tasks), list[_Worker[T]]()
     everywhere = sorted(os.sched_getaffinity(0))
     keeps_to_one = min(jobs, len(tasks)) >= len(everywhere)
     with collected_stops() as stops:
         asked = 0
-        while workers or (waiting and not stops):
-            while waiting and len(workers) < jobs and not stops:
-                taken = [core for worker in workers for core in worker.cores]
-                cores = {min(everywhere, key=taken.count)} if keeps_to_one else set(everywhere)
-                workers.append(_begin(waiting.pop(0), work, cores, forks))
-            for worker in _ended(workers):
-                workers.remove(worker)
-                if (result := _result(worker)) is not None:
-                    on_end(worker.task, result)
-            on_poll()
-            if len(stops) > asked:
-                asked = len(stops)
-                for worker in workers:
-                    worker.process.terminate()
+        try:
+            while workers or (waiting and not stops):
+                while waiting and len(workers) < jobs and not stops:
+                    taken = [core for worker in workers for core in worker.cores]
+                    cores = {min(everywhere, key=taken.count)} if keeps_to_one else set(everywhere)
+                    workers.append(_begin(waiting.pop(0), work, cores, forks))
+                for worker in _ended(workers):
+                    workers.remove(worker)
+                    if (result := _result(worker, asked=bool(stops))) is not None:
+                        on_end(worker.task, result)
+                on_poll()
+                if len(stops) > asked:
+                    asked = len(stops)
+                    _terminate(workers)
+        except BaseException:
+            _terminate(workers)
+            for worker in workers:
+                worker.end()
+            raise
     if stops:
         raise KeyboardInterrupt
 
@@ -203,14 +208,22 @@ def _ended(workers: Sequence[_Worker[T]]) -> list[_Worker[T]]:
     return [worker for worker in workers if worker.answer in ready]
 
 
-def _result(worker: _Worker[T]) -> Any:
-    """Return the result of a worker that has ended, or None if the worker was interrupted."""
+def _terminate(workers: Sequence[_Worker[T]]) -> None:
+    for worker in workers:
+        worker.process.terminate()
+
+
+def _result(worker: _Worker[T], *, asked: bool) -> Any:
+    """Return the result of a worker that has ended, or None if the runner has asked its workers to end.
+
+    A worker that another process has ended, even with SIGTERM, is lost.
+    """
     try:
         result = worker.answer.recv()
-    except (EOFError, ConnectionResetError):
+    except (EOFError, OSError):  # it ended before or during its message
         result = None
     worker.answer.close()
     exit_code = worker.end()
-    if result is None and exit_code:
+    if result is None and (exit_code or not asked):
         return Lost(exit_code=exit_code)
     return result
