@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from arena.clock import ClockServer
+from arena.clock_server import ClockServer
 from arena.fused.members import Members
 from arena.process_context import ProcessContext, read_slice, run_process
 from arena.sim.__main__ import autopilots_by_kind

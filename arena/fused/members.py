@@ -9,7 +9,8 @@ import time as wall_time
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from arena.clock import ClockServer, Rate
+from arena.clock import Rate
+from arena.clock_server import ClockServer
 from arena.emulated_sensors.core import EmulatedSensors
 from arena.emulated_sensors.settings import Settings
 from arena.fused.captured_frames import FrameConverter

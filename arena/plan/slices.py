@@ -57,6 +57,7 @@ def _body(job: Job, v: Vehicle) -> Json:
             "simulator": [arena.address, v.ports.simulator],
             "gps": v.gps,
             "sticks": v.sticks,
+            "lockstep": v.autopilot == "px4",
         }
     else:
         flown = {

@@ -11,10 +11,12 @@ import contextlib
 import fcntl
 import os
 import selectors
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,7 @@ from arena.transport import open_udp
 LOCK = "/tmp/px4_lock-{instance}"
 """PX4's lock file. PX4 ignores TMPDIR."""
 READY_LINE = b"Startup script returned successfully"
+_PREFIX = "PX4_"
 _STOP_TIMEOUT_S = 2.0
 _START_WARNING_S = 20.0  # if READY_LINE is missing for this time, report it
 # After a stop of this length the vehicle has fallen, but a continued PX4 would still estimate that it flies.
@@ -52,13 +55,9 @@ def serve(context: ProcessContext) -> int:
         world = SimClock(s["clock"], context.name)
         leave_core_of(world.server_pid)
     argv = [*s["argv"], "-d", "-i", str(s["instance"]), "-w", str(folder), str(folder / "etc")]
-    env = {
-        **os.environ,
-        **{f"PX4_PARAM_{name}": param_text(value) for name, value in s["params"].items()},
-        "PX4_SIM_MODEL": s["model"],
-        **s.get("env", {}),
-    }
-    env.pop("PX4_SIM_SPEED_FACTOR", None)  # PX4 would scale its failsafes' times by it
+    env = environment(s, os.environ)
+    if ignored := sorted(name for name in os.environ if name.startswith(_PREFIX) and name not in env):
+        print(f"px4: not passed to PX4: {', '.join(ignored)}", flush=True)
     print(" ".join(argv), flush=True)
     process = subprocess.Popen(
         argv,
@@ -73,6 +72,21 @@ def serve(context: ProcessContext) -> int:
         return _watch(context, process, world)
     finally:
         _end(process)
+
+
+def environment(s: dict[str, Any], given: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment variables of PX4: those of this process, and those of the vehicle.
+
+    Variables `PX4_...` of the user's shell are left out: PX4's startup scripts read them, so they could select another airframe or
+    simulator, set parameters, or scale the times of failsafes.
+    given: environment variables of this process.
+    """
+    return {
+        **{name: value for name, value in given.items() if not name.startswith(_PREFIX)},
+        **{f"PX4_PARAM_{name}": param_text(value) for name, value in s["params"].items()},
+        "PX4_SIM_MODEL": s["model"],
+        **s.get("env", {}),
+    }
 
 
 def leave_core_of(world_pid: int) -> None:
@@ -191,9 +205,12 @@ def param_text(value: float) -> str:
 def make_folder(s: dict[str, Any]) -> Path:
     """Create the folder in which PX4 runs, and return its path.
 
-    Its subfolder `etc` contains links to the installed files, except the startup scripts given in the configuration.
+    Its subfolder `etc` contains links to the installed files, except the startup scripts given in the configuration. It is made again
+    at a restart of PX4; PX4's logs and parameters are kept.
     """
     folder, data = Path(s["folder"]), Path(s["data"])
+    if (folder / "etc").exists():
+        shutil.rmtree(folder / "etc")
     scripts = folder / "etc" / "init.d-posix"
     scripts.mkdir(parents=True)
     for entry in data.iterdir():

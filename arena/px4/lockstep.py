@@ -26,7 +26,7 @@ from arena.wire.truth_page import Truth
 
 Array = NDArray[np.float64]
 
-REPLY_TIMEOUT_S = 0.5
+REPLY_TIMEOUT_S, _LONGEST_WAIT_S = 0.5, 0.1
 _CONNECT_TIMEOUT_S = 20.0  # then an event reports who has not connected
 _BYTES = 8192
 _SLEEP_FROM = 4  # number of PX4s from which on the world sleeps instead of waking up for each reply
@@ -50,6 +50,8 @@ class _Server:
         self.late_since: float | None = None
         self.unsent, self.next_late_sample = b"", 0.0
         self.was_connected = False
+        self.lockstep = bool(vehicle.get("lockstep", False))
+        self.answers, self.silent_s, self.watched, self.silent_reported = 0, 0.0, 0.0, False
         self.guard = ConnectionGuard(self.name, self.address)
 
     @property
@@ -66,15 +68,17 @@ class _Server:
     def status(self) -> str:
         if self.connection is None:
             return "gone" if self.was_connected else "never connected"
-        return "late" if self.late_since is not None else "in step" if self.core.in_step else "booting"
+        if self.late_since is not None:
+            return "late"
+        return "in step" if self.core.in_step else "running" if self.core.has_replied else "booting"
 
 
 class Px4Links:
     """Connections to the PX4s of several vehicles in lockstep: sends sensor samples, receives motor commands.
 
     vehicles: configuration of the vehicles that fly PX4, with `simulator`: address to which PX4 connects;
-        `sticks`: whether radio control is on; and one flag per sensor with a message of its own, such as
-        `gps`
+        `sticks`: whether radio control is on; `lockstep`: whether its PX4 should run in lockstep; and one flag per sensor with a message
+        of its own, such as `gps`
     origin: latitude, longitude [deg], altitude [m] of the arena, or None
     outputs: data that each simulated sensor adds to the simulator API
     """
@@ -164,7 +168,33 @@ class Px4Links:
         self._collect()
         for server in self._servers:
             self._motors[server.row, : len(server.core.motors)] = server.core.motors
+            if server.late_since is not None:  # a reply to an old sample does not count
+                self._motors[server.row] = 0.0
+            elif not server.core.in_step:
+                self._watch_free(server)
         return self._motors
+
+    def _watch_free(self, server: _Server) -> None:
+        """Stop the motors of an autopilot without lockstep, such as a board in the loop, that sends no motor commands any more."""
+        core = server.core
+        if server.connection is None or not core.armed:
+            server.silent_reported = False
+            return
+        now = time.monotonic()
+        if core.counts["answers"] != server.answers:
+            server.answers, server.silent_s = core.counts["answers"], 0.0
+        server.silent_s += min(now - server.watched, _LONGEST_WAIT_S)
+        server.watched = now
+        if server.silent_s < REPLY_TIMEOUT_S:
+            server.silent_reported = False
+            return
+        self._motors[server.row] = 0.0
+        if not server.silent_reported:
+            server.silent_reported = True
+            core.counts["late"] += 1
+            self._events.append(
+                f"{server.name}: PX4 has not replied for {REPLY_TIMEOUT_S:g} s: its motors stop until it sends motor commands again"
+            )
 
     def events(self) -> list[str]:
         """Return the events since the last call, one line of text each, such as "uav1: PX4 connected"."""
@@ -277,18 +307,21 @@ class Px4Links:
     def _collect(self) -> None:
         """Wait until all PX4s in lockstep have replied, or until the timeout.
 
-        Then report each PX4 without a reply as late.
+        Then report each PX4 without a reply as late. Of a pause in which perhaps the whole computer stood still, only `_LONGEST_WAIT_S`
+        count.
         """
-        deadline = time.monotonic() + REPLY_TIMEOUT_S
+        waited_s, since = 0.0, time.monotonic()
         self._sleep_for_most()
         while True:
             awaited = [s for s in self._servers if s.awaited]
-            left = deadline - time.monotonic()
-            for fd, _ in self._poll.poll(max(0.0, 1e3 * left) if awaited else 0):
+            left_s = max(0.0, REPLY_TIMEOUT_S - waited_s)
+            for fd, _ in self._poll.poll(1e3 * min(left_s, 0.5 * _LONGEST_WAIT_S) if awaited else 0):
                 self._read(self._by_fd[fd])
             if not awaited or not any(s.awaited for s in awaited):
                 return
-            if left <= 0.0:
+            now = time.monotonic()
+            waited_s, since = waited_s + min(now - since, _LONGEST_WAIT_S), now
+            if left_s <= 0.0:
                 for server in awaited:
                     if server.awaited:
                         self._set_late(server, f"has not replied for {REPLY_TIMEOUT_S:g} s")
@@ -321,6 +354,11 @@ class Px4Links:
         if not data:
             return self._disconnect(server, "has closed the simulator link")
         server.core.receive(data)
+        if server.lockstep and server.core.has_replied and not server.core.in_step:
+            server.lockstep = False  # reported once
+            self._events.append(
+                f"{server.name}: this PX4 does not run in lockstep, so it flies by its own clock: build px4_sitl_default"
+            )
         if server.late_since is not None and server.core.unanswered == 0:
             silent = time.monotonic() - server.late_since + REPLY_TIMEOUT_S
             server.late_since = None
@@ -330,6 +368,7 @@ class Px4Links:
         server.late_since = time.monotonic()
         server.core.motors[:] = 0.0
         what = "it is paused by SIGSTOP or overloaded; its motors stop until it replies, the world goes on"
+        server.core.counts["late"] += server.core.armed
         if not server.core.armed:  # for example disarmed in OFFBOARD, waiting for setpoints
             what = "it is disarmed; the world goes on without waiting for it"
         self._events.append(f"{server.name}: PX4 {why}: {what}")

@@ -41,6 +41,7 @@ class SimulatorLink:
     outputs: data that each simulated sensor adds
     sticks: whether the pilot's radio control is on; may be changed
     motors: latest motor commands 0..1 [-], all 0 while disarmed (rotors,)
+    has_replied: whether PX4 has sent motor commands since it connected
     unanswered: number of samples sent without a reply so far, counted once PX4 is in lockstep
     """
 
@@ -65,7 +66,7 @@ class SimulatorLink:
         """Reset the state of the link, such as motor commands and armed flag, before PX4 connects again."""
         self.motors[:] = 0.0
         self._replies = MotorReplies(PARSER, hil.HIL_ACTUATOR_CONTROLS, view(self.motors))
-        self.in_step, self.unanswered = False, 0
+        self.in_step, self.has_replied, self.unanswered = False, False, 0
         self._samples, self._first_us, self._sent_us, self._stamped = 0, 0, 0, False
         self._readings[:] = 0.0
         self._sent_times: deque[int] = deque(maxlen=_SENT_TIMES)
@@ -147,7 +148,7 @@ class SimulatorLink:
                 self._take_reply()
 
     def _take_reply(self) -> None:
-        newest = self._replies
+        newest, self.has_replied = self._replies, True
         self.in_step = self.in_step or newest.lockstep
         # PX4 stamps a reply with the time of the sample it replies to. This separates replies to lockstep samples from
         # those to samples of the free run, of which more can be without a reply than `_sent_times` has room for.

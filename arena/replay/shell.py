@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from arena.clock import ClockServer
+from arena.clock_server import ClockServer
 from arena.process_context import ProcessContext
 from arena.replay.outputs import Outputs
 from arena.replay.playback import Playback

@@ -19,6 +19,7 @@ from arena.report.mode_changes import mode_text, with_causes
 from arena.report.run_data import Event, RunData
 from arena.report.scenario_steps import scenario_steps
 
+_SILENT_PX4 = re.compile(r": PX4 (has not replied|does not read).*motors stop")
 _COMMANDERS = ("pilot", "land-all", "kill-all", "ground station", "operator")
 _COPILOT_STEPS = ("hold", "land", "terminate")
 _STOPPING = ": landing, then stopping"
@@ -231,7 +232,8 @@ def _of_words(event: Event, run: RunData) -> Iterator[Happening]:
     elif text.endswith((": airborne", ": disarmed")):
         return  # the log of the vehicle contains the time of the row
     else:
-        yield _happening(event, run, "process", "note", text)
+        falls = event.process == "world" and _SILENT_PX4.search(text)
+        yield _happening(event, run, "process", "bad" if falls else "note", text)
 
 
 def _of_arena(event: Event, run: RunData) -> Happening:

@@ -20,7 +20,7 @@ from arena.schema.arena import Px4
 
 HOME = "PX4_HOME"
 STAND_IN = "stand-in"
-_BUILDS = ("", "build/px4_sitl_default", "build/px4_sitl_nolockstep", "build/px4_sitl")
+_BUILDS = ("", "build/px4_sitl_default", "build/px4_sitl")
 _DATA = ("etc", "../etc", "../share/px4/etc", "share/px4/etc", "../lib/px4/etc")
 # Versions before 1.9 are ignored, because the binary also contains version strings up to 1.8 from PX4's own tests
 _TAG = re.compile(rb"\x00v(1\.(?:9|[1-9]\d)\.\d{1,2}(?:-[0-9a-z.\-]{1,40})?)\x00")

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from arena.clock import ClockServer
+from arena.clock_server import ClockServer
 from arena.errors import InputError, RunError
 from arena.fault_injection import FaultReceiver
 from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolicy

@@ -25,9 +25,11 @@ Stats = Mapping[str, Mapping[str, Any]]
 
 _NO_STATS: Stats = {}
 _SETTLE_S, _LAST_STEPS_S = 0.5, 60.0
+HITL = "hitl"
+_NEVER_CONNECTED = "its PX4 has never connected to the world"
 # State of a PX4 that sends no motor commands, as the world reports it -> text. The motors of such a vehicle do not turn.
 _ABSENT = {
-    "never connected": "its PX4 has never connected to the world",
+    "never connected": _NEVER_CONNECTED,
     "gone": "its PX4 has closed its connection",
     "booting": "its PX4 has not finished booting",
     "late": "its PX4 does not reply",
@@ -115,8 +117,8 @@ def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[s
     The run does not wait for the disarming of these vehicles.
 
     The autopilot of such a vehicle may never report `disarmed`: its PX4 has ended, or the vehicle is on the floor of the world and
-    has crashed or gets no motor commands. Real vehicles are never listed, because for them only the report of their autopilot
-    counts.
+    has crashed or gets no motor commands. A real autopilot, also in the loop (HITL), is never listed once it has connected, because
+    only its own report counts.
     """
     worlds = [stats.get(s.name, {}) for s in plan.processes if s.kind == "world"]
     dead = {s.vehicle for s in plan.processes if s.kind == "px4" and is_dead(s, statuses[s.name])}
@@ -125,7 +127,10 @@ def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[s
         for v in plan.vehicles
         if v.simulated
     }
-    return {name: why for name, why in found.items() if why}
+    in_loop = {v.name for v in plan.vehicles if v.autopilot == HITL}
+    return {
+        name: why for name, why in found.items() if why and (name not in in_loop or why == _NEVER_CONNECTED)
+    }
 
 
 def _down(vehicle: str, worlds: Sequence[Mapping[str, Any]]) -> str:

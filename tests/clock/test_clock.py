@@ -8,7 +8,8 @@ import time
 
 import pytest
 
-from arena.clock import ClockServer, LockstepClock, SimClock, WallClock
+from arena.clock import LockstepClock, SimClock, WallClock
+from arena.clock_server import ClockServer
 from arena.errors import RunError
 
 
@@ -87,9 +88,32 @@ def test_lockstep_waits_for_awake_clients_and_drops_hung_ones(server, tmp_path):
     thread.join(60)
     woken = time.monotonic()
     assert not server.may_advance(0.2, woken)
-    assert server.may_advance(0.2, woken + 1.5) is False or server.dropped == ["hung.py"]
-    assert server.may_advance(0.2, woken + 1.6)
-    assert server.dropped == ["hung.py"]
+    assert not server.may_advance(0.2, woken + 30.0), "the whole computer stood still: nobody is dropped"
+    waited = [server.may_advance(0.2, woken + 30.0 + 0.05 * k) for k in range(1, 30)]
+    assert not any(waited[:10]) and waited[-1] and server.dropped == ["hung.py"]
+
+
+def test_client_that_sleeps_until_a_past_time_does_not_stop_the_world(server, tmp_path):
+    clock = SimClock(tmp_path / "clock", "spins.py")
+    ended = threading.Event()
+
+    def spin():
+        while not ended.is_set():
+            clock.sleep_until(0.0)
+
+    thread, _ = in_thread(spin)
+    try:
+        serve_until(server, lambda: "spins.py" in server.joined, now=0.1)
+        end = time.monotonic() + 60.0
+        while not server.may_advance(0.1, time.monotonic()):
+            server.wait_for_requests(0.001)
+            assert time.monotonic() < end
+        assert server.dropped == ["spins.py"]
+        server.wait_for_requests(0.001)
+        assert server.may_advance(0.1, time.monotonic()) and server.dropped == ["spins.py"]
+    finally:
+        ended.set()
+        serve_until(server, lambda: not thread.is_alive(), now=0.1)
 
 
 def test_wait_for_requests_reads_the_clients_that_are_awake(server, tmp_path):

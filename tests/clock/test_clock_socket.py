@@ -5,7 +5,8 @@ from __future__ import annotations
 import socket
 from pathlib import Path
 
-from arena.clock import ClockServer, SimClock
+from arena.clock import SimClock
+from arena.clock_server import ClockServer
 
 
 def test_socket_appears_only_when_it_accepts_connections(tmp_path, monkeypatch):

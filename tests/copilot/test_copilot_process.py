@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.clock import ClockServer
+from arena.clock_server import ClockServer
 from arena.copilot import __main__ as shell
 from arena.process_context import ProcessContext
 from arena.schema.copilot import RULES, Copilot

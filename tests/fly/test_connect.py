@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from arena.clock import ClockServer
+from arena.clock_server import ClockServer
 from arena.errors import RunError, StaleDataError
 from arena.fly.connect import FollowedClock, Session
 from arena.uav import UAV

@@ -10,7 +10,7 @@ import time
 import pytest
 from fleet import Fleet, attitude, command, heartbeat, slice_of
 
-from arena.clock import ClockServer
+from arena.clock_server import ClockServer
 from arena.errors import InputError
 from arena.fault_injection import inject
 from arena.mavlink_router.__main__ import make_shell

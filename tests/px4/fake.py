@@ -121,13 +121,13 @@ class FakePx4:
 class World:
     """A world without physics that steps the lockstep links of some vehicles."""
 
-    def __init__(self, vehicles: int) -> None:
+    def __init__(self, vehicles: int, *, lockstep: bool = False) -> None:
         self.address = own_address()
         self.places = [(self.address, 24000 + 10 * k + 9) for k in range(1, vehicles + 1)]
         profile = {"rotors": [{"position_m": [0, 0, 0], "direction": "cw"}] * 4}
         self.links = Px4Links(
             [
-                {"name": f"uav{k}", "simulator": list(place), "profile": profile}
+                {"name": f"uav{k}", "simulator": list(place), "profile": profile, "lockstep": lockstep}
                 for k, place in enumerate(self.places, 1)
             ],
             None,

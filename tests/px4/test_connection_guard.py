@@ -118,5 +118,11 @@ def test_a_hitl_controller_flies_and_is_never_awaited(one: World) -> None:
     began = time.monotonic()
     one.step(200)
     assert time.monotonic() - began < 200 * lockstep.REPLY_TIMEOUT_S / 2, "it was waited for"
-    assert one.status() == ["booting"] and one.events == ["uav1: PX4 connected"]
+    assert one.status() == ["running"] and one.events == ["uav1: PX4 connected"]
+    one.until(lambda: one.step().tolist() == [[0.0] * 4])  # frozen motors would fly the vehicle away
+    assert one.events[1:] == [
+        f"uav1: PX4 has not replied for {lockstep.REPLY_TIMEOUT_S:g} s: its motors stop until it sends motor commands again"
+    ]
+    controller.resume_reading()
+    one.until(lambda: one.step().tolist() == [[0.5] * 4])
     controller.disconnect()

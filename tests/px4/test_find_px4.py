@@ -25,7 +25,7 @@ def build(folder: Path, version: str = "1.16.0", where: str = "build/px4_sitl_de
     return folder
 
 
-@pytest.mark.parametrize("where", ["", "build/px4_sitl_default", "build/px4_sitl_nolockstep"])
+@pytest.mark.parametrize("where", ["", "build/px4_sitl_default", "build/px4_sitl"])
 def test_source_build_and_installation_folders_are_found(tmp_path: Path, where: str) -> None:
     found = find_px4(str(build(tmp_path / "PX4", where=where)), {})
     assert found is not None and found.version == "1.16.0" and found.source == "px4.home of the YAML"
@@ -157,3 +157,7 @@ def test_real_px4_links_are_at_127_0_0_1_on_any_loopback_address(
             and plan.vehicles[0].panic.partner_host == "127.60.0.9"
         )
         assert "-u 24010 -t 127.60.0.9 -o 24011" in plan.slices["px4.uav1.json"]["scripts"]["px4-rc.mavlink"]
+
+
+def test_build_without_lockstep_is_not_searched(tmp_path: Path) -> None:
+    assert find_px4(str(build(tmp_path / "PX4", where="build/px4_sitl_nolockstep")), {}) is None

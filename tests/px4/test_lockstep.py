@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import threading
 import time
 from collections.abc import Iterator
 
@@ -100,6 +101,50 @@ def test_a_late_px4_rejoins_a_world_whose_steps_are_slow(soon_late: None) -> Non
             world.step()
         assert world.status() == ["in step"]
         assert world.step().tolist() == [[0.25] * 4]
+    finally:
+        world.links.close()
+
+
+def test_a_late_px4_whose_reply_is_old_has_no_motors(two: World, soon_late: None) -> None:
+    px4s = connect(two)
+    px4s[0].stop_reading()
+    two.until(lambda: two.status()[0] == "late")
+    old = px4s[0].samples[-1].time_usec - 4000
+    px4s[0]._reply(old)
+    for _ in range(50):
+        assert two.step()[0].tolist() == [0.0] * 4
+        time.sleep(0.001)
+    assert two.status()[0] == "late" and two.links.stats()["uav1"]["late"] == 1
+    px4s[0].resume_reading()
+
+
+def test_a_pause_of_the_whole_computer_makes_no_px4_late(two: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    px4s = connect(two)
+    two.step()
+    stalls = iter([0.0, 0.0, 30.0])
+    real, offset = time.monotonic, 0.0
+
+    def monotonic() -> float:
+        nonlocal offset
+        offset += next(stalls, 0.0)
+        return real() + offset
+
+    monkeypatch.setattr(module.time, "monotonic", monotonic)
+    px4s[0].stop_reading()
+    threading.Timer(0.3, px4s[0].resume_reading).start()  # it replies soon after the pause
+    assert two.step().tolist() == [[0.25] * 4, [0.5] * 4]
+    assert offset == 30.0 and two.status() == ["in step"] * 2
+
+
+def test_an_sitl_px4_without_lockstep_is_reported() -> None:
+    world = World(1, lockstep=True)
+    try:
+        FakePx4(world.places[0], [0.25] * 4, flags=0)
+        world.until(lambda: world.status() == ["running"])
+        world.step(20)
+        assert [text for text in world.events if "lockstep" in text] == [
+            "uav1: this PX4 does not run in lockstep, so it flies by its own clock: build px4_sitl_default"
+        ]
     finally:
         world.links.close()
 

@@ -21,7 +21,7 @@ import pytest
 from arena.autopilot.sitl_standin import BANNER, UP
 from arena.errors import RunError
 from arena.px4 import __main__ as room
-from arena.px4.__main__ import check_free, make_folder, param_text
+from arena.px4.__main__ import check_free, environment, make_folder, param_text
 
 from .fake import World
 from .test_standin import slice_of
@@ -106,6 +106,25 @@ def test_process_is_ready_with_the_stand_in_and_ends_it(started: Started, world:
     assert started.process.returncode == 0 and not child.is_running()
     assert not list(Path(tempfile.gettempdir()).glob(f"arena-standin-*-{world.address}-*"))
     assert not [t for t in started.receive() if "event" in t]
+
+
+def test_restarted_px4_gets_its_folder_again(settings: dict[str, Any]) -> None:
+    folder = make_folder(settings)
+    (folder / "log").mkdir()
+    settings["scripts"] = {**settings["scripts"], "rcS": "new"}
+    assert make_folder(settings) == folder
+    assert (folder / "etc" / "init.d-posix" / "rcS").read_text() == "new" and (folder / "log").is_dir()
+
+
+def test_px4_variables_of_the_users_shell_do_not_reach_px4(settings: dict[str, Any]) -> None:
+    shell = {
+        "PATH": "/bin",
+        "PX4_PARAM_MPC_XY_VEL_MAX": "12",
+        "PX4_SYS_AUTOSTART": "4001",
+        "PX4_SIMULATOR": "gz",
+    }
+    found = environment({**settings, "params": {"MPC_XY_P": 0.9}, "model": "none_iris", "env": {}}, shell)
+    assert found == {"PATH": "/bin", "PX4_PARAM_MPC_XY_P": "0.9", "PX4_SIM_MODEL": "none_iris"}
 
 
 def test_a_killed_px4_is_an_event_and_exit_code_1(started: Started, world: World) -> None:

@@ -17,7 +17,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from recorded_flights import OFFBOARD, STEPS, stream, truth_at
 
-from arena.clock import ClockServer
+from arena.clock_server import ClockServer
 from arena.flight_log.recording import Recording
 from arena.process_context import SOCKET_VARIABLE
 from arena.wire.truth_page import TruthWriter

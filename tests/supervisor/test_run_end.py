@@ -213,6 +213,27 @@ def test_stop_by_the_user_succeeds_except_for_ctrl_c():
     assert verdict(Cause.INTERRUPT, READY, last=FAILED) == 130
 
 
+@pytest.mark.parametrize("state", ["booting", "running", "late", "gone"])
+def test_armed_flight_controller_in_the_loop_is_not_grounded(state):
+    plan = replace(PLAN, vehicles=(replace(vehicle("uav1"), autopilot="hitl"),))
+    stats = {
+        "world": {
+            "vehicles": {"uav1": {"airborne": False, "crashed": "rolled"}},
+            "autopilot": {"uav1": {"px4": state}},
+        }
+    }
+    statuses, facts = {"world": READY, "p": DONE}, {"uav1.armed": True}
+    assert grounded(plan, statuses, stats) == {} and not is_done(plan, statuses, facts, stats)
+    assert may_fly(plan, statuses, facts, facts, stats) == ["uav1"]
+    absent = {
+        "world": {
+            "vehicles": {"uav1": {"airborne": False}},
+            "autopilot": {"uav1": {"px4": "never connected"}},
+        }
+    }
+    assert grounded(plan, statuses, absent) == {"uav1": "its PX4 has never connected to the world"}
+
+
 def test_program_that_ctrl_c_ended_has_not_failed():
     statuses = {"world": READY, "p": READY}
     for cause, expected in ((Cause.INTERRUPT, []), (Cause.DOWN, ["p: had not ended by itself (exit 1)"])):

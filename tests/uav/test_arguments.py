@@ -8,7 +8,8 @@ import sys
 
 import pytest
 
-from arena.clock import ClockServer, SimClock, WallClock
+from arena.clock import SimClock, WallClock
+from arena.clock_server import ClockServer
 from arena.errors import InputError
 from arena.uav import UAV
 from arena.uav.arguments import read_arguments

@@ -15,7 +15,8 @@ from fake_autopilot import TELEMETRY, FakeAutopilot
 from pymavlink.dialects.v20 import common as mavlink
 from served import let_pass, until
 
-from arena.clock import ClockServer, SimClock
+from arena.clock import SimClock
+from arena.clock_server import ClockServer
 from arena.errors import InputError, NotConfirmedError, OffboardLostError, RunError, VehicleError
 from arena.uav import UAV, AsyncUAV, Swarm, run, vehicle_control
 from arena.uav.simulated_loop import LoopClock, SimulatedLoop, running_clock

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from natnet import NatNetClient
 
-from arena.clock import ClockServer
+from arena.clock_server import ClockServer
 from arena.fault_injection import inject
 from arena.geometry import quat_from_euler
 from arena.mocap.client import open_client
