@@ -150,6 +150,7 @@ class FakeAutopilot(ParamServer):
     alive: False: it sends and receives nothing
     received: every message
     setpoints: (time of arrival [s], message)
+    setpoint_ticks: value of `ticks` at the arrival of each setpoint; a pause of the computer counts as one tick
     ticks: number of telemetry periods
     """
 
@@ -173,6 +174,7 @@ class FakeAutopilot(ParamServer):
     received: list[Any] = field(default_factory=list)
     commands: list[Any] = field(default_factory=list)
     setpoints: list[tuple[float, Any]] = field(default_factory=list)
+    setpoint_ticks: list[int] = field(default_factory=list)
     requests: int = 0
     ticks: int = 0
     next_telemetry_s: float = 0.0
@@ -246,6 +248,7 @@ class FakeAutopilot(ParamServer):
         self.requests += 1
         if kind in SETPOINTS:
             self.setpoints.append((now, m))
+            self.setpoint_ticks.append(self.ticks)
         elif kind == "COMMAND_LONG":
             answers = [] if m.command in self.ignore else self._acknowledge(m)
             self.commands.append(m)  # after its effect, so that a test which waits for it sees the effect

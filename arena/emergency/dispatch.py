@@ -72,6 +72,7 @@ class TargetConnections:
 
     def send(self, now: float) -> None:
         """Send the frames that are due now to the vehicle, on every connection to it."""
+        self._read_waiting()
         frames = self.landing.due(now)
         self._send_relayed(frames, now)
         if self._direct is not None:
@@ -82,6 +83,14 @@ class TargetConnections:
         if self.panic is None and now >= self._next_bind:
             self._next_bind = now + _REBIND_S
             self.panic = _open_panic_link(self.target)
+
+    def _read_waiting(self) -> None:
+        """Read what has arrived. After a pause of this computer, a heartbeat may report that a pilot has control."""
+        poll, readers = select.poll(), self.readers()
+        for fd in readers:
+            poll.register(fd, select.POLLIN)
+        for fd, _ in poll.poll(0):
+            readers[fd]()
 
     def _may_bypass(self, now: float) -> bool:
         """Return whether `land-all` may command the vehicle directly, without its link process.

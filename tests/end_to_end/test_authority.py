@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import time
 
 import pytest
 from fake_autopilot import FakeAutopilot
@@ -69,7 +70,9 @@ class ProgramPort:
         command = mavlink.MAVLink_command_long_message(1, 1, ARM, 0, 1, 0, 0, 0, 0, 0, 0)
         self._socket.sendto(self._codec.pack(command), self._router)
         texts: list[str] = []
+        end = time.monotonic() + 60.0
         while True:
+            assert time.monotonic() < end, f"no acknowledgement, only {texts}"
             for message in self._codec.parse(self._socket.recv(65535)):
                 if message.get_type() == "STATUSTEXT":
                     texts.append(message.text)

@@ -163,10 +163,10 @@ def test_running_replay_reaches_this_computer_only_and_says_what_it_is(flight: F
     assert "replayed" in flight.cli("ps", "--run", str(running)).stdout
 
     began = time.monotonic()
-    landed = flight.cli("land-all", "--run", str(running))
+    landed = flight.cli("land-all", "--run", str(running), "--timeout", "600")
     assert landed.returncode == 0
     assert "is a replay" in landed.stdout
-    assert time.monotonic() - began < PATIENCE * 3.0
+    assert time.monotonic() - began < 300, "it does not wait for a landing"
 
 
 def test_running_replay_can_be_paused_and_moved(running: Path) -> None:

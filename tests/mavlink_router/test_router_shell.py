@@ -161,16 +161,15 @@ def next_heartbeat(running, who, deadline_s):
 
 @at(2)
 def test_the_ground_station_heartbeat_is_sent_once_a_second(running):
-    beats = [next_heartbeat(running, "autopilot2", DEADLINE_S) for _ in range(2)]
-    times = [time.monotonic()]
-    beats.append(next_heartbeat(running, "autopilot2", DEADLINE_S))
-    assert time.monotonic() - times[0] > 0.7
+    began = time.monotonic()
+    beats = [next_heartbeat(running, "autopilot2", DEADLINE_S) for _ in range(4)]
+    assert time.monotonic() - began > 2.0, "two of four may come at once, one late and the next in time"
     assert {(m.get_srcComponent(), m.type) for m in beats} == {(190, mavlink.MAV_TYPE_GCS)}
     sequence = [m.get_seq() for m in beats]
-    assert sequence == list(range(sequence[0], sequence[0] + 3))
+    assert sequence == list(range(sequence[0], sequence[0] + 4))
 
 
-@at(11, real=(1, 2), needs_operator=(2,))
+@at(15, real=(1, 2), needs_operator=(2,))
 def test_heartbeat_depends_on_the_operator(running):  # review fault 20
     next_heartbeat(running, "autopilot1", DEADLINE_S)
     with pytest.raises(AssertionError):

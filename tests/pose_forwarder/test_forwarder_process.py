@@ -218,8 +218,8 @@ def test_process_is_ready_when_the_autopilot_may_arm(arena):
     assert math.dist((m.x, m.y, m.z), truth.p_n[0]) < 0.1
     assert abs(sum(a * b for a, b in zip(m.q, truth.q_nb[0], strict=True))) > 0.9999
     assert arena.of("SET_GPS_GLOBAL_ORIGIN")
-    arena.until(lambda: arena.stats.get("rate_hz", 0.0) > 0.0)
-    assert 20 < arena.stats["rate_hz"] < 66  # a starved machine gives less, never more
+    arena.until(lambda: arena.stats.get("rate_hz", 0.0) > 20)  # a starved machine gives less, never more
+    assert arena.stats["rate_hz"] < 66
     beat = arena.of("HEARTBEAT")[0]
     assert (beat.type, beat.get_srcSystem(), beat.get_srcComponent()) == (18, 1, 197)
     arena.forwarder.child.terminate()
@@ -253,15 +253,17 @@ def test_flood_of_foreign_datagrams_stops_no_pose(arena):
     arena.until(lambda: len(arena.of("ODOMETRY")) > 10)
     with bound(arena.host) as stranger:
         may_arm = FakeAutopilot(telemetry=("SYS_STATUS",)).state(0.0)
-        before, end = len(arena.of("ODOMETRY")), time.monotonic() + 1.0
-        while time.monotonic() < end:
+        before = len(arena.of("ODOMETRY"))
+
+        def flood() -> bool:
             for _ in range(30):
                 stranger.sendto(may_arm, arena.link)
                 stranger.sendto(os.urandom(200), arena.link)
-            arena.step()
+            poses = len(arena.of("ODOMETRY")) - before
+            return poses > 20 and arena.stats.get("dropped foreign datagram", 0) > 1000
+
+        arena.until(flood)
     assert not arena.ready, "only the autopilot says that it may arm"
-    assert len(arena.of("ODOMETRY")) - before > 20, "60 Hz on a quiet machine"
-    arena.until(lambda: arena.stats.get("dropped foreign datagram", 0) > 1000)
 
 
 def test_missing_body_is_reported_once_with_the_existing_names(tmp_path, monkeypatch):

@@ -26,6 +26,8 @@ from arena.px4.__main__ import check_free, environment, make_folder, param_text
 from .fake import World
 from .test_standin import slice_of
 
+START_S = 120.0  # two Python processes, on a busy machine
+
 
 @pytest.fixture
 def world() -> Iterator[World]:
@@ -91,12 +93,12 @@ def started(tmp_path: Path, settings: dict[str, Any]) -> Iterator[Started]:
 
 
 def until_ready(started: Started, world: World) -> None:
-    world.until(lambda: {"ready": True} in started.receive() and world.status() == ["in step"], 30.0)
+    world.until(lambda: {"ready": True} in started.receive() and world.status() == ["in step"], START_S)
 
 
 def test_process_is_ready_with_the_stand_in_and_ends_it(started: Started, world: World) -> None:
     until_ready(started, world)
-    world.until(lambda: UP in started.output, 30.0)
+    world.until(lambda: UP in started.output, START_S)
     assert BANNER in started.output
     child = started.standin()
     assert child.cmdline()[-6:-1] == ["-d", "-i", "6", "-w", str(Path(child.cmdline()[-2]))]
@@ -150,7 +152,7 @@ def replaced(settings: dict[str, Any], folder: Path, script: str) -> dict[str, A
 
 def until_ended(started: Started) -> list[str]:
     """Wait for the end of the process and return its events."""
-    started.process.wait(20.0)
+    started.process.wait(START_S)
     return [t["event"] for t in started.receive() if "event" in t]
 
 

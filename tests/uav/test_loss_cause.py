@@ -100,6 +100,7 @@ def test_exception_names_the_pilot_whom_the_router_reports_later(autopilot, addr
             tmp_path, "link.uav1", "uav1: pilot has control: POSCTL", time.monotonic()
         )
         uav._source.telemetry.heartbeat = dataclasses.replace(uav._source.telemetry.heartbeat, mode="POSCTL")
+        uav.control._record_wait_s = 60.0  # the machine may be busy
         threading.Timer(0.1, record).start()
         with pytest.raises(OffboardLostError, match=r"POSCTL: a pilot has taken control \(POSCTL\)\."):
             uav.set_pos_yaw([0, 0, -1], 0.0, 60.0)

@@ -30,7 +30,8 @@ OFFBOARD_TIMEOUT_S = 1.0  # COM_OF_LOSS_T: a longer pause between setpoints is a
 
 
 def gaps(autopilot: FakeAutopilot) -> np.ndarray:
-    return np.diff([t for t, _ in autopilot.setpoints])
+    """Return the times between the setpoints [s], without pauses of the computer."""
+    return np.diff(autopilot.setpoint_ticks) * autopilot.period_s
 
 
 def test_no_setpoint_is_sent_between_calls(autopilot, uav):
@@ -301,6 +302,7 @@ def test_unanswered_command_is_repeated_with_a_counter(autopilot, uav, monkeypat
         NotConfirmedError, match="no acknowledgement of arming from the autopilot after 5 tries"
     ):
         uav.arm_drone()
+    until(lambda: len(autopilot.commands) == 5)
     assert [c.confirmation for c in autopilot.commands] == [0, 1, 2, 3, 4]
 
 
