@@ -32,6 +32,7 @@ from arena.wire.px4_mode import mode_words
 _NAN = math.nan
 _SAME_ORIGIN_E7 = 10
 _SILENT_S = 3.0
+_MAVLINK_2, _MIN_WITHOUT_GAP = 0xFD, 50
 _ORIGIN_TRIES = 5
 _ORIGIN_WAIT_S, _ORIGIN_WAIT_UNKNOWN_S = 3.0, 0.3
 _POSITION_ESTIMATE = 43003  # MAV_CMD_EXTERNAL_POSITION_ESTIMATE, not in every version's dialect
@@ -108,6 +109,7 @@ class Forwarder:
         self._newest: Pose | None = None
         self._beat = self._heartbeat_requested = -math.inf
         self._origin_sent, self._origin_tries = -math.inf, 0
+        self._next_number = self._without_gap = 0
 
     # -- capture -------------------------------------------------------------------------------------------------------
 
@@ -161,6 +163,8 @@ class Forwarder:
     def on_mavlink(self, data: bytes, now: float) -> None:
         """Update the state of the autopilot from a received MAVLink datagram."""
         for at in self._codec.frames(data):
+            if at.sysid == self.system and at.compid == AUTOPILOT:
+                self._follow_sequence(data[at.start + (4 if data[at.start] == _MAVLINK_2 else 2)])
             if at.msgid in _READ and at.sysid == self.system and at.compid == AUTOPILOT:
                 self._on_message(at.msgid, decoder(at.msgid)(data, at), now)
                 continue
@@ -171,6 +175,18 @@ class Forwarder:
                 self.autopilot.since = min(self.autopilot.since, now)
             else:
                 self.counts["foreign message"] += 1
+
+    def _follow_sequence(self, number: int) -> None:
+        """Find a restart of the autopilot by the MAVLink sequence numbers, which begin at 0 again.
+
+        A PX4 in lockstep restarts so quickly that no heartbeat is missing, and its time since boot is the simulation time. Only a
+        jump to 0 after many numbers without a gap counts, because messages can be lost, or filtered by a link.
+        """
+        restarted = number == 0 and self._next_number != 0 and self._without_gap >= _MIN_WITHOUT_GAP
+        self._without_gap = self._without_gap + 1 if number == self._next_number else 0
+        self._next_number = (number + 1) % 256
+        if restarted and not self.autopilot.armed:
+            self._on_autopilot_restart()
 
     def _on_message(self, msgid: int, m: Any, now: float) -> None:
         a = self.autopilot

@@ -56,7 +56,10 @@ def serve(context: ProcessContext) -> int:
         leave_core_of(world.server_pid)
     argv = [*s["argv"], "-d", "-i", str(s["instance"]), "-w", str(folder), str(folder / "etc")]
     env = environment(s, os.environ)
-    if ignored := sorted(name for name in os.environ if name.startswith(_PREFIX) and name not in env):
+    ignored = sorted(
+        name for name in os.environ.keys() - env.keys() - {"PX4_HOME"} if name.startswith(_PREFIX)
+    )
+    if ignored:
         print(f"px4: not passed to PX4: {', '.join(ignored)}", flush=True)
     print(" ".join(argv), flush=True)
     process = subprocess.Popen(

@@ -174,6 +174,39 @@ def test_origin_is_sent_until_confirmed_and_never_while_armed():
     assert not origins(forwarder.tick(5.0))
 
 
+def test_restart_without_a_gap_in_time_is_found_by_the_sequence_numbers():
+    """A PX4 in lockstep restarts within a second, and its time since boot is the simulation time."""
+    forwarder, codec = Forwarder(SETTINGS), mavlink.MAVLink(None, srcSystem=3, srcComponent=1)
+
+    def pass_on(message, now: float) -> None:
+        forwarder.on_mavlink(message.pack(codec), now)
+        codec.seq = (codec.seq + 1) % 256
+
+    def send(count: int, now: float, *, armed: bool = False) -> None:
+        for _ in range(count):
+            base = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+            pass_on(mavlink.MAVLink_heartbeat_message(2, 12, base, 0, 4, 3), now)
+
+    forwarder.on_frame(frame(0), 0.0)
+    send(100, 1.0)
+    assert origins(forwarder.tick(1.1))
+    origin = mavlink.MAVLink_gps_global_origin_message(387000000, -91000000, 100000, 0)
+    pass_on(origin, 1.2)
+    send(300, 1.3)
+    assert not origins(forwarder.tick(2.2)), "the number after 255 is 0"
+    codec.seq = (codec.seq + 7) % 256
+    send(300, 2.3)
+    assert not origins(forwarder.tick(3.2)), "lost messages are no restart"
+    codec.seq = 0
+    send(1, 3.3)
+    assert origins(forwarder.tick(4.2))
+    pass_on(origin, 4.3)
+    send(100, 4.4, armed=True)
+    codec.seq = 0
+    send(1, 4.5, armed=True)
+    assert not origins(forwarder.tick(5.4)), "never in flight"
+
+
 def standing(state: int = mavlink.MAV_LANDED_STATE_ON_GROUND) -> bytes:
     return from_autopilot(mavlink.MAVLink_extended_sys_state_message(0, state))
 
