@@ -88,9 +88,10 @@ def _fly_arena(flight: Flight, folder: Path) -> _Flown:
     if code != EXIT_OK and not failed:
         why = outcome.get("reason") or ("it was killed" if code < 0 else "no reason was recorded")
         failed = [f"`arena up` ended with exit code {code}: {why}"]
+    late = late_px4s(outcome)
     incomplete = [] if failed else missing_files(session.run)
-    killed = code < 0 and not outcome
-    return _Flown(run=str(session.run or ""), failed=[*failed, *incomplete], lost=killed or bool(incomplete))
+    lost = bool(late or incomplete) or (code < 0 and not outcome)
+    return _Flown(run=str(session.run or ""), failed=[*late, *failed, *incomplete], lost=lost)
 
 
 def _fly_scenario(flight: Flight, folder: Path) -> _Flown:
@@ -113,6 +114,16 @@ def missing_files(run: Path | None) -> list[str]:
     logs = [f"csv/{name}.csv" for name in names]
     missing = [log for log in logs if not (run / log).is_file()]
     return record_problems(outcome) + ([f"{', '.join(missing)} missing: no measures"] if missing else [])
+
+
+def late_px4s(outcome: Mapping[str, Any]) -> list[str]:
+    """Return the armed PX4s that did not reply in time, so that the vehicle fell although nobody injected a fault."""
+    world = (outcome.get("processes") or {}).get("world") or {}
+    stats = (world.get("stats") or {}).get("autopilot") or {}
+    late = {name: one["late"] for name, one in stats.items() if one.get("late")}
+    return [
+        f"{name}: its PX4 was late {times} times: the computer was overloaded" for name, times in late.items()
+    ]
 
 
 def record_problems(outcome: Mapping[str, Any]) -> list[str]:

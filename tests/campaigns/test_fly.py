@@ -49,11 +49,19 @@ def broken(record: str) -> dict[str, Any]:
     return {"failed": [], "processes": {"recorder": {"stats": {"record": record}}}}
 
 
+LATE = {
+    **DONE,
+    "failed": ["uav1 crashed"],
+    "processes": {"world": {"stats": {"autopilot": {"uav1": {"late": 2}}}}},
+}
+
+
 @pytest.mark.parametrize(
     ("more", "passed", "lost", "reason"),
     [
         ({}, True, False, ""),
         ({"outcome_": {**DONE, "failed": ["uav1 crashed"]}, "code": 1}, False, False, "uav1 crashed"),
+        ({"outcome_": LATE, "code": 1}, False, True, "uav1: its PX4 was late 2 times"),
         ({"outcome_": None}, False, True, "outcome.json is missing"),
         (
             {"outcome_": broken("No space left on device")},
