@@ -11,6 +11,9 @@ MONITOR_PORT = 8480
 PROCESS_ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFERED", "1"))
 """Environment variables of arena's processes. Without them, numpy's threads take the CPU cores that other processes need."""
 
+LAND_TIMEOUT_S = 60.0
+"""Default of the option --timeout of `arena land-all`: the command gives up after this wall time [s]."""
+
 RUN_FOLDER, RUNTIME_FOLDER, OPEN_BRACE = "{run}", "{rt}", "{brace}"
 """Placeholders that the supervisor replaces when the run has its folders.
 

@@ -10,7 +10,8 @@ from typing import Annotated, Optional
 
 import typer
 
-from arena.emergency.land_all import LAND_TIMEOUT_S, land_all, names
+from arena.constants import LAND_TIMEOUT_S
+from arena.emergency.land_all import land_all, names
 
 
 def register(app: typer.Typer) -> None:

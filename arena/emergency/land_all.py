@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from arena.background_writer import BackgroundWriter, write_to
+from arena.constants import LAND_TIMEOUT_S
 from arena.emergency.active_runs import active_runs, user_name
 from arena.emergency.first_commands import send_first_commands
 from arena.emergency.landing_sequence import Action
@@ -21,7 +22,7 @@ from arena.emergency.run_record import record_command
 from arena.emergency.targets import Found, Target, choose, find, of_runs, untrusted_text
 from arena.errors import EXIT_FAILED, EXIT_OK, ArenaError, InputError
 
-LAND_TIMEOUT_S, KILL_TIMEOUT_S = 60.0, 10.0
+KILL_TIMEOUT_S = 10.0
 _OUTPUT = BackgroundWriter("output", 10_000)
 """Thread that prints and records, because a frozen terminal or a disk that does not respond must not delay a landing."""
 _FLUSH_S = 2.0

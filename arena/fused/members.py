@@ -9,29 +9,29 @@ import time as wall_time
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from arena.clock import Rate
 from arena.clock_server import ClockServer
 from arena.emulated_sensors.core import EmulatedSensors
 from arena.emulated_sensors.settings import Settings
 from arena.fused.captured_frames import FrameConverter
+from arena.fused.forwarder_member import READY_TIMEOUT_S, ForwarderMember
 from arena.fused.member import MemberContext
-from arena.fused.memory_links import Inbox, MemoryCapture, RecorderLink, VisionLink, address
+from arena.fused.memory_links import Inbox, MemoryCapture, RecorderLink, address
 from arena.fused.router import FusedRouter
+from arena.fused.step_time import StepTime
 from arena.mocap.client import CapturedFrame
 from arena.mocap.emulator.interface import MeasuredFrame
 from arena.mocap.emulator.shell import EmulatorShell
-from arena.pose_forwarder.shell import TICK_S, ForwarderShell
+from arena.pose_forwarder.shell import TICK_S
 from arena.process_context import ProcessContext
 from arena.recorder.flight_recorder import REPORT_PERIOD_S, FlightRecorder
 from arena.recorder.truth_sampler import TruthSampler
+from arena.sim.pacing import speed_of
 from arena.sim.vehicle_links import Receive, VehicleLinks
 from arena.socket_watch import SocketWatch
 from arena.transport import Address
 from arena.wire.pose_page import PosePageWriter
 from arena.wire.truth_page import TruthReader
 
-READY_TIMEOUT_S = 30.0
-"""Longest time for which the program of a PX4 vehicle waits until the vehicle can be armed, in wall time [s]."""
 _EARLY_S = 1e-6  # simulation time advances in steps, which are not exact in binary
 
 
@@ -75,9 +75,15 @@ class Members:
         }
         truth = TruthReader(world["truth"])
         self._capture = MemoryCapture()
+        ready_limit_s = READY_TIMEOUT_S * max(1.0, 1.0 / speed_of(world.get("speed", 1.0)))
         self._forwarders = {
-            i: _Forwarder(
-                self._contexts[name], self._time, self._capture, i, self._inbox if i in in_memory else None
+            i: ForwarderMember(
+                self._contexts[name],
+                self._time,
+                self._capture,
+                i,
+                self._inbox if i in in_memory else None,
+                ready_limit_s,
             )
             for i, v in enumerate(vehicles)
             if (name := f"forward.{v['name']}") in self._contexts
@@ -96,7 +102,7 @@ class Members:
         self._router.record = self._on_copy
         mocap = self._contexts["mocap"]
         self._clock, self._joined = clock, 0
-        self._served: list[_Forwarder] = []
+        self._served: list[ForwarderMember] = []
         self._next_tick = 0.0
         self._frames = FrameConverter(mocap.settings["bodies"])
         self._mocap = EmulatorShell(mocap, self._time.now(), self._on_frame)
@@ -230,66 +236,6 @@ class _Fds(NamedTuple):
     references: int
 
 
-class _Forwarder:
-    """Pose forwarder of one vehicle, as a part of the fused arena instead of a process of its own.
-
-    capture: motion-capture client of all forwarders, whose frames the caller passes to `step`.
-    vehicle: index in the world.  inbox: list that receives the datagrams for its autopilot; None: PX4, whose link is a socket.
-    """
-
-    def __init__(
-        self,
-        context: MemberContext,
-        time: StepTime,
-        capture: MemoryCapture,
-        vehicle: int,
-        inbox: Inbox | None,
-    ) -> None:
-        remote = address(context.settings["link"], "remote")
-        self._link = None if inbox is None else VisionLink(vehicle, inbox, remote)
-        self._context = context
-        self._shell = ForwarderShell(context, time, capture, self._link, wall=time.now())
-        self._began = wall_time.monotonic()
-
-    def receive(self, data: bytes) -> None:
-        """Store a datagram from the built-in autopilot until `step` reads it."""
-        if self._link is not None:
-            self._link.waiting.append(data)
-
-    def step(self, frames: Sequence[CapturedFrame], now: float, due: bool) -> None:
-        """Run the pose forwarder for one simulation step: send new poses, and read the autopilot's messages.
-
-        Without frames, stored datagrams and `due`, this does nothing.
-
-        frames: motion-capture frames of this step, oldest first.  now: simulation time [s].
-        due: also send the messages that do not depend on poses, and report to the supervisor.
-        """
-        if frames:
-            self._shell.forward(frames, now)
-        if (frames or due) if self._link is None else self._link.waiting:
-            self._shell.read_link(now)
-        if due:
-            self._shell.tick(now, now)
-            if self._link is None and not self._context.is_ready:
-                self._limit_wait()
-
-    def close(self) -> None:
-        """Close the pose forwarder's link to the autopilot."""
-        self._shell.link.close()
-
-    def _limit_wait(self) -> None:
-        """Report the forwarder as ready after 30 s of wall time, even if the vehicle cannot be armed.
-
-        The user program then starts and reports why PX4 cannot be armed.
-        """
-        if wall_time.monotonic() - self._began > READY_TIMEOUT_S:
-            vehicle = self._context.settings["vehicle"]
-            self._context.event(
-                f"{vehicle}: PX4 was not ready to arm within {READY_TIMEOUT_S:g} s; the user program starts now"
-            )
-            self._context.ready()
-
-
 class _Sensors:
     """Emulated sensors, as a part of the fused arena instead of a process of their own.
 
@@ -365,35 +311,6 @@ class _Recorder:
         self.step(self._time.now())
         self._recorder.close(self._time.now())
         self.link.close()
-
-
-_CANNOT_SLEEP = (
-    "a part of the process `world` wanted to sleep, which would stop the simulation. This is an error of arena: please report it. "
-    "`arena up --processes` runs each part in a process of its own, where it can sleep"
-)
-
-
-class StepTime:
-    """Clock of the members (parts) of the fused arena: returns the simulation time of the present step.
-
-    The simulation calls these parts of the process `world` in each step. A part that slept would stop the simulation, so this
-    clock cannot sleep.
-
-    value: simulation time [s].
-    """
-
-    def __init__(self) -> None:
-        self.value = 0.0
-
-    def now(self) -> float:
-        """Return the simulation time [s]."""
-        return self.value
-
-    def sleep_until(self, t: float) -> float:
-        raise NotImplementedError(_CANNOT_SLEEP)
-
-    def rate(self, hz: float) -> Rate:
-        raise NotImplementedError(_CANNOT_SLEEP)
 
 
 def _panic_only(vehicle: Mapping[str, Any]) -> dict[str, Any]:

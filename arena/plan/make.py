@@ -10,12 +10,12 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from arena.constants import PROCESS_ENV
+from arena.constants import LAND_TIMEOUT_S, PROCESS_ENV
 from arena.plan.checks import check_arena
 from arena.plan.firmware import all_firmware
 from arena.plan.fused import fuse, fused_slices, is_fused
 from arena.plan.job import Job, link_of
-from arena.plan.model import Plan, ProcessSpec, VehiclePlan
+from arena.plan.model import Plan, ProcessSpec, VehiclePlan, slowdown
 from arena.plan.process_table import TABLE, jobs, listens, process_spec
 from arena.plan.resolved_yaml import arena_yaml
 from arena.plan.tools import named_tools, tool_slices, tools
@@ -46,7 +46,7 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
         slices=made,
         land=_task(
             "land",
-            (python, "-m", "arena.emergency.land_all", "--run", "{run}"),
+            (python, "-m", "arena.emergency.land_all", "--run", "{run}", *_land_timeout(arena)),
             listens=tuple(listens(arena, "task", None)),
         ),
         report=_task(
@@ -58,6 +58,12 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
         ),
         yaml=arena_yaml(arena, job.fleet),
     )
+
+
+def _land_timeout(arena: Arena) -> tuple[str, ...]:
+    """Return the option --timeout of the land task for a simulation that is slower than real time."""
+    slow = slowdown(arena.sim.speed) if arena.simulated else 1.0
+    return ("--timeout", f"{slow * LAND_TIMEOUT_S:g}") if slow > 1.0 else ()
 
 
 def without_report(plan: Plan) -> Plan:

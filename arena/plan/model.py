@@ -181,6 +181,11 @@ class Plan:
     replay: str = ""
 
     @property
+    def slowdown(self) -> float:
+        """Factor by which waits for simulated vehicles take longer in wall time [-]: 2 at `--speed 0.5`, 1 in real time or faster."""
+        return slowdown(self.slices.get("world.json", {}).get("speed", 1.0))
+
+    @property
     def is_replay(self) -> bool:
         """True if this is the plan of a replay. A plan with a real vehicle is never a replay."""
         return bool(self.replay) and all(v.simulated for v in self.vehicles)
@@ -204,6 +209,11 @@ class Plan:
             _process(raw.pop(key)) if raw.get(key) else raw.pop(key) for key in ("land", "report")
         )
         return cls(vehicles=vehicles, processes=processes, land=land, report=report, **raw)
+
+
+def slowdown(speed: float | str) -> float:
+    """Return `Plan.slowdown` for a speed of the simulation: a number, or "max"."""
+    return 1.0 if speed == "max" else max(1.0, 1.0 / float(speed))
 
 
 def _without_removed_keys(vehicle: dict[str, Any]) -> dict[str, Any]:

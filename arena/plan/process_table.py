@@ -16,7 +16,7 @@ from arena.mocap.vendors import vendor_settings
 from arena.plan import slices
 from arena.plan.copilot_slice import copilot
 from arena.plan.job import Job, Json, flies_px4_sitl, program_args
-from arena.plan.model import Listen, Member, ProcessSpec, Restart
+from arena.plan.model import Listen, Member, ProcessSpec, Restart, slowdown
 from arena.plan.sensors_slice import sensors
 from arena.schema import Arena, Vehicle
 from arena.schema.placeholders import variables
@@ -334,7 +334,7 @@ def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
     fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), "outlives": True}
     if vehicle is not None and vehicle.wire is not None and row.module:
         fields["start_timeout_s"] = REAL_START_TIMEOUT_S
-    return ProcessSpec(
+    spec = ProcessSpec(
         name=name,
         kind=row.kind,
         vehicle=vehicle.name if vehicle else None,
@@ -350,6 +350,9 @@ def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
             **row.configured(job),
         },
     )
+    # A process may wait for simulated vehicles, for example until an estimate is valid.
+    slow = slowdown(job.arena.sim.speed) if job.arena.simulated else 1.0
+    return replace(spec, start_timeout_s=slow * spec.start_timeout_s)
 
 
 def _group_listens(job: Job) -> Iterator[Listen]:

@@ -1,7 +1,7 @@
 """Landing at the end of a run: repeats the land task (`arena land-all`) until every vehicle has landed.
 
-If only simulated vehicles fly, there are at most ATTEMPTS attempts within TIMEOUT_S. If a real vehicle flies, the
-number of attempts is not limited, because the processes that serve a flying vehicle must not be stopped.
+If only simulated vehicles fly, there are at most ATTEMPTS attempts within TIMEOUT_S, or longer in a slow simulation. If a
+real vehicle flies, the number of attempts is not limited, because the processes that serve a flying vehicle must not be stopped.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ class LandingTask:
     def __init__(self, plan: Plan, folder: RunFolder, log: EventLog) -> None:
         self._plan, self._folder, self._log = plan, folder, log
         self._real = {v.name for v in plan.vehicles if not v.simulated}
+        self._limit_s = TIMEOUT_S * plan.slowdown
         self.task: SideTask | None = None
         self._begin()
         self.landed = True
@@ -108,7 +109,7 @@ class LandingTask:
             return self._give_up("the plan has no land task")
         if self._began is None:
             self._began = now
-        if not self._real & set(flying) and (self._tries >= ATTEMPTS or now - self._began >= TIMEOUT_S):
+        if not self._real & set(flying) and (self._tries >= ATTEMPTS or now - self._began >= self._limit_s):
             return self._give_up(self.summary)
         if now >= self._next:
             self._try(flying, now)
@@ -166,7 +167,7 @@ class LandingTask:
         spec, folder = self._spec(flying), self._folder.for_landing(self._plan)
         self._log.event(now, "arena", f"landing {', '.join(flying)}: {' '.join(folder.spec(spec).argv)}")
         begun = SideTask.start(
-            spec, folder, TIMEOUT_S, now, lambda text: self._log.event(self._now, "arena", text)
+            spec, folder, self._limit_s, now, lambda text: self._log.event(self._now, "arena", text)
         )
         if isinstance(begun, Exit):
             self._failed(begun, flying, now)

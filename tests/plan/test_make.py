@@ -276,3 +276,20 @@ def test_slices_have_the_keys_that_processes_read(plan: Plan) -> None:
         "tools": ["127.0.0.1", 24026],
     }
     assert "forward.uav3.json" not in plan.slices and plan.slices["forward.uav2.json"]["body"] == "aero2"
+
+
+@pytest.mark.parametrize(("speed", "slow"), [("0.5", 2.0), ("0.05", 20.0), ("1", 1.0), ("max", 1.0)])
+@pytest.mark.parametrize("processes", ["one", "many"])
+def test_waits_for_simulated_vehicles_are_longer_in_a_slow_simulation(
+    tmp_path: Path, speed: str, slow: float, processes: str
+) -> None:
+    (tmp_path / "arena.yaml").write_text("vehicles: {uav1: {autopilot: builtin}}\n")
+    plan = make_plan(
+        load_arena(tmp_path / "arena.yaml", [f"sim.speed={speed}", f"sim.processes={processes}"])
+    )
+    assert plan.slowdown == slow and Plan.from_json(plan.to_json()).slowdown == slow
+    assert plan.land is not None and plan.land.argv[6:] == (
+        ("--timeout", f"{60 * slow:g}") if slow > 1 else ()
+    )
+    limits = {spec.name: spec.start_timeout_s for spec in plan.processes}
+    assert limits["world"] == 60.0 * slow and limits.get("router", 30.0 * slow) == 30.0 * slow
