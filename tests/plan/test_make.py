@@ -288,7 +288,7 @@ def test_waits_for_simulated_vehicles_are_longer_in_a_slow_simulation(
         load_arena(tmp_path / "arena.yaml", [f"sim.speed={speed}", f"sim.processes={processes}"])
     )
     assert plan.slowdown == slow and Plan.from_json(plan.to_json()).slowdown == slow
-    assert plan.land is not None and plan.land.argv[6:] == (
+    assert plan.land is not None and plan.land.argv[5:] == (
         ("--timeout", f"{60 * slow:g}") if slow > 1 else ()
     )
     limits = {spec.name: spec.start_timeout_s for spec in plan.processes}
