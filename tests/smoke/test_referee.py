@@ -150,6 +150,31 @@ def test_other_failure_of_the_arena_fails(referee_for) -> None:
     )
 
 
+def test_run_without_an_outcome_fails(referee_for) -> None:
+    referee = referee_for(FLOWN)
+    fly(referee)
+    referee.finish(None)
+    verdict = referee.verdict()
+    assert sentence(verdict) == "the run has no outcome: its supervisor has ended without a result"
+    assert [r.outcome for r in verdict.rules if r.place.text == "no process fails"] == ["not reached"]
+
+
+@pytest.mark.parametrize("do", ["kill supervisor", "hang supervisor"])
+def test_scenario_that_ends_its_supervisor_needs_no_outcome(referee_for, do: str) -> None:
+    referee = referee_for(f"{FLOWN}    do: {do}\n")
+    fly(referee)
+    referee.finish(None)
+    assert referee.verdict().passed, referee.verdict().failures
+
+
+def test_missing_outcome_of_an_arena_that_did_not_start_is_not_reported_twice(referee_for) -> None:
+    referee = referee_for(FLOWN)
+    referee.finish(None, "router: not ready after 30 s")
+    assert [text for place, text in referee.verdict().failures if place is None] == [
+        "router: not ready after 30 s"
+    ]
+
+
 def test_default_rules_have_the_place_of_the_scenario(referee_for) -> None:
     places = [rule.place for rule in judged(referee_for(FLOWN)).rules]
     assert [p.text for p in places] == [

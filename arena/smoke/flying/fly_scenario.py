@@ -67,7 +67,7 @@ def fly(scenario: Scenario, options: FlightOptions) -> Result:
                 problem = _fly_until_over(referee, session, began + limit_s)
     except RunError as error:
         problem = str(error)
-    referee.finish(session.outcome(), problem)
+    referee.finish(session.outcome() if session.has_outcome else None, problem)
     result = Result(
         scenario=scenario.name,
         file=scenario.place.file,

@@ -132,6 +132,11 @@ class Session:
             return {}
         return found if isinstance(found, dict) else {}
 
+    @property
+    def has_outcome(self) -> bool:
+        """True if the ended arena has written an outcome.json that can be read."""
+        return bool(self.outcome())
+
     def run_to_end(self, limit_s: float) -> int:
         """Start the arena, wait until it ends by itself, and return the exit code of `arena up`.
 

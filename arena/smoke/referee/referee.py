@@ -34,6 +34,8 @@ _DONE, _FAILED, _LIMIT, _GONE = (
     "the time limit",
     "the end of the arena",
 )
+_SUPERVISOR = "supervisor"
+_NO_OUTCOME = "the run has no outcome: its supervisor has ended without a result"
 
 
 class Referee:
@@ -53,6 +55,7 @@ class Referee:
         self._then_s = 0.0
         self._end_reason = ""
         self._problems: list[str] = []
+        self._has_outcome = True
 
     # -- during the flight
 
@@ -149,12 +152,12 @@ class Referee:
 
     # -- after the flight
 
-    def finish(self, outcome: Mapping[str, Any], problem: str = "") -> None:
+    def finish(self, outcome: Mapping[str, Any] | None, problem: str = "") -> None:
         """Add the end of the arena to the verdict: reported failures, and steps that are still open.
 
         Call it once.
 
-        outcome: content of outcome.json, {} if there is none.
+        outcome: content of outcome.json; None if the file is missing, which fails a scenario that did not kill its supervisor.
         problem: text of another failure, such as an arena that did not start, which fails the scenario; "" if none.
         """
         self._flight.ended = (
@@ -162,7 +165,10 @@ class Referee:
         )  # true only if the arena ended before the referee ended the flight
         self._end_reason = self._end_reason or _GONE
         self._problems += [problem] if problem else []
-        for sentence in outcome.get("failed", ()):
+        if outcome is None and _SUPERVISOR not in self._targeted | self._scenario.allowed.fail:
+            self._has_outcome = False  # the failures of the processes are unknown
+            self._problems += [] if problem else [_NO_OUTCOME]
+        for sentence in (outcome or {}).get("failed", ()):
             self._take_failure(str(sentence))
         self._close_remaining()
 
@@ -234,7 +240,7 @@ class Referee:
             for process, why in self._failed_processes.items()
             if process not in accepted
         ]
-        yield self._default_rule(_PROCESSES, failed)
+        yield self._default_rule(_PROCESSES, failed, reached=self._has_outcome)
 
     def _default_rule(self, text: str, failures: list[str], *, reached: bool = True) -> RuleResult:
         place = Place(file=self._scenario.place.file, line=self._scenario.place.line, text=text)
