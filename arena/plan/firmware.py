@@ -15,7 +15,7 @@ from arena.geomagnetism import magnetic_field
 from arena.params.checks.check import check_written
 from arena.params.checks.findings import Finding
 from arena.params.facts.parameter_table import Version
-from arena.params.generation.generate import Generated, generate
+from arena.params.generation.generate import generate
 from arena.params.generation.lines import Line
 from arena.params.generation.requirements import (
     ACTION_ONLY_EVENTS,
@@ -57,11 +57,12 @@ class Firmware:
 
 
 def all_firmware(arena: Arena) -> dict[str, Firmware]:
-    """Return {vehicle name: PX4 parameters that the vehicle must have}.
+    """Return {vehicle name: PX4 parameters that the plan uses for the vehicle}.
 
+    With `preflight.params: false`, hardware has only the parameters that the user wrote (see `_checked`).
     Raises InputError for a PX4 version that is not in the parameter table.
     """
-    return {v.name: firmware(arena, v) for v in arena.vehicles}
+    return {v.name: _checked(arena, v, firmware(arena, v)) for v in arena.vehicles}
 
 
 def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
@@ -72,9 +73,7 @@ def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
     """
     version = px4_version(vehicle, version)
     made = generate(_for_autopilot(requirements(arena, vehicle), vehicle.autopilot), version)
-    return Firmware(
-        version=version, lines=_checked_lines(arena, vehicle, made), not_possible=made.not_possible
-    )
+    return Firmware(version=version, lines=made.lines, not_possible=made.not_possible)
 
 
 def origins(arena: Arena) -> dict[str, Origin]:
@@ -203,14 +202,15 @@ def unmeasured(arena: Arena, vehicle: Vehicle, version: str = "") -> dict[str, f
     return {name: float(value) for name, value in simulated.items() if name not in own}
 
 
-def _checked_lines(arena: Arena, v: Vehicle, made: Generated) -> tuple[Line, ...]:
+def _checked(arena: Arena, v: Vehicle, required: Firmware) -> Firmware:
     """Return the required parameters that the preflight check compares with those of the autopilot.
 
-    For hardware with `preflight.params: false`, only the parameters that the user wrote are left.
+    For hardware with `preflight.params: false`, only the parameters that the user wrote are left. `arena params` still uses
+    all required parameters. The resolved YAML contains the result as the user's parameters, so it gives the same plan.
     """
     if v.autopilot == "hardware" and not arena.preflight.params:
-        return tuple(line for line in made.lines if line.name in v.own_params)
-    return made.lines
+        return replace(required, lines=tuple(line for line in required.lines if line.name in v.own_params))
+    return required
 
 
 def _reasons(arena: Arena, v: Vehicle) -> dict[str, str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from arena.cli._params import required_parameters
 from arena.errors import InputError
 from arena.params.facts.parameter_table import parameters, versions
 from arena.plan import make_plan
@@ -138,6 +139,18 @@ def test_rotor_geometry_is_left_to_hardware_and_to_the_builtin_autopilot() -> No
     arena = load(text)
     assert "CA_ROTOR_COUNT" not in values(arena) | values(arena, "uav2")
     assert firmware(arena, arena.vehicles[0]).version == "1.14"
+
+
+def test_preflight_params_false_limits_the_check_only() -> None:
+    arena = load(
+        f"{NATNET}preflight: {{params: false}}\nvehicles:\n  uav1: {HARDWARE}, params: {{MPC_XY_P: 0.9}}}}\n"
+    )
+    assert required_parameters(arena, arena.vehicles[0], "").values["COM_OBL_RC_ACT"] == 4.0
+    assert values(arena)["COM_OBL_RC_ACT"] == 4.0, "`arena params push` writes all required parameters"
+    plan = make_plan(arena)
+    assert plan.slices["link.uav1.json"]["params"] == {"MPC_XY_P": 0.9}
+    again = make_plan(load(plan.yaml))
+    assert again.slices["link.uav1.json"]["params"] == {"MPC_XY_P": 0.9}
 
 
 SIMULATOR_VALUES = ("MPC_THR_HOVER", "EKF2_EV_DELAY", "EKF2_EVP_NOISE", "MC_ROLLRATE_P", "MPC_TKO_RAMP_T")
