@@ -23,6 +23,7 @@ class _Client:
 
     wake: requested wake-up time [s]; None while the client is awake
     awake_s: wall time for which the world has waited for the client since its wake-up [s]
+    past_requests: number of requests for a time in the past since the last sleep
     gates: in lockstep, the world waits while this client is awake
     """
 
@@ -30,6 +31,7 @@ class _Client:
         self.connection, self.name, self.gates = connection, "", False
         self.wake: float | None = None
         self.awake_since = self.awake_s = self._limit_s = 0.0
+        self.past_requests = 0
         connection.setblocking(True)
 
     def limit_wait(self, timeout_s: float) -> None:
@@ -128,8 +130,8 @@ class ClockServer:
     def may_advance(self, now: float, wall: float) -> bool:
         """Return whether simulation time may advance in lockstep: no client may be awake.
 
-        A client that has been awake for more than one second of wall time is added to `dropped` and not waited for any more. Of a
-        pause between two calls, in which perhaps the whole computer stood still, only `_LONGEST_CHECK_S` count.
+        A client that has been awake for more than one second of wall time is added to `dropped` and not waited for any more. A
+        pause between two calls counts as `_LONGEST_CHECK_S` at most, because the whole computer may have stood still.
         """
         awake = [client for client in self._clients.values() if client.gates and client.wake is None]
         for client in awake:
@@ -182,18 +184,23 @@ class ClockServer:
         """Process the request of a client to be woken at a simulation time [s].
 
         A time in the past is no sleep: the client counts as awake since its last wake-up. Otherwise a client that asks again and
-        again would stop simulation time for ever.
+        again would stop simulation time for ever. Only the first such request counts as a sign of life: after it, the world waits
+        again for a client that it has dropped, because a loop with a fixed rate asks so after a long computation.
         """
-        is_new = not client.gates and client.name not in self.joined
+        now = self._page[0]
         self.joined.add(client.name)
-        if wake > self._page[0]:
-            client.wake, client.gates = wake, True
+        if wake > now:
+            client.wake, client.gates, client.past_requests = wake, True, 0
             self.asleep.add(client.name)
             self._next_wake = min(self._next_wake, wake)
             return
-        if is_new:
+        if client.wake is not None:  # it ends an earlier sleep
+            self._wake(client, now)
+            return
+        client.past_requests += 1
+        if not client.gates and client.past_requests == 1:
             client.gates, client.awake_since, client.awake_s = True, time.monotonic(), 0.0
-        self._reply(client, self._page[0])
+        self._reply(client, now)
 
     def _wake(self, client: _Client, now: float) -> None:
         client.wake, client.awake_since, client.awake_s = None, time.monotonic(), 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from os.path import normpath
 from pathlib import Path
 from typing import Protocol
 
@@ -108,7 +109,7 @@ def _refuse_other(store: Store, listing: Listing) -> None:
     before = store.listing()
     if before is None or not store.records():
         return
-    if before.flown and before.flown != listing.flown:
+    if before.flown and normpath(before.flown) != normpath(listing.flown):
         raise InputError(
             f"{store.folder}: already has the results of {before.flown}, not of {listing.flown}. Choose another folder with --results"
         )

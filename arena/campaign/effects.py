@@ -5,7 +5,7 @@ A setting without an effect would give equal flights, whose table shows values t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -49,43 +49,60 @@ def _has(value: Any, path: Sequence[str]) -> bool:
     return True
 
 
-def without_effect(sweep: Sweep, first: Flight, arena: Arena, load: Callable[[Flight], Arena]) -> list[str]:
+def without_effect(sweep: Sweep, first: Flight, load: Callable[[Flight], Arena]) -> list[str]:
     """Return the settings with several values that all give the same arena.
 
-    first: first flight of the campaign, and `arena` its arena.  load: returns the arena of a flight.
+    first: first flight of the campaign.  load: returns the arena of a flight.
     """
-    base = _effective(arena)
     return [
         name
-        for name, setting in sweep.settings.items()
-        if (others := _other_values(sweep, name, first))
-        and all(
-            _is_same(load, base, replace(first, overrides=_overrides(sweep, first, name, value)))
-            for value in others
+        for name in sweep.settings
+        if _other_values(sweep, name, first.settings)
+        and not any(
+            _has_effect(sweep, name, replace(first, settings=settings), load)
+            for settings in _corners(sweep, name, first)
         )
     ]
 
 
-def _is_same(load: Callable[[Flight], Arena], base: Arena, flight: Flight) -> bool:
+def _corners(sweep: Sweep, name: str, first: Flight) -> Iterator[dict[str, Any]]:
+    """Yield the settings of the first flight, then with each other value of one further setting, such as the autopilot.
+
+    name: setting that keeps its value.
+    """
+    yield dict(first.settings)
+    for other in sweep.settings:
+        if other != name:
+            for value in _other_values(sweep, other, first.settings):
+                yield {**first.settings, other: value}
+
+
+def _has_effect(sweep: Sweep, name: str, flight: Flight, load: Callable[[Flight], Arena]) -> bool:
+    """Return whether another value of a setting gives another arena, or an error, than this flight."""
     try:
-        return _effective(load(flight)) == base
-    except InputError:  # this value does not fit the others of the first flight, so it has an effect
-        return False
+        base = _effective(load(_with(sweep, flight, {})))
+        return any(
+            _effective(load(_with(sweep, flight, {name: value}))) != base
+            for value in _other_values(sweep, name, flight.settings)
+        )
+    except InputError:  # the values of two settings do not fit together, so they matter
+        return True
 
 
-def _other_values(sweep: Sweep, name: str, first: Flight) -> list[Any]:
-    """Return the values of a setting that differ from its value in the first flight; of a range, both ends."""
+def _other_values(sweep: Sweep, name: str, settings: Mapping[str, Any]) -> list[Any]:
+    """Return the values of a setting that differ from its value in `settings`; of a range, both ends."""
     setting = sweep.settings[name]
     values = setting.values if setting.values is not None else (setting.max, setting.min)
-    return [value for value in values if value != first.settings[name]]
+    return [value for value in values if value != settings[name]]
 
 
-def _overrides(sweep: Sweep, first: Flight, name: str, value: Any) -> tuple[str, ...]:
-    varied = {**first.settings, name: value}
-    return (
-        *sweep.overrides,
-        *(text for key, v in varied.items() for text in overrides_of(key, sweep.settings[key], v)),
+def _with(sweep: Sweep, flight: Flight, changed: Mapping[str, Any]) -> Flight:
+    """Return a flight with changed settings, and with the overrides that belong to its settings."""
+    settings = {**flight.settings, **changed}
+    varied = (
+        text for key, value in settings.items() for text in overrides_of(key, sweep.settings[key], value)
     )
+    return replace(flight, settings=settings, overrides=(*sweep.overrides, *varied))
 
 
 def _effective(arena: Arena) -> Arena:

@@ -19,6 +19,7 @@ from arena.schema import load_arena
 from arena.smoke.flying.fly_scenario import FlightOptions, alone_if_px4
 from arena.smoke.flying.fly_scenario import fly as fly_scenario
 from arena.smoke.flying.session import LaunchOptions, Session
+from arena.smoke.language.model import named_processes
 from arena.smoke.language.scenario import load_scenarios
 from arena.smoke.report import reasons
 
@@ -88,31 +89,41 @@ def _fly_arena(flight: Flight, folder: Path) -> _Flown:
     if code != EXIT_OK and not failed:
         why = outcome.get("reason") or ("it was killed" if code < 0 else "no reason was recorded")
         failed = [f"`arena up` ended with exit code {code}: {why}"]
-    late = late_px4s(outcome)
-    incomplete = [] if failed else missing_files(session.run)
-    lost = bool(late or incomplete) or (code < 0 and not outcome)
+    late, incomplete = late_px4s(outcome), missing_files(session.run, logs=not failed)
+    lost = bool(late or incomplete)
     return _Flown(run=str(session.run or ""), failed=[*late, *failed, *incomplete], lost=lost)
 
 
 def _fly_scenario(flight: Flight, folder: Path) -> _Flown:
-    """Fly the scenario of one flight of a campaign. The reasons of a failure have file and line."""
+    """Fly the scenario of one flight of a campaign. The reasons of a failure have file and line.
+
+    A PX4 that is late although the scenario does not touch it, or a record that ends early, is a failure of the computer.
+    """
     (scenario,) = load_scenarios(flight.file, flight.overrides)
     result = fly_scenario(scenario, FlightOptions(results=folder, seed=flight.seed, report=False))
-    failed = reasons(result)
-    incomplete = [] if failed else record_problems(_outcome(Path(result.run)))
-    return _Flown(run=result.run, failed=[*failed, *incomplete], lost=bool(incomplete) or not result.run)
+    outcome = _outcome(Path(result.run)) if result.run else {}
+    touched = named_processes(scenario.steps, scenario.always)
+    late = [] if any(name.startswith("px4.") for name in touched) else late_px4s(outcome)
+    incomplete = record_problems(outcome)
+    return _Flown(
+        run=result.run,
+        failed=[*late, *reasons(result), *incomplete],
+        lost=bool(late or incomplete) or not result.run,
+    )
 
 
-def missing_files(run: Path | None) -> list[str]:
-    """Return which results of a run are missing or not complete, for example because the disk was full."""
+def missing_files(run: Path | None, *, logs: bool) -> list[str]:
+    """Return which results of a run are missing or not complete, for example because the disk was full.
+
+    logs: the logs of all vehicles are required, too.
+    """
     if run is None:
         return ["the run has no folder"]
     outcome = _outcome(run)
     if not outcome:
         return ["outcome.json is missing, so the result of the flight is not known"]
     names = [v["name"] for v in json.loads((run / "plan.json").read_text())["vehicles"]]
-    logs = [f"csv/{name}.csv" for name in names]
-    missing = [log for log in logs if not (run / log).is_file()]
+    missing = [f"csv/{name}.csv" for name in names if logs and not (run / "csv" / f"{name}.csv").is_file()]
     return record_problems(outcome) + ([f"{', '.join(missing)} missing: no measures"] if missing else [])
 
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
 import arena
 from arena.schema import Arena
 from arena.schema.library import data_folder
+from arena.schema.px4 import STAND_IN
 
 PACKAGE, PX4 = "the installed arena", "PX4"
-"""Keys that represent all modules and profiles of the installed arena, and the installed PX4, among the paths of files."""
+"""Keys that represent all files of the installed arena, and the PX4s that fly, among the paths of files."""
+_CODE = {".py", ".pyx", ".pxd", ".csv"}
 
 
 def files_of(flown: str, arena: Arena) -> set[Path]:
@@ -32,24 +34,28 @@ def files_of(flown: str, arena: Arena) -> set[Path]:
     return {path for path in paths if path.is_file()}
 
 
-def digests(files: Iterable[Path], folder: Path, px4: str = "") -> dict[str, str]:
+def digests(files: Iterable[Path], folder: Path, px4s: Collection[str] = ()) -> dict[str, str]:
     """Return path relative to `folder` -> SHA-256 of each file, and the SHA-256 of the installed arena and of PX4.
 
-    px4: path of PX4's binary; "" without PX4.
+    px4s: for each PX4 that flies, as `px4_of` returns it.
     """
     found = {os.path.relpath(path, folder): digest_of(str(path)) for path in sorted(files)}
-    return {**found, PACKAGE: digest_of(PACKAGE), **({PX4: digest_of(px4)} if px4 else {})}
+    each = sorted(name if name == STAND_IN else digest_of(name) for name in px4s)
+    flown = {PX4: hashlib.sha256(" ".join(each).encode()).hexdigest()} if each else {}
+    return {**found, PACKAGE: digest_of(PACKAGE), **flown}
 
 
-def px4_binary(arena: Arena) -> str:
-    """Return the path of the PX4 binary that an arena flies; "" if it flies none, or the stand-in for PX4."""
-    return arena.px4.argv[0] if arena.px4 is not None and not arena.px4.stand_in else ""
+def px4_of(arena: Arena) -> set[str]:
+    """Return the path of the PX4 binary that an arena flies, STAND_IN for the stand-in for PX4, or nothing without PX4."""
+    if arena.px4 is None or not any(v.autopilot == "px4" for v in arena.vehicles):
+        return set()
+    return {STAND_IN if arena.px4.stand_in else arena.px4.argv[0]}
 
 
 def digest_of(path: str) -> str:
     """Return the SHA-256 of a file; "" if the file cannot be read.
 
-    path: path of the file. The key PACKAGE gives one SHA-256 of all modules and profiles of the installed arena.
+    path: path of the file. The key PACKAGE gives one SHA-256 of all files of the installed arena.
     """
     if path == PACKAGE:
         return _package_digest()
@@ -102,9 +108,12 @@ class FileWatch:
 
 @cache
 def _package_digest() -> str:
-    folder, profiles = Path(arena.__file__).parent, data_folder("profiles")
     made = hashlib.sha256()
-    for root, pattern in ((folder, "*.py"), (profiles, "*.yaml")):
-        for path in sorted(root.rglob(pattern)):
-            made.update(f"{path.relative_to(root)}\n".encode() + path.read_bytes())
+    package = Path(arena.__file__).parent
+    paths = [(package, path) for path in package.rglob("*") if path.suffix in _CODE]
+    for name in ("profiles", "templates"):
+        folder = data_folder(name)
+        paths += [(folder, path) for path in folder.rglob("*") if path.is_file()]
+    for root, path in sorted(paths):
+        made.update(f"{path.relative_to(root)}\n".encode() + path.read_bytes())
     return made.hexdigest()

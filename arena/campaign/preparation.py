@@ -8,7 +8,7 @@ from pathlib import Path
 
 from arena.campaign.design import Flight, overrides_of
 from arena.campaign.effects import override_problem, without_effect
-from arena.campaign.inputs import digests, files_of, px4_binary
+from arena.campaign.inputs import digests, files_of, px4_of
 from arena.campaign.sweep import Sweep
 from arena.errors import InputError, Problem
 from arena.schema import Arena, load_arena
@@ -41,7 +41,7 @@ def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None
     if unreached := [problem for flight in flights[:1] for problem in _unreached(sweep, flight)]:
         raise InputError(sorted(unreached, key=lambda p: (p.file, p.line)))
     first: Arena | None = None
-    files: set[Path] = set()
+    files, px4s = set[Path](), set[str]()
     problems: list[Problem] = []
     points = {flight.overrides: flight for flight in reversed(flights)}
     for flight in reversed(points.values()):
@@ -49,6 +49,7 @@ def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None
             arena = load(flight)
             first = arena if first is None else first
             files |= files_of(sweep.flown, arena)
+            px4s |= px4_of(arena)
         except InputError as error:
             if not error.problems:
                 raise
@@ -56,11 +57,11 @@ def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None
         on_checked()
     if not problems and first is not None:
         said = "has no effect: all its values give the same flight. `arena check` names parameters without effect."
-        useless = without_effect(sweep, flights[0], first, load)
+        useless = without_effect(sweep, flights[0], load)
         problems += [sweep.source.problem(("vary", name), said) for name in useless]
     if problems or first is None:
         raise InputError(sorted(dict.fromkeys(problems), key=lambda p: (p.file, p.line)))
-    return Prepared(arena=first, inputs=digests(files, Path(sweep.file).parent, px4_binary(first)))
+    return Prepared(arena=first, inputs=digests(files, Path(sweep.file).parent, px4s))
 
 
 def _unreached(sweep: Sweep, flight: Flight) -> Iterator[Problem]:

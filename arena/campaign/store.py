@@ -107,7 +107,7 @@ class Store:
     def write_listing(self, listing: Listing) -> None:
         """Write campaign.json as a whole, so that a reader never sees half of the file."""
         new = self.folder / f"{CAMPAIGN}.new"
-        with new.open("w") as file:
+        with _errors_named(new), new.open("w") as file:
             file.write(json.dumps(dataclasses.asdict(listing), indent=1) + "\n")
             file.flush()
             os.fsync(file.fileno())  # before the rename: a power failure must not leave an empty file
@@ -150,19 +150,27 @@ class Appender:
     def __init__(self, file: FileIO) -> None:
         self._file = file
         if file.tell() and not _ends_with_newline(Path(file.name)):
-            file.write(b"\n")  # the last line was cut short when the campaign was killed
+            with _errors_named(file.name):
+                file.write(b"\n")  # the last line was cut short when the campaign was killed
 
     def append(self, record: Record) -> None:
         """Write one record. Raises RunError if the disk does not take it."""
         line = json.dumps(dataclasses.asdict(record), ensure_ascii=False).encode() + b"\n"
-        try:
+        with _errors_named(self._file.name):
             while line:
                 line = line[self._file.write(line) :]
             os.fsync(self._file.fileno())
-        except OSError as error:
-            raise RunError(
-                f"{self._file.name}: cannot be written: {error.strerror}. The campaign ends; the results before this flight are kept"
-            ) from error
+
+
+@contextmanager
+def _errors_named(path: str | Path) -> Iterator[None]:
+    """Convert an OSError inside the `with` block to a RunError that names the file."""
+    try:
+        yield
+    except OSError as error:
+        raise RunError(
+            f"{path}: cannot be written: {error.strerror}. The campaign ends; the results so far are kept"
+        ) from error
 
 
 def _ends_with_newline(path: Path) -> bool:

@@ -17,7 +17,7 @@ from arena.campaign.store import Listing, Record
 
 PARQUET = "results.parquet"
 WITHOUT_PYARROW = (
-    f"{PARQUET} is not written, because pyarrow is not installed: run `pip install 'flying-arena[campaign]'`, then "
+    f"{PARQUET} is not written (an older one is kept), because pyarrow is not installed: run `pip install 'flying-arena[campaign]'`, then "
     "`arena campaign show` writes it"
 )
 
@@ -118,6 +118,7 @@ def write_all(listing: Listing, records: Sequence[Record], folder: Path) -> list
             write_parquet(listing, flown, folder / PARQUET)
             made.append(folder / PARQUET)
         made += write_plots(listing, flown, folder / "plots")
-    for old in {folder / PARQUET, *(folder / "plots" / f"{m.name}.png" for m in MEASURES)} - {*made}:
+    table = {folder / PARQUET} if has_pyarrow() else set()
+    for old in {*table, *(folder / "plots" / f"{m.name}.png" for m in MEASURES)} - {*made}:
         old.unlink(missing_ok=True)
     return made

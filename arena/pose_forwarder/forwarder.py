@@ -32,7 +32,7 @@ from arena.wire.px4_mode import mode_words
 _NAN = math.nan
 _SAME_ORIGIN_E7 = 10
 _SILENT_S = 3.0
-_MAVLINK_2, _MIN_WITHOUT_GAP = 0xFD, 50
+_MAVLINK_2, _MIN_WITHOUT_GAP, _MAX_LOST = 0xFD, 50, 8
 _ORIGIN_TRIES = 5
 _ORIGIN_WAIT_S, _ORIGIN_WAIT_UNKNOWN_S = 3.0, 0.3
 _POSITION_ESTIMATE = 43003  # MAV_CMD_EXTERNAL_POSITION_ESTIMATE, not in every version's dialect
@@ -110,6 +110,7 @@ class Forwarder:
         self._beat = self._heartbeat_requested = -math.inf
         self._origin_sent, self._origin_tries = -math.inf, 0
         self._next_number = self._without_gap = 0
+        self._restarted = False
 
     # -- capture -------------------------------------------------------------------------------------------------------
 
@@ -180,12 +181,15 @@ class Forwarder:
         """Find a restart of the autopilot by the MAVLink sequence numbers, which begin at 0 again.
 
         A PX4 in lockstep restarts so quickly that no heartbeat is missing, and its time since boot is the simulation time. Only a
-        jump to 0 after many numbers without a gap counts, because messages can be lost, or filtered by a link.
+        jump to 0 over many numbers, after many numbers without a gap, counts, because messages can be lost, or filtered by a link.
+        The restart of a vehicle that was armed takes effect when the vehicle is reported disarmed.
         """
-        restarted = number == 0 and self._next_number != 0 and self._without_gap >= _MIN_WITHOUT_GAP
-        self._without_gap = self._without_gap + 1 if number == self._next_number else 0
+        skipped = (number - self._next_number) % 256
+        self._restarted |= number == 0 and skipped > _MAX_LOST and self._without_gap >= _MIN_WITHOUT_GAP
+        self._without_gap = self._without_gap + 1 if skipped == 0 else 0
         self._next_number = (number + 1) % 256
-        if restarted and not self.autopilot.armed:
+        if self._restarted and not self.autopilot.armed:
+            self._restarted = False
             self._on_autopilot_restart()
 
     def _on_message(self, msgid: int, m: Any, now: float) -> None:

@@ -302,15 +302,16 @@ class Px4Links:
         except OSError:
             return self._disconnect(server, "has closed the simulator link")
         if server.unsent and server.late_since is None:
-            self._set_late(server, "does not read the sensor data")
+            self._set_late(server, "does not read the sensor data", time.monotonic())
 
     def _collect(self) -> None:
         """Wait until all PX4s in lockstep have replied, or until the timeout.
 
-        Then report each PX4 without a reply as late. Of a pause in which perhaps the whole computer stood still, only `_LONGEST_WAIT_S`
-        count.
+        Then report each PX4 without a reply as late. A pause counts as `_LONGEST_WAIT_S` at most, because the
+        whole computer may have stood still.
         """
-        waited_s, since = 0.0, time.monotonic()
+        began = since = time.monotonic()
+        waited_s = 0.0
         self._sleep_for_most()
         while True:
             awaited = [s for s in self._servers if s.awaited]
@@ -324,7 +325,7 @@ class Px4Links:
             if left_s <= 0.0:
                 for server in awaited:
                     if server.awaited:
-                        self._set_late(server, f"has not replied for {REPLY_TIMEOUT_S:g} s")
+                        self._set_late(server, f"has not replied for {REPLY_TIMEOUT_S:g} s", began)
                 return
 
     def _sleep_for_most(self) -> None:
@@ -360,12 +361,12 @@ class Px4Links:
                 f"{server.name}: this PX4 does not run in lockstep, so it flies by its own clock: build px4_sitl_default"
             )
         if server.late_since is not None and server.core.unanswered == 0:
-            silent = time.monotonic() - server.late_since + REPLY_TIMEOUT_S
+            silent = time.monotonic() - server.late_since
             server.late_since = None
             self._events.append(f"{server.name}: PX4 replies again after {silent:.1f} s")
 
-    def _set_late(self, server: _Server, why: str) -> None:
-        server.late_since = time.monotonic()
+    def _set_late(self, server: _Server, why: str, since: float) -> None:
+        server.late_since = since
         server.core.motors[:] = 0.0
         what = "it is paused by SIGSTOP or overloaded; its motors stop until it replies, the world goes on"
         server.core.counts["late"] += server.core.armed

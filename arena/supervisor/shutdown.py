@@ -60,11 +60,12 @@ class Shutdown:
         self._orders.hold = run_end.serving_real(self._plan, self.armed())
 
     def forget(self, vehicle: str, by: str, now: float) -> None:
-        """Stop waiting for a real vehicle that an operator declares dead. Raises ValueError if this is refused.
+        """Stop waiting for a vehicle with a real autopilot that an operator declares dead. Raises ValueError if this is refused.
 
         by: name of the operator.  now: monotonic [s].
         """
-        facts, real = self._processes.facts, [v.name for v in self._plan.vehicles if not v.simulated]
+        facts = self._processes.facts
+        real = [v.name for v in self._plan.vehicles if not v.simulated or v.autopilot == run_end.HITL]
         if vehicle not in real:
             expected = f"expected one of {', '.join(real)}" if real else "but this arena has no real vehicle"
             raise ValueError(f"only a real vehicle can be declared dead: got {vehicle!r}, {expected}")

@@ -14,7 +14,10 @@ from arena.campaign.measures import MEASURES
 from arena.campaign.sweep import Setting, SweepFile, load_sweep
 from arena.cli import main
 from arena.errors import InputError
+from arena.schema import load_arena
 from arena.schema.library import data_folder
+from arena.schema.px4 import STAND_IN
+from arena.smoke.flying.fly_scenario import refuse_real
 
 Write = Callable[[str], Path]
 
@@ -160,19 +163,25 @@ def test_setting_below_a_value_of_the_vehicle_is_refused(sweep_file: Write, tmp_
         preparation.check(sweep, design.flights(sweep))
 
 
+def test_parameter_that_only_px4_uses_may_be_varied_with_the_autopilot(
+    sweep_file: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PX4_HOME", STAND_IN)
+    text = "arena: arena.yaml\nvary: {vehicles.uav1.autopilot: [builtin, px4], vehicles.uav1.params.COM_ARM_SDCARD: [0, 1]}\n"
+    sweep = load_sweep(sweep_file(text))
+    assert PX4 in preparation.check(sweep, design.flights(sweep)).inputs
+
+
 def test_vehicle_that_an_override_adds_may_be_varied(sweep_file: Write) -> None:
     text = "arena: arena.yaml\nset: ['vehicles.uav2={start: {position: [2, 0, 0]}}']\nvary: {vehicles.uav2.mass_kg: [1.0, 1.2]}\n"
     sweep = load_sweep(sweep_file(text))
     assert len(preparation.check(sweep, design.flights(sweep)).arena.vehicles) == 2
 
 
-def test_flight_controller_in_the_loop_is_refused(sweep_file: Write, tmp_path: Path) -> None:
-    path = sweep_file("arena: arena.yaml\n")
-    (tmp_path / "arena.yaml").write_text(
-        "vehicles: {uav1: {program: fly.py, autopilot: hitl, url: 'serial:/dev/ttyACM0:921600'}}\n"
-    )
-    with pytest.raises(InputError):
-        preparation.check(load_sweep(path), design.flights(load_sweep(path)))
+def test_flight_controller_in_the_loop_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "arena.yaml").write_text("vehicles: {uav1: {autopilot: hitl, serial: /dev/ttyACM0}}\n")
+    with pytest.raises(InputError, match=r"vehicles with real flight controllers \(uav1\)"):
+        refuse_real(load_arena(tmp_path / "arena.yaml"))
 
 
 INPUTS = """\
@@ -221,9 +230,11 @@ def test_package_digest_includes_the_profiles(tmp_path: Path, monkeypatch: pytes
 
 def test_real_px4_is_one_of_the_inputs(tmp_path: Path) -> None:
     (tmp_path / "px4").write_bytes(b"1")
-    before = digests((), tmp_path, str(tmp_path / "px4"))
+    before = digests((), tmp_path, {str(tmp_path / "px4")})
     (tmp_path / "px4").write_bytes(b"2")
-    assert changed(before, digests((), tmp_path, str(tmp_path / "px4"))) == [PX4]
+    assert changed(before, digests((), tmp_path, {str(tmp_path / "px4")})) == [PX4]
+    assert changed(before, digests((), tmp_path, {STAND_IN})) == [PX4]
+    assert changed(before, digests((), tmp_path)) == [], "no vehicle flies PX4 any more"
 
 
 def test_sweep_names_the_cluster_and_jobs_overrides_it(

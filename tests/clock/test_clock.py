@@ -93,6 +93,38 @@ def test_lockstep_waits_for_awake_clients_and_drops_hung_ones(server, tmp_path):
     assert not any(waited[:10]) and waited[-1] and server.dropped == ["hung.py"]
 
 
+def test_dropped_loop_with_a_fixed_rate_is_waited_for_again(server, tmp_path):
+    """After a long computation `Rate.sleep` asks for a time in the past first."""
+    clock = SimClock(tmp_path / "clock", "loop.py")
+    thread, _ = in_thread(lambda: clock.sleep_until(0.1))
+    serve_until(server, lambda: "loop.py" in server.asleep)
+    server.tick(0.2)
+    thread.join(60)
+    woken = time.monotonic()
+    for k in range(30):  # it computes
+        server.may_advance(0.2, woken + 0.05 * k)
+    assert server.dropped == ["loop.py"]
+    server.tick(5.0)
+    clock.request_wake(0.2)
+    serve_until(
+        server, lambda: server._clients and next(iter(server._clients.values())).past_requests == 1, now=5.0
+    )
+    assert clock.wait_for_wake(60.0) == 5.0
+    assert not server.may_advance(5.0, time.monotonic()), "the world waits for it again"
+
+
+def test_request_for_the_past_ends_an_earlier_sleep(server, tmp_path):
+    clock = SimClock(tmp_path / "clock", "p")
+    clock.request_wake(10.0)
+    serve_until(server, lambda: "p" in server.asleep, now=1.0)
+    clock.request_wake(0.5)
+    serve_until(server, lambda: "p" not in server.asleep, now=1.0)
+    assert clock.wait_for_wake(60.0) == 1.0
+    assert not server.may_advance(1.0, time.monotonic()), "it is awake"
+    server.tick(10.0)
+    assert clock.wait_for_wake(0.1) is None, "and is not woken a second time"
+
+
 def test_client_that_sleeps_until_a_past_time_does_not_stop_the_world(server, tmp_path):
     clock = SimClock(tmp_path / "clock", "spins.py")
     ended = threading.Event()

@@ -197,6 +197,11 @@ def test_restart_without_a_gap_in_time_is_found_by_the_sequence_numbers():
     codec.seq = (codec.seq + 7) % 256
     send(300, 2.3)
     assert not origins(forwarder.tick(3.2)), "lost messages are no restart"
+    codec.seq = 250
+    send(50, 3.21)
+    pass_on(origin, 3.22)
+    codec.seq = 254
+    send(100, 3.23)
     codec.seq = 0
     send(1, 3.3)
     assert origins(forwarder.tick(4.2))
@@ -205,6 +210,10 @@ def test_restart_without_a_gap_in_time_is_found_by_the_sequence_numbers():
     codec.seq = 0
     send(1, 4.5, armed=True)
     assert not origins(forwarder.tick(5.4)), "never in flight"
+    send(1, 5.5)
+    assert not origins(forwarder.tick(5.6))
+    send(1, 5.7)  # the next message after the disarming
+    assert origins(forwarder.tick(6.6))
 
 
 def standing(state: int = mavlink.MAV_LANDED_STATE_ON_GROUND) -> bytes:

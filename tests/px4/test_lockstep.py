@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ import pytest
 from arena.errors import RunError
 from arena.px4 import lockstep as module
 from arena.px4.lockstep import Px4Links
+from arena.report.happenings import _of_words
+from arena.report.run_data import Event
 
 from .fake import HIL, FakePx4, World
 
@@ -77,6 +80,12 @@ def test_a_late_px4_is_reported_and_rejoins(two: World, soon_late: None) -> None
         f"uav1: PX4 has not replied for {LATE_S:g} s: it is paused by SIGSTOP or overloaded; "
         "its motors stop until it replies, the world goes on"
     ]
+    (said,) = _of_words(
+        Event(at_s=1.0, process="world", text=two.events[2]), SimpleNamespace(names=("uav1",))
+    )
+    assert (said.kind, said.level, said.vehicles) == ("process", "bad", ("uav1",)), (
+        "the report names the cause"
+    )
     began = time.monotonic()
     seen = len(px4s[1].samples)
     two.step(100)

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -63,6 +64,18 @@ def test_until_done_does_not_wait_for_a_vehicle_declared_dead(start):
     run.control().ask(do="forget", vehicle="uav1", by="the tester")
     assert run.wait() == 0
     assert "uav1: the tester has declared this vehicle dead" in run.said()
+
+
+def test_unplugged_board_in_the_loop_can_be_declared_dead(start):
+    plan = plan_of(
+        spec("router", "world", json.dumps(SILENT), kind="router"),
+        program("p", "exits", "0", needs=("router",)),
+        vehicles=(replace(vehicle(), autopilot="hitl"),),
+    )
+    run = start(plan, "until_done")
+    run.until("p", "EXITED")
+    run.control().ask(do="forget", vehicle="uav1", by="the tester")
+    assert run.wait() == 0
 
 
 def test_armed_vehicle_with_telemetry_is_not_declared_dead(start):

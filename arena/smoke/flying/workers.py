@@ -105,9 +105,7 @@ def run_all(
                     asked = len(stops)
                     _terminate(workers)
         except BaseException:
-            _terminate(workers)
-            for worker in workers:
-                worker.end()
+            _end_all(workers, stops)
             raise
     if stops:
         raise KeyboardInterrupt
@@ -206,6 +204,18 @@ def _ended(workers: Sequence[_Worker[T]]) -> list[_Worker[T]]:
     """Wait up to POLL_S and return the workers that have sent a result or closed their pipe."""
     ready = wait([worker.answer for worker in workers], POLL_S) if workers else []
     return [worker for worker in workers if worker.answer in ready]
+
+
+def _end_all(workers: list[_Worker[T]], stops: Sequence[int]) -> None:
+    """End all workers. Each further Ctrl-C asks them again, so that they end at once. Their results are discarded."""
+    asked = -1
+    while workers:
+        if len(stops) > asked:
+            asked = len(stops)
+            _terminate(workers)
+        for worker in _ended(workers):
+            workers.remove(worker)
+            _result(worker, asked=True)
 
 
 def _terminate(workers: Sequence[_Worker[T]]) -> None:
