@@ -257,6 +257,22 @@ def test_unfinished_vehicle_keeps_the_record(tmp_path: Path) -> None:
     assert PushRecord.read(file).wanted == {"uav2": {"P_03": 9}}
 
 
+def test_resume_of_one_vehicle_keeps_the_record_of_the_others(tmp_path: Path) -> None:
+    vehicles, file = fleet(1, 2), tmp_path / "push.json"
+    with serve(vehicles) as targets:
+        record = PushRecord.begin(file, same_for(targets, {"P_03": 9}))
+        for name in targets:
+            record.update(name, {"P_03": 3, "P_05": 5}, {"P_05": 6}, "interrupted")
+        record.save()
+        resumed = PushRecord.read(file)
+        assert push(targets, {"uav1": {"P_03": 9}}, record=resumed)["uav1"].holds
+        left = PushRecord.read(file)
+        assert left.unfinished and left.wanted == {"uav2": {"P_03": 9}}
+        assert left.vehicles["uav2"].before == {"P_03": 3, "P_05": 5}
+        assert push(targets, left.wanted, record=left)["uav2"].holds
+    assert not file.exists()
+
+
 def test_unwritable_record_stops_before_the_first_write(tmp_path: Path) -> None:
     vehicles = fleet(1)
     with serve(vehicles) as targets, pytest.raises(OSError, match="No such file"):

@@ -112,8 +112,8 @@ def push(
 
     wanted: vehicle -> {parameter: value}.
     dry_run: only read and compare.
-    record: record of the same vehicles, which is saved during the push and deleted when all vehicles are done. To resume an
-        interrupted push, pass its record, and `record.wanted` as `wanted`.
+    record: record of these vehicles, which is saved during the push and deleted when all its vehicles are done. To resume an
+        interrupted push, pass its record, and `record.wanted` as `wanted`, or only some of its vehicles.
     reboot_names: parameters that take effect only after a reboot.
     Raises OSError if the record cannot be saved. No value is sent before its old value is saved.
     """
@@ -135,7 +135,7 @@ def push(
     reports = {name: _push_report(connection, reboot_names) for name, connection in connections.items()}
     if keeper is not None:
         keeper.update(connections, always=True)
-        if all(report.ending == "done" for report in reports.values()):
+        if not keeper.record.wanted:
             keeper.record.delete()
     return reports
 
