@@ -158,6 +158,19 @@ def test_long_silence_fails_although_the_value_was_known_before(referee_for) -> 
     assert "unknown for more than 2 s" in sentence(lost)
 
 
+@pytest.mark.parametrize(("silent_s", "passes"), [(1.5, True), (3.0, False)])
+def test_value_unknown_at_the_begin_fails_after_two_seconds(
+    referee_for, silent_s: float, passes: bool
+) -> None:
+    verdict = judged(
+        referee_for(AT + "uav1.armed for 6 s\n", may=["stay up"]),
+        lambda t: {"uav1": uav("uav1", 1.0, armed=None if t < silent_s else True)},
+    )
+    assert verdict.passed is passes
+    assert passes or "unknown for more than 2 s" in sentence(verdict)
+    assert passes or verdict.steps[1].failed_s == pytest.approx(START_S + 2.02, abs=0.021)
+
+
 def test_nan_setpoint_is_unknown(referee_for) -> None:
     nan = (math.nan, 0.0, 0.0)
     assert "unknown" in sentence(

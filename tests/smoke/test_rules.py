@@ -102,6 +102,55 @@ def test_rule_about_a_value_that_is_lost_in_flight_fails(referee_for, silent_s: 
     assert passes or "for uav1 for 3.0 s: the value was not received" in result.failure
 
 
+@pytest.mark.parametrize(("silent_s", "passes"), [(1.5, True), (3.0, False)])
+@pytest.mark.parametrize("rule", ["tracking(each) < 0.1 m", "tracking(uav1) < 0.1 m rms"])
+def test_tracking_rule_fails_if_all_telemetry_is_lost(
+    referee_for, rule: str, silent_s: float, passes: bool
+) -> None:
+    def script(t: float) -> Mapping[str, Any]:
+        made = {name: replace(v, target_p_n=v.p_n) for name, v in both(t).items()}
+        lost = {"mode": "", "target_p_n": None, "armed": None} if 2.0 <= t < 2.0 + silent_s else {}
+        return {**made, "uav1": replace(made["uav1"], **lost)}
+
+    result = judged(referee_for(FLOWN, [rule]), script).rules[0]
+    assert (result.outcome == "passed") is passes, result.failure
+    assert passes or "for uav1 for 3.0 s: the value was not received" in result.failure
+
+
+def test_tracking_rule_fails_if_a_vehicle_never_sent_telemetry(referee_for) -> None:
+    def script(t: float) -> Mapping[str, Any]:
+        made = {name: replace(v, target_p_n=v.p_n) for name, v in both(t).items()}
+        return {**made, "uav2": replace(made["uav2"], mode="", target_p_n=None)}
+
+    result = judged(referee_for(FLOWN, ["tracking(each) < 0.1 m"]), script).rules[0]
+    assert result.failure == "the rule could not be evaluated for uav2: the value was never received"
+
+
+def test_lost_telemetry_after_offboard_needs_no_setpoint(referee_for) -> None:
+    def script(t: float) -> Mapping[str, Any]:
+        made = replace(both(t)["uav1"], target_p_n=both(t)["uav1"].p_n)
+        held = {"mode": "AUTO.LOITER" if t < 2.5 else "", "target_p_n": None} if t >= 2.0 and t < 5.9 else {}
+        return {**both(t), "uav1": replace(made, **held)}
+
+    result = judged(referee_for(FLOWN, ["tracking(uav1) < 1 m"]), script).rules[0]
+    assert result.outcome == "passed", result.failure
+
+
+@pytest.mark.parametrize(("silent_s", "passes"), [(1.5, True), (3.0, False)])
+@pytest.mark.parametrize("rule", ["each.battery > 20 %", "uav1.mode != RTL", "tracking(uav1) < 1 m"])
+def test_rule_about_a_value_that_is_unknown_after_takeoff_fails(
+    referee_for, rule: str, silent_s: float, passes: bool
+) -> None:
+    def script(t: float) -> Mapping[str, Any]:
+        made = {name: replace(v, target_p_n=v.p_n) for name, v in both(t).items()}
+        lost = {"battery": None, "mode": "", "target_p_n": None} if t < UP_S + silent_s else {}
+        return {**made, "uav1": replace(made["uav1"], **lost)}
+
+    result = judged(referee_for(FLOWN, [rule]), script).rules[0]
+    assert (result.outcome == "passed") is passes, result.failure
+    assert passes or "for uav1 for 3.0 s: the value was not received" in result.failure
+
+
 def test_tracking_between_two_parts_in_offboard_need_not_be_known(referee_for) -> None:
     def script(t: float) -> Mapping[str, Any]:
         held = {"mode": "AUTO.LOITER"} if 2.0 <= t < 5.0 else {}

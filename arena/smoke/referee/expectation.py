@@ -90,10 +90,9 @@ class ExpectationTracker:
             self._fulfil(passed)
 
     def _update_for(self, limit: float, truth: bool | None, passed: float) -> None:
-        known = self._known_at
         if truth is not None:
             self._known_at = passed
-        elif known is not None and passed - known > UNKNOWN_LIMIT_S:
+        elif passed - (self._known_at or 0.0) > UNKNOWN_LIMIT_S + EPSILON_S:
             self._fail(passed, f"{self._describe()} (unknown for more than {UNKNOWN_LIMIT_S:g} s)")
             return
         if truth is False and passed <= limit + EPSILON_S:

@@ -48,6 +48,7 @@ class RuleTracker:
     _received: dict[str, bool] = field(default_factory=dict)
     _known_s: dict[str, float] = field(default_factory=dict)
     _lost_s: dict[str, float] = field(default_factory=dict)
+    _modes: dict[str, str] = field(default_factory=dict)
 
     def update(self, flight: FlightHistory) -> None:
         """Evaluate the rule at the newest observation.
@@ -56,6 +57,7 @@ class RuleTracker:
         vehicle is in flight.
         """
         condition, flying = self.rule.condition, flight.in_flight
+        self._modes |= {name: vehicle.mode for name, vehicle in flight.now.vehicles.items() if vehicle.mode}
         for evaluation in evaluate(condition, flight) if flying else ():
             if evaluation.who in flying and self._must_be_known(evaluation.who, flight):
                 known = self._received.get(evaluation.who, False)
@@ -77,21 +79,26 @@ class RuleTracker:
                 self._worst, self._worst_s = evaluation, flight.now.time_s
 
     def _note_age(self, evaluation: Evaluation, now_s: float) -> None:
-        """Record when a value was known last, and for how long it was unknown at most."""
+        """Record when a value was known last, and for how long it was unknown at most.
+
+        A value that was never known is unknown since the first observation at which it must be known.
+        """
         who = evaluation.who
         if evaluation.holds is not None:
             self._known_s[who] = now_s
-        elif who in self._known_s:
-            self._lost_s[who] = max(self._lost_s.get(who, 0.0), now_s - self._known_s[who])
+        else:
+            since_s = self._known_s.setdefault(who, now_s)
+            self._lost_s[who] = max(self._lost_s.get(who, 0.0), now_s - since_s)
 
     def _must_be_known(self, who: str, flight: FlightHistory) -> bool:
         """Return whether the autopilot of a vehicle in flight should have sent the value of the rule by now.
 
-        A tracking error exists only in OFFBOARD and in the air. Quantities from the world are always known.
+        A tracking error exists only in OFFBOARD and in the air. While the mode is unknown, the last known mode counts; a mode that
+        was never known counts as OFFBOARD. Quantities from the world are always known.
         """
         if self.rule.condition.kind == "tracking":
             vehicle = flight.now.vehicles.get(who)
-            return vehicle is not None and vehicle.airborne and vehicle.mode == OFFBOARD
+            return vehicle is not None and vehicle.airborne and self._modes.get(who, OFFBOARD) == OFFBOARD
         return self.rule.condition.kind in _FROM_TELEMETRY
 
     def _sum(self, evaluation: Evaluation) -> None:
