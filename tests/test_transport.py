@@ -9,6 +9,7 @@ import time
 import pytest
 
 from arena.transport import AgedSocket, StampAges, open_udp
+from tests.kernel_stamps import until_stamped
 
 HOST = "127.75.1.1"
 
@@ -56,7 +57,7 @@ def test_a_socket_returns_the_age_of_what_waited():
         sending.bind((HOST, 0))
         to = receiving._source.getsockname()
         try:
-            _until_stamped(sending, receiving)
+            until_stamped(sending, receiving)
             now = time.monotonic()
             sending.sendto(b"old", to)
             while time.monotonic() < now + 0.3:
@@ -69,14 +70,3 @@ def test_a_socket_returns_the_age_of_what_waited():
     # the two clocks that give the age were not read at the same instant
     assert 0.25 < old_s <= time.monotonic() - now + 0.05
     assert old_s - new_s > 0.2
-
-
-def _until_stamped(sending, receiving):
-    """Wait until the kernel stamps datagrams: it begins a moment after the first socket has asked for stamps."""
-    to, deadline = receiving._source.getsockname(), time.monotonic() + 30.0
-    while time.monotonic() < deadline:
-        sending.sendto(b"probe", to)
-        time.sleep(0.05)
-        if any(age_s > 0.03 for _, _, age_s in receiving.receive()):
-            return
-    raise AssertionError("the kernel stamps no datagrams")

@@ -15,6 +15,7 @@ from arena.fcu_link.settings import Settings
 from arena.process_context import ProcessContext
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import parse_frames
+from tests.kernel_stamps import kernel_stamps  # noqa: F401 - a fixture of this module
 
 from .link_rig import ID, arm, odometry, own_address, slice_of, version
 

@@ -17,6 +17,7 @@ from arena.mavlink_router.routing_table import Table
 from arena.mavlink_router.shell import RouterShell
 from arena.process_context import ProcessContext
 from arena.wire.mavlink_codec import Codec
+from tests.kernel_stamps import kernel_stamps  # noqa: F401 - a fixture of this module
 
 HOST = "127.54.9.1"
 

@@ -17,6 +17,7 @@ from arena.mavlink_router.routing_table import Table
 from arena.mavlink_router.shell import RouterShell
 from arena.process_context import ProcessContext
 from arena.wire.age_limits import age_limit_s
+from tests.kernel_stamps import kernel_stamps  # noqa: F401 - a fixture of this module
 from tests.kernels.kernel_versions import needs_compiled
 
 HOST = "127.54.11.1"

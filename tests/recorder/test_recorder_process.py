@@ -21,6 +21,7 @@ from arena.clock_server import ClockServer
 from arena.flight_log.recording import Recording
 from arena.process_context import SOCKET_VARIABLE
 from arena.wire.truth_page import TruthWriter
+from tests.kernel_stamps import kernel_stamps  # noqa: F401 - a fixture of this module
 from tests.recorder.test_flight_recorder import SETTINGS
 
 HOST, STRANGER = "127.56.5.1", "127.56.5.2"

@@ -15,6 +15,7 @@ from arena.errors import InputError
 from arena.mocap.client import open_client
 from arena.mocap.client.sockets import local_address_for, multicast_socket, udp_socket
 from arena.mocap.natnet import codec as natnet
+from tests.kernel_stamps import kernel_stamps  # noqa: F401 - a fixture of this module
 
 V = (4, 1)
 GROUP = "239.243.51.9"
