@@ -27,7 +27,8 @@ from arena.flight_log.run_folder import (
     write_tlog_files,
 )
 from arena.report.analysis import analyse
-from arena.report.happenings import disarming_of
+from arena.report.fates import crash_of
+from arena.report.happenings import disarming_of, happenings
 from arena.report.run_data import RunData, read_run, unix_s
 from arena.report.summary import as_text
 from arena.wire.flight_record import FILE_NAME
@@ -95,7 +96,15 @@ def write_summary(folder: Path, progress: Callable[[str], None] = lambda _: None
     run.missing.extend(broken)
     _write_logs(run, progress)
     summary = {
-        **summarise(run.names, run.flights, run.outcome, run.missing, disarmed_vehicles(run), run.origin_s),
+        **summarise(
+            run.names,
+            run.flights,
+            run.outcome,
+            run.missing,
+            disarmed_vehicles(run),
+            run.origin_s,
+            crashes(run),
+        ),
         "px4": _px4(folder, run.plan, run.outcome),
     }
     return run, _write(folder, summary)
@@ -159,6 +168,12 @@ def disarmed_vehicles(run: RunData) -> list[str]:
     return [name for name in run.names if disarming_of(name, run) is not None]
 
 
+def crashes(run: RunData) -> dict[str, str]:
+    """Return vehicle -> crash report of each vehicle that crashed."""
+    found = happenings(run)
+    return {name: how for name in run.names if (how := crash_of(name, run, found))}
+
+
 def summarise(
     names: Sequence[str],
     flights: Mapping[str, Flight],
@@ -166,12 +181,14 @@ def summarise(
     missing: list[str],
     disarmed: Collection[str] = (),
     origin_s: float | None = None,
+    crashed: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Return the summary of a run as a JSON-ready object.
 
     names: names of the vehicles.  flights: vehicle -> log.  outcome: content of outcome.json, {} if missing.
     missing: texts about missing files.  disarmed: vehicles whose disarming was reported after the last row of the log.
     origin_s: time of the logs that is 0 in the summary [s] (see `RunData`); None: the first row of each log.
+    crashed: vehicle -> crash report from the events; None: only the crashes in outcome.json.
     """
     processes = outcome.get("processes", {})
     stats = {name: row.get("stats", {}) for name, row in processes.items()}
@@ -191,9 +208,8 @@ def summarise(
         airborne = _recorded(name, stats).get("airborne_unix_s")
         found["airborne_after_s"] = round(airborne - began, 2) if airborne and began else None
         found["verdict"] = judged.get(name)
-        found["crashed"] = (
-            judged[name].get("crashed", "") if judged.get(name) else None
-        )  # only the simulated world reports crashes
+        # only the simulated world reports crashes, and without outcome.json only in the events
+        found["crashed"] = (crashed or {}).get(name) or (judged.get(name) or {}).get("crashed")
         found["rates"] = _rates(name, stats)
         vehicles[name] = found
     return {

@@ -9,12 +9,12 @@ import numpy as np
 
 from arena.report import errors
 from arena.report.analysis import analyse
+from arena.report.fates import fate_of
 from arena.report.figures import Drawn
 from arena.report.happening import Happening
 from arena.report.happenings import disarming_of
 from arena.report.landings import flown_times, touchdown_row
 from arena.report.run_data import RunData
-from arena.report.verdict import fate_of
 
 
 def vehicle_row(one: Drawn, run: RunData, found: Sequence[Happening]) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from arena.errors import EXIT_INTERRUPTED, EXIT_OK
+from arena.report.fates import Fate, fate_of
 from arena.report.happening import Happening, Level
-from arena.report.happenings import KILLED, disarming_of, together
-from arena.report.landings import FELL_M, air_time_s, flown_times, largest_fall
+from arena.report.happenings import KILLED, together
 from arena.report.link_record import SEVERITIES
 from arena.report.mode_changes import COMMANDED, new_mode
 from arena.report.run_data import EVENTS_FILE, RunData
@@ -61,19 +61,6 @@ class Verdict:
         return "; ".join((*self.fates, *self.causes)) + "."
 
 
-@dataclass(frozen=True, kw_only=True)
-class Fate:
-    """End of one vehicle's flight: a text, the flight time, and a level (good, warn or bad).
-
-    end: text such as `landed`, the same for all vehicles with the same end.
-    flown_s: time from take-off to touchdown [s], 0 if the vehicle did not fly.
-    """
-
-    end: str
-    flown_s: float
-    level: Level
-
-
 def verdict(run: RunData, found: Sequence[Happening]) -> Verdict:
     """Return the verdict on a run, from its data and its events.
 
@@ -111,29 +98,6 @@ def _source(path: str) -> str:
     """Return a name for the flight that a replay shows: its run folder (flight.mcap) or its log file."""
     source = Path(path)
     return f"the flight {source.parent.name}" if source.name == FILE_NAME else source.name
-
-
-def fate_of(name: str, run: RunData, found: Sequence[Happening]) -> Fate:
-    """Return how the flight of a vehicle ended."""
-    crash = next((h for h in found if h.kind == "crash" and name in h.vehicles), None)
-    judged = (run.stats("world").get("vehicles") or {}).get(name) or {}
-    how = crash.text.removeprefix("crashed: ") if crash else judged.get("crashed")
-    flight = run.flights.get(name)
-    spans = flown_times(flight) if flight is not None else []
-    flown = air_time_s(flight) if flight is not None else 0.0
-    if how:
-        return Fate(end=f"crashed ({how})", flown_s=flown, level="bad")
-    if flight is None:
-        return Fate(end="left no log", flown_s=0.0, level="warn")
-    if not spans:
-        return Fate(end="did not fly", flown_s=0.0, level="warn")
-    if not flight.landed[spans[-1][1]]:
-        return Fate(end="was still in the air when its log ended", flown_s=flown, level="bad")
-    if (fell := largest_fall(flight)) > FELL_M:
-        return Fate(end=f"was disarmed in the air and fell {fell:.1f} m", flown_s=flown, level="bad")
-    if disarming_of(name, run) is None:
-        return Fate(end="landed but stayed armed", flown_s=flown, level="warn")
-    return Fate(end="landed", flown_s=flown, level="good")
 
 
 def _fate_clauses(fates: Mapping[str, Fate]) -> Iterator[str]:

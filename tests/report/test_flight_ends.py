@@ -14,12 +14,13 @@ from recorded_flights import make_run
 from arena.report import analysis
 from arena.report.analysis import analyse, estimator, tracking
 from arena.report.errors import estimate_error, norm, tracking_error
+from arena.report.fates import fate_of
 from arena.report.happenings import disarming_of, happenings, in_air
 from arena.report.landings import touchdown_row
 from arena.report.link_record import LinkRecord, StatusText
 from arena.report.run_data import Event, RunData, read_run
 from arena.report.run_report import disarmed_vehicles, summarise
-from arena.report.verdict import fate_of, verdict
+from arena.report.verdict import verdict
 
 LAND_S = 5.0 + 180 / 30  # AUTO.LAND in the log of `make_run`
 DISARMED_S = 5.0 + 240 / 30

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 from recorded_flights import flight_csv, make_run
@@ -11,8 +12,8 @@ from arena.flight_log.csv_file import header
 from arena.flight_log.flight import read_flight
 from arena.report.figures import drawn
 from arena.report.happenings import happenings
-from arena.report.run_data import read_run
-from arena.report.run_report import main, report, summarise
+from arena.report.run_data import Event, read_run
+from arena.report.run_report import crashes, main, report, summarise
 from arena.report.summary import as_text
 from arena.report.vehicle_rows import vehicle_row
 
@@ -86,6 +87,24 @@ def test_crash_is_in_the_text(tmp_path):
     outcome |= {"exit_code": 1, "failed": ["uav1 crashed"]}
     (run / "outcome.json").write_text(json.dumps(outcome))
     assert "crashed: touched a wall at 7.10 s" in report(run)
+
+
+def test_crash_of_a_run_without_outcome_is_in_the_summary(tmp_path):
+    run = make_run(tmp_path / "run", vehicles=2)
+    (run / "outcome.json").unlink()
+    crash = {"time_s": 10.9, "process": "world", "event": "uav1 crashed: touched a wall at 10.90 s"}
+    (run / "events.jsonl").write_text(json.dumps(crash) + "\n")
+    lines = [line for line in report(run).splitlines() if line.startswith("uav")]
+    assert lines[0].endswith("crashed: touched a wall at 10.90 s") and lines[1].endswith(" landed")
+    vehicles = json.loads((run / "summary.json").read_text())["vehicles"]
+    assert vehicles["uav1"]["crashed"] == "touched a wall at 10.90 s" and not vehicles["uav2"]["crashed"]
+
+
+def test_crash_of_a_replayed_flight_is_in_the_summary(tmp_path):
+    data = read_run(make_run(tmp_path / "run"))
+    crash = Event(at_s=10.9, process="world", text="uav1 crashed: touched a wall at 10.90 s")
+    replay = replace(data, plan={**data.plan, "replay": "/runs/a/flight.mcap"}, outcome={}, events=[crash])
+    assert crashes(replay) == {"uav1": "touched a wall at 10.90 s"}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,59 @@
+"""Ends of the vehicles' flights, as shown on the page of a run. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from arena.report.happening import Happening, Level
+from arena.report.happenings import disarming_of
+from arena.report.landings import FELL_M, air_time_s, flown_times, largest_fall
+from arena.report.run_data import RunData
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fate:
+    """End of one vehicle's flight: a text, the flight time, and a level (good, warn or bad).
+
+    end: text such as `landed`, the same for all vehicles with the same end.
+    flown_s: time from take-off to touchdown [s], 0 if the vehicle did not fly.
+    """
+
+    end: str
+    flown_s: float
+    level: Level
+
+
+def fate_of(name: str, run: RunData, found: Sequence[Happening]) -> Fate:
+    """Return how the flight of a vehicle ended.
+
+    found: what happened (see `arena.report.happenings`).
+    """
+    flight, how = run.flights.get(name), crash_of(name, run, found)
+    spans = flown_times(flight) if flight is not None else []
+    flown = air_time_s(flight) if flight is not None else 0.0
+    if how:
+        return Fate(end=f"crashed ({how})", flown_s=flown, level="bad")
+    if flight is None:
+        return Fate(end="left no log", flown_s=0.0, level="warn")
+    if not spans:
+        return Fate(end="did not fly", flown_s=0.0, level="warn")
+    if not flight.landed[spans[-1][1]]:
+        return Fate(end="was still in the air when its log ended", flown_s=flown, level="bad")
+    if (fell := largest_fall(flight)) > FELL_M:
+        return Fate(end=f"was disarmed in the air and fell {fell:.1f} m", flown_s=flown, level="bad")
+    if disarming_of(name, run) is None:
+        return Fate(end="landed but stayed armed", flown_s=flown, level="warn")
+    return Fate(end="landed", flown_s=flown, level="good")
+
+
+def crash_of(name: str, run: RunData, found: Sequence[Happening]) -> str:
+    """Return the crash report of a vehicle, or "" if no crash was reported.
+
+    The events have the report also if the run has no outcome.json, and in a replay.
+
+    found: what happened (see `arena.report.happenings`).
+    """
+    crash = next((h for h in found if h.kind == "crash" and name in h.vehicles), None)
+    judged = (run.stats("world").get("vehicles") or {}).get(name) or {}
+    return crash.text.removeprefix("crashed: ") if crash else str(judged.get("crashed") or "")
