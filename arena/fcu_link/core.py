@@ -184,8 +184,7 @@ class FcuLink:
             self.params.on_value(value := parse_value(data, frame))
             self.axes.on_param(value.name, value.value)
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_ERROR and frame.target_comp == LINK_COMPONENT:
-            name, error, _ = parse_error(data, frame)
-            self.params.on_error(name, error)
+            self.params.on_error(*parse_error(data, frame)[:2])
         elif frame.msgid in DECODED and not (frame.msgid == IMU and self.checks.armed):
             for m in self._codec.parse(data[frame.start : frame.end]):
                 self._on_message(m, now)
@@ -310,6 +309,7 @@ class FcuLink:
         if (refused := self._refuse(link, data, frame, now, sent=True)) is not None:
             return refused
         self.queue.put(_PRIORITIES[link], bytes(data[frame.start : frame.end]), frame.msgid, now - age_s)
+        self.params.on_command(command_of(data, frame), now)
         return []
 
     def _refuse(self, link: str, data: Buffer, frame: Frame, now: float, *, sent: bool) -> Out | None:

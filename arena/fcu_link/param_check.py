@@ -13,12 +13,16 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from pymavlink.dialects.v20.common import MAV_CMD_PREFLIGHT_STORAGE
+
 from arena.wire.mavlink_params import DOES_NOT_EXIST, Value
 
 MAX_PENDING = 8  # requests without an answer yet
 RETRY_S = 0.4
 TRIES = 5
 RECHECK_S = 5.0  # wrong values are read again: somebody may be setting them
+ROTATION_S = 30.0  # right values are read again in this time, in groups: somebody may have reset them
+MAX_GROUP = 25  # right values in a group, so that a slow serial line is not flooded
 _RELATIVE = 1e-5
 _ABSOLUTE = 1e-9
 _MAX_SHOWN = 3
@@ -32,7 +36,7 @@ class _Param:
     value: value read from the vehicle; None before the first reply
     kind: MAV_PARAM_TYPE; 0 before the first reply
     asked: time of the last request [s]
-    tries: number of requests since the last reply
+    tries: number of requests since the last reply, or since the parameter became due
     unknown: the vehicle does not have this parameter
     due: the parameter must be read
     answers_before: number of replies to all requests at the time of the first request for this parameter
@@ -46,6 +50,10 @@ class _Param:
     unknown: bool = False
     due: bool = True
     answers_before: int = 0
+
+    def make_due(self) -> None:
+        """Read the parameter again. Its known value stays valid until a reply arrives."""
+        self.due, self.tries, self.asked = True, 0, -math.inf
 
     @property
     def holds(self) -> bool:
@@ -70,6 +78,8 @@ class ParamCheck:
         self._display_path = display_path
         self._answers = 0
         self._next_recheck = math.inf
+        self._next_group = 0  # index of the first parameter of the next group in the rotation
+        self._all_at_recheck = False
         self._last_event = ""
         self.events: list[str] = []
 
@@ -93,8 +103,28 @@ class ParamCheck:
     def restart(self) -> None:
         """Read all parameters again after a reboot of the vehicle."""
         for p in self._params.values():
-            p.value, p.unknown, p.due, p.tries, p.asked = None, False, True, 0, -math.inf
+            p.value, p.unknown = None, False
+            p.make_due()
         self._last_event = ""
+
+    def on_command(self, command: int, now: float) -> None:
+        """Process a command to the vehicle from another sender: PREFLIGHT_STORAGE can change all parameters.
+
+        command: MAV_CMD; 0 for a message that is not a command
+        """
+        if command == MAV_CMD_PREFLIGHT_STORAGE:
+            self.read_again(now)
+
+    def read_again(self, now: float) -> None:
+        """Read all parameters again now, and once more 5 s later, because PX4 needs some time for the command.
+
+        The known values stay valid until the replies arrive.
+        """
+        for p in self._params.values():
+            p.make_due()
+        self._all_at_recheck = True
+        if self._next_recheck < math.inf:
+            self._next_recheck = now + RECHECK_S
 
     def due(self, now: float) -> list[str]:
         """Return the names of the parameters to request now.
@@ -109,8 +139,8 @@ class ParamCheck:
         for name, p in self._params.items():
             if len(found) >= free:
                 break
-            if p.due and now - p.asked >= RETRY_S and not self._mark_unknown(p):
-                found += [*([] if p.tries < 2 else self._probe(name)), name]
+            if p.due and now - p.asked >= RETRY_S and not self._give_up(p):
+                found += [*([] if p.tries < 2 or p.value is not None else self._probe(name)), name]
                 p.answers_before = self._answers if p.tries == 0 else p.answers_before
                 p.asked, p.tries = now, p.tries + 1
         self._report(now)
@@ -150,24 +180,39 @@ class ParamCheck:
             elif p.value is not None and p.wanted is not None and not p.holds:
                 yield f"{name} is {p.value:.6g}, needs {p.wanted:.6g}"
 
-    def _mark_unknown(self, p: _Param) -> bool:
-        """Mark a parameter as unknown if the vehicle does not have it. Return whether it was marked.
+    def _give_up(self, p: _Param) -> bool:
+        """Stop requesting a parameter after several requests without a reply. Return whether it was stopped.
 
-        It is unknown if several requests for it had no reply while the vehicle replied to other requests.
+        A parameter with a known value keeps the value until it is read again. Another parameter is marked as unknown, but only
+        if the vehicle replied to other requests meanwhile.
         """
-        if p.tries >= TRIES and self._answers - p.answers_before >= 2:
+        if p.tries < TRIES:
+            return False
+        if p.value is not None:
+            p.due = False
+        elif self._answers - p.answers_before >= 2:
             p.unknown, p.due = True, False
-            return True
-        return False
+        return not p.due
 
     def _probe(self, name: str) -> list[str]:
         return next(([n] for n, p in self._params.items() if p.value is not None and n != name), [])
 
     def _recheck(self, now: float) -> None:
+        """Read again: wrong and unknown parameters, those of other checks, and the next group of all parameters."""
         self._next_recheck = now + RECHECK_S
+        group = set(self._params) if self._all_at_recheck else self._group()
+        self._all_at_recheck = False
         for name, p in self._params.items():
-            if p.unknown or not p.holds or name in self._read:
-                p.due, p.tries, p.asked = True, 0, -math.inf
+            if p.unknown or not p.holds or name in self._read or name in group:
+                p.make_due()
+
+    def _group(self) -> set[str]:
+        """Return the names of the next group in the rotation through all parameters."""
+        names = list(self._params)
+        size = min(math.ceil(len(names) * RECHECK_S / ROTATION_S), MAX_GROUP)
+        found = {names[(self._next_group + i) % len(names)] for i in range(size)}
+        self._next_group += size
+        return found
 
     def _report(self, now: float) -> None:
         """Report to the user whether all parameters have their required values.

@@ -63,10 +63,11 @@ def params_reasons(b: Board) -> list[str]:
 def test_correct_parameters_are_no_reason_and_reported_once():
     b = board()
     assert params_reasons(b) == ["Preflight: 5 of 5 parameters not read yet"]
-    b.run(12.0)
+    b.run(4.0)
+    assert sorted(b.asked) == sorted(WANTED), "each is read once before the first recheck"
+    b.run(8.0)
     assert params_reasons(b) == []
     assert b.rig.core.events().count("uav7: all 5 parameters are as required") == 1
-    assert sorted(b.asked) == sorted(WANTED), "each is read once"
 
 
 @pytest.mark.parametrize(
@@ -155,12 +156,65 @@ def test_parameters_are_read_again_after_a_reboot():
     b.rig.receive(mavlink.MAVLink_system_time_message(0, 50_000))
     b.run(2.0)
     b.held["SYS_HITL"] = 0
-    b.run(8.0)
-    assert params_reasons(b) == [], "right ones are not read again and again"
     b.rig.receive(mavlink.MAVLink_system_time_message(0, 1_000))
     assert params_reasons(b) == ["Preflight: 5 of 5 parameters not read yet"]
     b.run(2.0)
     assert params_reasons(b) == ["Preflight: SYS_HITL is 0, needs 1"]
+
+
+@pytest.mark.parametrize("number", [5, 60, 150])
+def test_right_value_that_changes_is_found_within_30_s(number: int) -> None:
+    wanted = {f"P_{i:03}": i for i in range(number)}
+    b = board(wanted, wanted)
+    b.run(15.0)
+    assert params_reasons(b) == []
+    b.held = dict.fromkeys(wanted, 999)
+    b.run(36.0)  # 30 s, the time to the next recheck, and the time of the replies
+    assert f"... and {number - 3} more, see params/uav7.params" in params_reasons(b)[-1]
+    assert any(f"{number} of {number} parameters differ" in event for event in b.rig.core.events())
+
+
+def test_a_recheck_reads_at_most_25_right_values() -> None:
+    wanted = {f"P_{i:03}": i for i in range(200)}
+    b = board(wanted, wanted)
+    b.run(15.0)
+    b.asked.clear()
+    b.run(20.0)
+    assert len(set(b.asked)) == len(b.asked) == 100
+
+
+def test_known_value_is_kept_while_the_vehicle_does_not_reply() -> None:
+    b = board()
+    b.run(3.0)
+    lost = set(WANTED) - {"SYS_HITL", "MPC_XY_P"}
+    b.held = {name: value for name, value in WANTED.items() if name not in lost}
+    b.run(60.0)
+    assert params_reasons(b) == [], "no reply does not mean that the parameter is unknown"
+    b.asked.clear()
+    b.run(30.0)
+    assert all(5 <= b.asked.count(name) <= 10 for name in lost), (
+        "after some requests it waits for the next turn"
+    )
+    b.held = {**WANTED, "EKF2_EV_CTRL": 0}
+    b.run(36.0)
+    assert params_reasons(b) == ["Preflight: EKF2_EV_CTRL is 0, needs 15"]
+
+
+def test_all_parameters_are_read_again_after_preflight_storage() -> None:
+    wanted = {f"P_{i:03}": i + 1 for i in range(60)}
+    b = board(wanted, wanted)
+    b.run(6.0)
+    reset = mavlink.MAVLink_command_long_message(
+        ID, 1, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0, 2, 0, 0, 0, 0, 0, 0
+    )
+    b.asked.clear()
+    b.rig.send("router", reset)
+    assert params_reasons(b) == [], "known values stay until the replies arrive"
+    b.run(3.9)
+    assert sorted(b.asked) == sorted(wanted)
+    b.held = dict.fromkeys(wanted, 0)  # PX4 needs some time to execute the command
+    b.run(4.0)
+    assert "... and 57 more" in params_reasons(b)[-1]
 
 
 def test_nothing_is_requested_while_the_vehicle_is_silent():
