@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from pymavlink.dialects.v20.common import MAV_CMD_PREFLIGHT_STORAGE
+from pymavlink.dialects.v20.common import MAV_CMD_PREFLIGHT_STORAGE, MAV_PARAM_TYPE_INT32
 
 from arena.wire.mavlink_params import DOES_NOT_EXIST, Value
 
@@ -23,7 +23,7 @@ TRIES = 5
 RECHECK_S = 5.0  # wrong values are read again: somebody may be setting them
 ROTATION_S = 30.0  # right values are read again in this time, in groups: somebody may have reset them
 MAX_GROUP = 25  # right values in a group, so that a slow serial line is not flooded
-_RELATIVE = 1e-5
+_RELATIVE = 1e-5  # floats only: integers are compared exactly
 _ABSOLUTE = 1e-9
 _MAX_SHOWN = 3
 
@@ -59,6 +59,8 @@ class _Param:
     def holds(self) -> bool:
         if self.value is None or self.wanted is None:
             return self.value is not None
+        if self.kind == MAV_PARAM_TYPE_INT32:
+            return self.value == self.wanted
         return math.isclose(self.value, self.wanted, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE)
 
 
@@ -178,7 +180,7 @@ class ParamCheck:
             if p.unknown and p.wanted is not None:
                 yield f"{name} is unknown to the vehicle"
             elif p.value is not None and p.wanted is not None and not p.holds:
-                yield f"{name} is {p.value:.6g}, needs {p.wanted:.6g}"
+                yield f"{name} is {_text(p.value, p.kind)}, needs {_text(p.wanted, p.kind)}"
 
     def _give_up(self, p: _Param) -> bool:
         """Stop requesting a parameter after several requests without a reply. Return whether it was stopped.
@@ -237,3 +239,8 @@ class ParamCheck:
                 if not wrong
                 else f"{words}. Load {self._display_path} in QGroundControl, then reboot the vehicle"
             )
+
+
+def _text(value: float, kind: int) -> str:
+    """Return a parameter value as text; integers with all digits. kind: MAV_PARAM_TYPE."""
+    return f"{value:.0f}" if kind == MAV_PARAM_TYPE_INT32 and value == round(value) else f"{value:.6g}"

@@ -75,7 +75,7 @@ def test_correct_parameters_are_no_reason_and_reported_once():
     [
         ("SYS_HITL", 0, "Preflight: SYS_HITL is 0, needs 1"),
         ("EKF2_MIN_RNG", -8, "Preflight: EKF2_MIN_RNG is -8, needs -7"),
-        ("EKF2_EV_CTRL", 1_090_519_041, "Preflight: EKF2_EV_CTRL is 1.09052e+09, needs 15"),
+        ("EKF2_EV_CTRL", 1_090_519_041, "Preflight: EKF2_EV_CTRL is 1090519041, needs 15"),
         ("MPC_XY_P", 0.9501, "Preflight: MPC_XY_P is 0.9501, needs 0.95"),
     ],
 )
@@ -91,6 +91,15 @@ def test_a_difference_is_a_reason_with_both_values(name, held, words):
 def test_a_float_rounded_to_32_bits_is_equal():
     b = board({**WANTED, "MPC_XY_P": struct.unpack("<f", struct.pack("<f", 0.95))[0] * (1 + 4e-6)})
     b.run(2.0)
+    assert params_reasons(b) == []
+
+
+def test_integers_are_compared_exactly() -> None:
+    b = board({"CBRK_FLIGHTTERM": 121211}, {"CBRK_FLIGHTTERM": 121212.0})
+    b.run(2.0)
+    assert params_reasons(b) == ["Preflight: CBRK_FLIGHTTERM is 121211, needs 121212"]
+    b.held["CBRK_FLIGHTTERM"] = 121212
+    b.run(7.0)
     assert params_reasons(b) == []
 
 
