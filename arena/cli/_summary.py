@@ -112,6 +112,8 @@ def _landings(vehicles: Mapping[str, Mapping[str, Any]]) -> list[str]:
 def _result(found: Mapping[str, Any]) -> str:
     if found.get("crashed"):
         return f"crashed ({found['crashed']})"
+    if found.get("log_ends_early"):
+        return "left a log that ends before its flight"
     if not found.get("flown"):
         return "did not fly"
     return "landed" if (found.get("landing") or {}).get("landed") else "landing not confirmed"

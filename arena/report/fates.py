@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from arena.flight_log.flight import Flight
 from arena.report.happening import Happening, Level
 from arena.report.happenings import disarming_of
 from arena.report.landings import FELL_M, air_time_s, flown_times, largest_fall
-from arena.report.run_data import RunData
+from arena.report.run_data import INCOMPLETE, RunData
+
+LOG_ENDS_EARLY = "a log that ends before its flight"
+"""Text about a vehicle that has flown after the end of an incomplete record."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +35,7 @@ def fate_of(name: str, run: RunData, found: Sequence[Happening]) -> Fate:
     found: what happened (see `arena.report.happenings`).
     """
     flight, how = run.flights.get(name), crash_of(name, run, found)
+    judged = (run.stats("world").get("vehicles") or {}).get(name) or {}
     spans = flown_times(flight) if flight is not None else []
     flown = air_time_s(flight) if flight is not None else 0.0
     if how:
@@ -37,6 +43,8 @@ def fate_of(name: str, run: RunData, found: Sequence[Happening]) -> Fate:
     if flight is None:
         return Fate(end="left no log", flown_s=0.0, level="warn")
     if not spans:
+        if unrecorded_s := unrecorded_flight_s(flight, judged, run.missing):
+            return Fate(end=f"left {LOG_ENDS_EARLY}", flown_s=unrecorded_s, level="warn")
         return Fate(end="did not fly", flown_s=0.0, level="warn")
     if not flight.landed[spans[-1][1]]:
         return Fate(end="was still in the air when its log ended", flown_s=flown, level="bad")
@@ -45,6 +53,17 @@ def fate_of(name: str, run: RunData, found: Sequence[Happening]) -> Fate:
     if disarming_of(name, run) is None:
         return Fate(end="landed but stayed armed", flown_s=flown, level="warn")
     return Fate(end="landed", flown_s=flown, level="good")
+
+
+def unrecorded_flight_s(flight: Flight, judged: Mapping[str, Any], missing: Collection[str]) -> float:
+    """Return the time in the air that the world has measured, for a flight that the log does not contain [s].
+
+    Return 0 if the log contains a flight, or if the record is complete.
+
+    judged: statistics of the world about the vehicle, {} if there are none.  missing: see `RunData.missing`.
+    """
+    incomplete = any(text.startswith(INCOMPLETE) for text in missing)
+    return float(judged.get("airborne_s") or 0.0) if incomplete and not flown_times(flight) else 0.0
 
 
 def crash_of(name: str, run: RunData, found: Sequence[Happening]) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -33,6 +33,8 @@ LOADS_FILE = "processes.csv"
 """File of the run folder in which the supervisor writes CPU load and memory of the processes."""
 SCENARIO_FILE = "scenario.json"
 """File of the run folder in which a smoke flight writes its result."""
+INCOMPLETE = f"{FILE_NAME} is incomplete: "
+"""First words of the texts in `RunData.missing` about data that the record of the flight lacks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,6 +160,8 @@ def read_run(folder: Path) -> RunData:
     if plan.get("replay"):
         events = _events_of_replay(events, recording, clock, origin_s)
     scenario = read_json(folder / SCENARIO_FILE, missing) if (folder / SCENARIO_FILE).exists() else {}
+    links = {} if recording is None else _links(recording, folder, clock, origin_s, missing)
+    missing += _losses(outcome, recording)  # the links have read the whole record
     return RunData(
         folder=folder,
         names=tuple(names),
@@ -167,7 +171,7 @@ def read_run(folder: Path) -> RunData:
         clock=clock,
         origin_s=origin_s,
         events=events,
-        links={} if recording is None else _links(recording, folder, clock, origin_s, missing),
+        links=links,
         scenario=scenario,
         missing=missing,
         loads=read_loads(folder / LOADS_FILE),
@@ -200,6 +204,25 @@ def _recording(folder: Path, missing: list[str]) -> Recording | None:
     except (InputError, OSError) as error:
         missing.append(f"{FILE_NAME}: {error}")
         return None
+
+
+def _losses(outcome: Mapping[str, Any], recording: Recording | None) -> Iterator[str]:
+    """Yield a text about each loss of data in the record of a flight.
+
+    recording: the record, read completely; None if it cannot be read.
+    """
+    stats = (outcome.get("processes", {}).get("recorder") or {}).get("stats") or {}
+    if (cause := stats.get("record", "complete")) != "complete":
+        yield f"{INCOMPLETE}the recorder stopped during the run: {cause}"
+    if lost := stats.get("lost_datagrams"):
+        yield f"{INCOMPLETE}the recorder was late and lost {lost} datagrams"
+    if recording is not None and (damaged := recording.damaged_chunks):
+        yield damage_text(damaged)
+
+
+def damage_text(chunks: int) -> str:
+    """Return the text about damaged parts (chunks) in the record of a flight."""
+    return f"{INCOMPLETE}{chunks} damaged {'part was' if chunks == 1 else 'parts were'} skipped"
 
 
 def _computed(folder: Path, recording: Recording | None, missing: list[str]) -> dict[str, Flight]:

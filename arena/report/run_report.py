@@ -17,7 +17,8 @@ from arena.constants import REPORT_PROGRESS
 from arena.errors import InputError
 from arena.flight_log.csv_file import write_csv
 from arena.flight_log.flight import Flight
-from arena.flight_log.record_completion import complete_record
+from arena.flight_log.record_completion import complete_record, is_complete
+from arena.flight_log.recording import Recording
 from arena.flight_log.run_folder import (
     CSV_FOLDER,
     TLOG_FOLDER,
@@ -27,9 +28,9 @@ from arena.flight_log.run_folder import (
     write_tlog_files,
 )
 from arena.report.analysis import analyse
-from arena.report.fates import crash_of
+from arena.report.fates import crash_of, unrecorded_flight_s
 from arena.report.happenings import disarming_of, happenings
-from arena.report.run_data import RunData, read_run, unix_s
+from arena.report.run_data import RunData, damage_text, read_run, unix_s
 from arena.report.summary import as_text
 from arena.wire.flight_record import FILE_NAME
 
@@ -111,13 +112,21 @@ def write_summary(folder: Path, progress: Callable[[str], None] = lambda _: None
 
 
 def _complete(folder: Path) -> list[str]:
-    """Complete flight.mcap if its recorder was killed or restarted. Return a list with the error, if any."""
+    """Complete flight.mcap if its recorder was killed or restarted.
+
+    Return texts about an error, and about damaged parts, which the completed file no longer contains.
+    """
+    path = folder / FILE_NAME
     try:
-        if has_record(folder):
-            complete_record(folder / FILE_NAME)
+        if not has_record(folder) or is_complete(path):
+            return []
+        recording = Recording(path)
+        for _ in recording.messages(()):
+            pass
+        complete_record(path)
+        return [damage_text(recording.damaged_chunks)] if recording.damaged_chunks else []
     except (InputError, OSError) as error:
         return [f"{FILE_NAME}: it has no index, and cannot be completed: {error}"]
-    return []
 
 
 def _vehicles(count: int) -> str:
@@ -210,6 +219,9 @@ def summarise(
         found["verdict"] = judged.get(name)
         # only the simulated world reports crashes, and without outcome.json only in the events
         found["crashed"] = (crashed or {}).get(name) or (judged.get(name) or {}).get("crashed")
+        found["log_ends_early"] = name in flights and bool(
+            unrecorded_flight_s(flights[name], judged.get(name) or {}, missing)
+        )
         found["rates"] = _rates(name, stats)
         vehicles[name] = found
     return {

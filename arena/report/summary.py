@@ -71,6 +71,7 @@ def _vehicle(name: str, v: Mapping[str, Any]) -> tuple[str, ...]:
         return (name, *["-"] * 9, "no log" + (f", crashed: {v['crashed']}" if v.get("crashed") else ""))
     est, land = v["estimator"], v["landing"]
     verdict = "landed" if land["landed"] and v["flown"] else "NOT landed" if v["flown"] else "not flown"
+    verdict = "log ends before its flight" if v.get("log_ends_early") else verdict
     verdict = f"crashed: {v['crashed']}" if v.get("crashed") else verdict
     return (
         name,

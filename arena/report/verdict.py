@@ -17,7 +17,7 @@ from arena.report.happening import Happening, Level
 from arena.report.happenings import KILLED, together
 from arena.report.link_record import SEVERITIES
 from arena.report.mode_changes import COMMANDED, new_mode
-from arena.report.run_data import EVENTS_FILE, RunData
+from arena.report.run_data import EVENTS_FILE, INCOMPLETE, RunData
 from arena.report.summary import SLOW_FACTOR
 from arena.wire.flight_record import FILE_NAME
 
@@ -341,11 +341,13 @@ def _run_end(run: RunData) -> Iterator[str]:
 
 
 def _missing_record(run: RunData) -> Iterator[str]:
-    """Yield a clause if flight.mcap or events.jsonl cannot be read.
+    """Yield a clause if flight.mcap or events.jsonl cannot be read or lacks data.
 
     Failsafes may then be missing in the list of events.
     """
-    yield from (f"not read: {why}" for why in run.missing if why.startswith(_RECORDS))
+    for why in run.missing:
+        if why.startswith(_RECORDS):
+            yield why if why.startswith(INCOMPLETE) else f"not read: {why}"
 
 
 def slow_words(outcome: Mapping[str, Any]) -> Iterator[str]:
