@@ -1,20 +1,17 @@
 """Functions that the commands of `arena params` share.
 
-They find the addresses of vehicles, read parameter sets, and keep the record of a push (the file from which an
-interrupted push of parameters can be resumed).
+They find the addresses of vehicles and read parameter sets.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import typer
 
 from arena.cli._params_output import ending_text
 from arena.errors import InputError
@@ -22,20 +19,13 @@ from arena.errors import InputError
 if TYPE_CHECKING:
     from arena.params.checks.diff import Difference
     from arena.params.checks.findings import Environment
-    from arena.params.facts.parameter_table import Parameter
     from arena.params.param_files import ParamSource
-    from arena.params.transfer.push_record import PushRecord
     from arena.params.transfer.transports import ParamTarget
     from arena.plan.firmware import Firmware
     from arena.schema import Arena, Vehicle
     from arena.supervisor import RunState
 
-RECORD = "push.json"
 YAML, _DEFAULTS = "yaml:", "defaults"
-_RESUME_OR_DELETE = (
-    "Resume the push with that vehicle, or delete the file to begin a new push. The file contains the values from before "
-    "the push"
-)
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
@@ -60,56 +50,6 @@ def selected_vehicles(arena: Arena, names: Sequence[str] | None) -> list[Vehicle
     return [known[name] for name in dict.fromkeys(names)] if names else list(arena.vehicles)
 
 
-def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str) -> PushRecord:
-    """Create the record of a new parameter push, so that the push can be resumed after an interruption.
-
-    Raises InputError if an earlier push was interrupted and not resumed.
-    """
-    from arena.params.transfer.push_record import PushRecord
-
-    path = Path(arena.folder) / RECORD
-    if path.exists() and PushRecord.read(path).unfinished:
-        raise InputError(
-            f"{path}: an earlier push was interrupted. Continue it with --resume, or delete this file. "
-            "The file contains the values from before the push"
-        )
-    wanted = {v.name: _wanted(arena, v, file, version) for v in chosen}
-    return PushRecord.begin(path, wanted, {v.name: address_text(arena, v) for v in chosen})
-
-
-def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:
-    """Return the record of an interrupted parameter push, for `arena params push --resume`.
-
-    Raises InputError if there is no record, if the record has none of the chosen vehicles, or if a vehicle now has another
-    address or hardware uid.
-    """
-    from arena.params.transfer.push_record import PushRecord
-
-    if file is not None:
-        raise InputError(
-            "--resume continues the interrupted push with the values of that push, so --file cannot be used. Remove --file"
-        )
-    record = PushRecord.read(Path(arena.folder) / RECORD)
-    if not any(v.name in record.wanted for v in chosen):
-        raise InputError(
-            f"{record.path}: the interrupted push has none of the chosen vehicles. Choose from {', '.join(record.wanted)}"
-        )
-    for v in chosen:
-        if v.name in record.wanted and record.vehicles[v.name].at != address_text(arena, v):
-            raise InputError(
-                f"{record.path}: the interrupted push was to {v.name} at {record.vehicles[v.name].at}, "
-                f"but this arena has {v.name} at {address_text(arena, v)}. "
-                f"{_RESUME_OR_DELETE}"
-            )
-        if v.name in record.wanted and v.uid and record.vehicles[v.name].uid not in ("", v.uid):
-            raise InputError(
-                f"{record.path}: the interrupted push was to {v.name} with hardware uid {record.vehicles[v.name].uid}, "
-                f"but this arena has {v.name} with hardware uid {v.uid}. "
-                f"{_RESUME_OR_DELETE}"
-            )
-    return record
-
-
 def address_text(arena: Arena, v: Vehicle) -> str:
     """Return the address of a vehicle as text, for the record of a parameter push.
 
@@ -120,22 +60,6 @@ def address_text(arena: Arena, v: Vehicle) -> str:
     if v.wire.kind == "serial":
         return f"id {v.id}, serial {v.wire.device} at {v.wire.baud}"
     return f"id {v.id}, {v.wire}"
-
-
-def reboot_vehicles(targets: Mapping[str, ParamTarget], *, without_asking: bool) -> bool:
-    """Reboot autopilots; on a terminal, ask the user first. Return False if an autopilot refuses."""
-    question = f"reboot {', '.join(targets)}, so that the new values take effect?"
-    if not targets or not (without_asking or (sys.stdin.isatty() and typer.confirm(question))):
-        return True
-    from arena.params.transfer.session import reboot as reboot_now
-
-    refusals = reboot_now(targets)
-    for name, refusal in refusals.items():
-        if refusal:
-            print(f"{name}: the autopilot did not reboot: {refusal}")
-        else:
-            print(f"{name}: rebooting")
-    return not any(refusals.values())
 
 
 def split_arena(what: Sequence[str], default: Path) -> tuple[Path, list[str]]:
@@ -181,7 +105,7 @@ def params_file_text(arena: Arena, vehicle: Vehicle, asked: str) -> str:
     """Return the text of a QGroundControl .params file with the required parameters of a vehicle."""
     from arena.params.facts.parameter_table import is_unreleased, parameters
     from arena.params.generation.generate import generate as make
-    from arena.plan.firmware import requirements, unmeasured
+    from arena.plan.firmware import left_out_names, requirements, unmeasured
     from arena.wire.qgc_params import INT32, REAL32, format_params
 
     version = version_for(vehicle, asked)
@@ -195,38 +119,13 @@ def params_file_text(arena: Arena, vehicle: Vehicle, asked: str) -> str:
             f"PX4 {version} was not released when this table was made: the names are those of its development version"
         )
     header += [f"NOT POSSIBLE: {sentence}" for sentence in made.not_possible]
+    if left_out := left_out_names(arena, vehicle):
+        header.append(f"NOT USED, because params_file is for several vehicles: {', '.join(left_out)}")
     if kept := unmeasured(arena, vehicle, asked):
         header.append(f"NOT SET, because nobody has set or measured it: {', '.join(kept)}")
     comments = {line.name: f"{line.meaning}; {line.reason}" for line in made.lines}
     types = {name: INT32 if known[name].type == "INT32" else REAL32 for name in made.values if name in known}
     return format_params(made.values, vehicle.id, header=header, types=types, comments=comments)
-
-
-def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> dict[str, float]:
-    if file is not None:
-        from arena.params.param_files import read_values
-
-        return {name: value for name, value in read_values(file).values.items() if name != "MAV_SYS_ID"}
-    made = required_parameters(arena, vehicle, asked)
-    for sentence in made.not_possible:
-        print(f"{vehicle.name}: PX4 cannot meet a requirement of the YAML: {sentence}")
-    return made.values
-
-
-def refuse_beyond_limits(
-    wanted: Mapping[str, Mapping[str, float]], tables: Mapping[str, Mapping[str, Parameter]]
-) -> None:
-    """Raise InputError if a value is outside PX4's limits. PX4 itself would accept any number."""
-    problems = [
-        f"  {vehicle}: {name}: got {value:g}, expected {expected}"
-        for vehicle, values in wanted.items()
-        for name, value in values.items()
-        if name in tables[vehicle] and (expected := tables[vehicle][name].expected_instead(value))
-    ]
-    if problems:
-        raise InputError(
-            "nothing was pushed, because these values are outside PX4's limits:\n" + "\n".join(problems)
-        )
 
 
 def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarget]:

@@ -10,15 +10,10 @@ import typer
 
 from arena.cli._options import File, Set
 from arena.cli._params import (
-    RECORD,
     YAML,
     ParamSources,
-    interrupted_record,
-    new_record,
     not_applicable,
     params_file_text,
-    reboot_vehicles,
-    refuse_beyond_limits,
     selected_vehicles,
     split_arena,
     targets_of,
@@ -32,6 +27,13 @@ from arena.cli._params_output import (
     measured_lines,
     print_differences,
     push_report_lines,
+)
+from arena.cli._params_push import (
+    RECORD,
+    interrupted_record,
+    new_record,
+    reboot_vehicles,
+    refuse_beyond_limits,
 )
 from arena.errors import EXIT_FAILED
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from arena.errors import InputError
 from arena.geomagnetism import magnetic_field
 from arena.params.checks.check import check_written
+from arena.params.checks.diff import exclusion_reason
 from arena.params.checks.findings import Finding
 from arena.params.facts.parameter_table import Version
 from arena.params.generation.generate import generate
@@ -161,10 +162,31 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
         rotors=rotors,
         moment_ratio_m=v.profile.moment_ratio_m,
         gains=dict(v.profile.params),
-        own=dict(v.own_params),
+        own=_own_values(arena, v),
         measured=frozenset(v.measured),
         reasons=_reasons(arena, v),
     )
+
+
+def left_out_names(arena: Arena, v: Vehicle) -> list[str]:
+    """Return the parameters of a `params_file` for several vehicles that are left out, such as calibrations and counters.
+
+    Their values are those of one vehicle. A `params_file` that is written under this vehicle is used completely.
+    """
+    own = arena.source.given(("vehicles", v.name, "params_file"))
+    file = arena.origins[f"vehicles.{v.name}.params_file"].value
+    if file is None or (own and arena.source.range_of(v.name) is None):
+        return []
+    return [
+        name
+        for name in v.own_params
+        if exclusion_reason(name) and arena.origins[f"vehicles.{v.name}.params.{name}"].source == file
+    ]
+
+
+def _own_values(arena: Arena, v: Vehicle) -> dict[str, float]:
+    left_out = left_out_names(arena, v)
+    return {name: value for name, value in v.own_params.items() if name not in left_out}
 
 
 def _declination_deg(arena: Arena, v: Vehicle) -> float | None:

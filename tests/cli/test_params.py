@@ -8,7 +8,8 @@ import pytest
 import typer
 
 import arena.cli as cli
-from arena.cli._params import ParamSources, new_record, params_file_text
+from arena.cli._params import ParamSources, params_file_text
+from arena.cli._params_push import new_record
 from arena.params.transfer.push_record import PushRecord
 from arena.plan.firmware import firmware
 from arena.schema import load_arena
@@ -97,6 +98,27 @@ def test_rotor_geometry_is_pushed_to_px4_with_a_simulated_body_only(
         assert firmware(arena, vehicle).values == pytest.approx(pushed), (
             "what it starts from, or must hold before it arms"
         )
+
+
+def test_calibrations_of_a_file_are_not_pushed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "pulled.params").write_text(
+        "MAV_SYS_ID 9\nCAL_ACC0_XOFF 0.1\nCAL_GYRO0_ID 4\nLND_FLIGHT_T_LO 77\nRC1_TRIM 1490\nMPC_XY_P 0.9\n"
+    )
+    arena = load_arena("arena.yaml")
+    record = new_record(arena, arena.vehicles, folder / "pulled.params", "")
+    assert record.wanted == {"uav1": {"MPC_XY_P": 0.9}, "uav2": {"MPC_XY_P": 0.9}}
+    out = capsys.readouterr().out.splitlines()
+    assert len(out) == 2 and out[1] == (
+        f"uav2: 4 parameters of {folder / 'pulled.params'} are left out, because they are calibrations or counters of one "
+        "vehicle: CAL_ACC0_XOFF, CAL_GYRO0_ID, LND_FLIGHT_T_LO, ..."
+    )
+    (folder / "arena.yaml").write_text(YAML + "defaults: {params_file: pulled.params}\n")
+    arena = load_arena("arena.yaml")
+    assert "CAL_ACC0_XOFF" not in new_record(arena, arena.vehicles, None, "").wanted["uav2"]
+    assert capsys.readouterr().out.count(" 4 parameters of params_file are left out") == 2
+    assert (
+        "# NOT USED, because params_file is for several vehicles: CAL_ACC0_XOFF" in run(capsys, "generate")[1]
+    )
 
 
 def test_fault_12_measured_values_are_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

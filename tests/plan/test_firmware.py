@@ -12,7 +12,14 @@ from arena.errors import InputError
 from arena.params.facts.parameter_table import parameters, versions
 from arena.plan import make_plan
 from arena.plan.checks import check_arena
-from arena.plan.firmware import firmware, origins, px4_version, unmeasured, written_param_findings
+from arena.plan.firmware import (
+    firmware,
+    left_out_names,
+    origins,
+    px4_version,
+    unmeasured,
+    written_param_findings,
+)
 from arena.plan.resolved_yaml import arena_yaml
 from arena.schema import Arena, load_arena
 
@@ -151,6 +158,38 @@ def test_preflight_params_false_limits_the_check_only() -> None:
     assert plan.slices["link.uav1.json"]["params"] == {"MPC_XY_P": 0.9}
     again = make_plan(load(plan.yaml))
     assert again.slices["link.uav1.json"]["params"] == {"MPC_XY_P": 0.9}
+
+
+OF_ONE_VEHICLE = "CAL_ACC0_XOFF 0.1\nSENS_BOARD_X_OFF 2\nLND_FLIGHT_T_LO 77\nRC1_TRIM 1490\n"
+
+
+def test_shared_params_file_gives_no_calibrations_of_one_vehicle(folder: Path) -> None:
+    (folder / "tuned.params").write_text(OF_ONE_VEHICLE + "MPC_XY_P 0.9\n")
+    text = (
+        f"{NATNET}defaults: {{params_file: tuned.params}}\nvehicles:\n  uav1: {HARDWARE}, params: {{RC1_TRIM: 1500}}}}\n"
+        f"  uav2: {HARDWARE.replace('14580', '14581')}, params_file: tuned.params}}\n"
+    )
+    arena = load(text)
+    one, two = values(arena), values(arena, "uav2")
+    assert one["MPC_XY_P"] == two["MPC_XY_P"] == 0.9
+    assert one["RC1_TRIM"] == 1500.0, "a value of the YAML itself is used"
+    assert not {"CAL_ACC0_XOFF", "SENS_BOARD_X_OFF", "LND_FLIGHT_T_LO"} & set(one)
+    assert left_out_names(arena, arena.vehicle("uav1")) == [
+        "CAL_ACC0_XOFF",
+        "SENS_BOARD_X_OFF",
+        "LND_FLIGHT_T_LO",
+    ]
+    assert two["CAL_ACC0_XOFF"] == 0.1, "the file of this vehicle only"
+    assert left_out_names(arena, arena.vehicle("uav2")) == []
+    assert make_plan(arena).slices["link.uav1.json"]["params"] == one
+
+
+def test_params_file_of_a_range_of_vehicles_is_shared(folder: Path) -> None:
+    (folder / "tuned.params").write_text(OF_ONE_VEHICLE)
+    arena = load(
+        "vehicles:\n  uav1..uav2: {autopilot: builtin, params_file: tuned.params, start: {grid: {columns: 2, spacing_m: 1}}}\n"
+    )
+    assert len(left_out_names(arena, arena.vehicle("uav2"))) == 4
 
 
 SIMULATOR_VALUES = ("MPC_THR_HOVER", "EKF2_EV_DELAY", "EKF2_EVP_NOISE", "MC_ROLLRATE_P", "MPC_TKO_RAMP_T")

@@ -1,0 +1,141 @@
+"""Functions of `arena params push`.
+
+They choose the values to write, keep the record of the push (the file from which an interrupted push can be resumed), and
+reboot vehicles after it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from arena.cli._params import address_text, required_parameters
+from arena.errors import InputError
+
+if TYPE_CHECKING:
+    from arena.params.facts.parameter_table import Parameter
+    from arena.params.transfer.push_record import PushRecord
+    from arena.params.transfer.transports import ParamTarget
+    from arena.schema import Arena, Vehicle
+
+RECORD = "push.json"
+_RESUME_OR_DELETE = (
+    "Resume the push with that vehicle, or delete the file to begin a new push. The file contains the values from before "
+    "the push"
+)
+
+
+def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str) -> PushRecord:
+    """Create the record of a new parameter push, so that the push can be resumed after an interruption.
+
+    Raises InputError if an earlier push was interrupted and not resumed.
+    """
+    from arena.params.transfer.push_record import PushRecord
+
+    path = Path(arena.folder) / RECORD
+    if path.exists() and PushRecord.read(path).unfinished:
+        raise InputError(
+            f"{path}: an earlier push was interrupted. Continue it with --resume, or delete this file. "
+            "The file contains the values from before the push"
+        )
+    wanted = {v.name: _wanted(arena, v, file, version) for v in chosen}
+    return PushRecord.begin(path, wanted, {v.name: address_text(arena, v) for v in chosen})
+
+
+def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:
+    """Return the record of an interrupted parameter push, for `arena params push --resume`.
+
+    Raises InputError if there is no record, if the record has none of the chosen vehicles, or if a vehicle now has another
+    address or hardware uid.
+    """
+    from arena.params.transfer.push_record import PushRecord
+
+    if file is not None:
+        raise InputError(
+            "--resume continues the interrupted push with the values of that push, so --file cannot be used. Remove --file"
+        )
+    record = PushRecord.read(Path(arena.folder) / RECORD)
+    if not any(v.name in record.wanted for v in chosen):
+        raise InputError(
+            f"{record.path}: the interrupted push has none of the chosen vehicles. Choose from {', '.join(record.wanted)}"
+        )
+    for v in chosen:
+        if v.name in record.wanted and record.vehicles[v.name].at != address_text(arena, v):
+            raise InputError(
+                f"{record.path}: the interrupted push was to {v.name} at {record.vehicles[v.name].at}, "
+                f"but this arena has {v.name} at {address_text(arena, v)}. "
+                f"{_RESUME_OR_DELETE}"
+            )
+        if v.name in record.wanted and v.uid and record.vehicles[v.name].uid not in ("", v.uid):
+            raise InputError(
+                f"{record.path}: the interrupted push was to {v.name} with hardware uid {record.vehicles[v.name].uid}, "
+                f"but this arena has {v.name} with hardware uid {v.uid}. "
+                f"{_RESUME_OR_DELETE}"
+            )
+    return record
+
+
+def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> dict[str, float]:
+    """Return the values to write to a vehicle, from a file or from the YAML. Print what is left out."""
+    from arena.params.checks.diff import exclusion_reason
+    from arena.plan.firmware import left_out_names
+
+    if file is not None:
+        from arena.params.param_files import read_values
+
+        read = read_values(file).values
+        wanted = {name: value for name, value in read.items() if not exclusion_reason(name)}
+        _print_left_out(vehicle, file, [name for name in read if name not in wanted])
+        return wanted
+    made = required_parameters(arena, vehicle, asked)
+    for sentence in made.not_possible:
+        print(f"{vehicle.name}: PX4 cannot meet a requirement of the YAML: {sentence}")
+    _print_left_out(vehicle, "params_file", left_out_names(arena, vehicle))
+    return made.values
+
+
+def _print_left_out(vehicle: Vehicle, file: Path | str, names: Sequence[str]) -> None:
+    """Print how many parameters of a file are not written, because their values are those of another vehicle."""
+    names = [name for name in names if name != "MAV_SYS_ID"]
+    if names:
+        shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
+        print(
+            f"{vehicle.name}: {len(names)} parameters of {file} are left out, because they are calibrations or counters "
+            f"of one vehicle: {shown}"
+        )
+
+
+def refuse_beyond_limits(
+    wanted: Mapping[str, Mapping[str, float]], tables: Mapping[str, Mapping[str, Parameter]]
+) -> None:
+    """Raise InputError if a value is outside PX4's limits. PX4 itself would accept any number."""
+    problems = [
+        f"  {vehicle}: {name}: got {value:g}, expected {expected}"
+        for vehicle, values in wanted.items()
+        for name, value in values.items()
+        if name in tables[vehicle] and (expected := tables[vehicle][name].expected_instead(value))
+    ]
+    if problems:
+        raise InputError(
+            "nothing was pushed, because these values are outside PX4's limits:\n" + "\n".join(problems)
+        )
+
+
+def reboot_vehicles(targets: Mapping[str, ParamTarget], *, without_asking: bool) -> bool:
+    """Reboot autopilots; on a terminal, ask the user first. Return False if an autopilot refuses."""
+    question = f"reboot {', '.join(targets)}, so that the new values take effect?"
+    if not targets or not (without_asking or (sys.stdin.isatty() and typer.confirm(question))):
+        return True
+    from arena.params.transfer.session import reboot as reboot_now
+
+    refusals = reboot_now(targets)
+    for name, refusal in refusals.items():
+        if refusal:
+            print(f"{name}: the autopilot did not reboot: {refusal}")
+        else:
+            print(f"{name}: rebooting")
+    return not any(refusals.values())
