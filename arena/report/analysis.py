@@ -19,9 +19,11 @@ from arena.report.held_setpoints import Spans, constant_spans, last_row_of_held_
 from arena.report.landings import (
     FELL_M,
     air_time_s,
-    fall_after_disarming,
+    armed_rows,
     flown_times,
+    has_landed,
     landing_drift,
+    largest_fall,
     last_touchdown,
 )
 
@@ -29,7 +31,7 @@ from arena.report.landings import (
 def analyse(flight: Flight, *, disarmed: bool | None = None, first_row_s: float = 0.0) -> dict[str, Any]:
     """Return all measures of a flight as a JSON-ready object, in metres, seconds and degrees.
 
-    disarmed: whether the vehicle was disarmed at the end; None: as in the last row of the log.
+    disarmed: whether the vehicle was disarmed at the end; None: as the log last reported.
     first_row_s: time of the first row on the time axis of the results [s].
     """
     spans, flights = constant_spans(flight), flown_times(flight)
@@ -38,12 +40,12 @@ def analyse(flight: Flight, *, disarmed: bool | None = None, first_row_s: float 
         "duration_s": _round(flight.t[-1], 2),
         "log_hz": _round(_rate(flight), 2),
         "judged_by": flight.position_source,
-        "flown": bool(flight.armed.any()),
+        "flown": bool(flights),
         "took_off_s": _round(flight.t[flights[0][0]] + first_row_s, 3) if flights else None,
         "in_air_s": _round(air_time_s(flight), 2),
         "tracking": tracking(flight),
         "setpoints": setpoints(flight, spans),
-        "landing": landing(flight, not flight.armed[-1] if disarmed is None else disarmed, spans),
+        "landing": landing(flight, not armed_rows(flight)[-1] if disarmed is None else disarmed, spans),
         "estimator": estimator(flight),
         "modes": modes(flight),
         "battery_end": _round(_last(flight.numbers.get("info.battery")), 1),
@@ -73,26 +75,28 @@ def tracking(flight: Flight) -> dict[str, float | None]:
 def landing(flight: Flight, disarmed: bool, spans: Spans) -> dict[str, Any]:
     """Return how the landing ended, its horizontal drift, and its distance from the last setpoint [m].
 
+    A vehicle that did not fly has not landed.
+
     drift_m: horizontal distance from the place where the landing mode began to the place of the touchdown; None if the
         vehicle did not land in a landing mode.
     error_m: horizontal distance of the landing place from the last position setpoint in OFFBOARD. It is known only if this
         setpoint was held for at least 1.5 s, because a vehicle cannot reach a setpoint that jumps directly before the landing.
     spans: time spans with a constant setpoint.
     """
-    down = bool(flight.landed[-1] and disarmed) and not fall_after_disarming(flight) > FELL_M
+    landed = has_landed(flight)
     drift, touchdown = landing_drift(flight), last_touchdown(flight)
     found: dict[str, Any] = {
-        "landed": down,
+        "landed": landed and disarmed and not largest_fall(flight) > FELL_M,
         "drift_m": None if drift is None else _round(drift.distance_m),
         "begun_s": None if drift is None else _round(drift.begun_s, 3),
         "touchdown_s": None if touchdown is None else _round(flight.t[touchdown], 3),
         "error_m": None,
     }
     held = last_row_of_held_setpoint(flight, spans)
-    if held is None:
+    if held is None or not flown_times(flight):
         return found
     target = flight.group("pos_ref")[held, :2]
-    error = float(np.linalg.norm(_last_place(flight) - target)) if flight.landed[-1] else math.nan
+    error = float(np.linalg.norm(_last_place(flight) - target)) if landed else math.nan
     return {**found, "error_m": _round(error), "target_ne": [_round(x, 3) for x in target]}
 
 

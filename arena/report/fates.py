@@ -9,7 +9,7 @@ from typing import Any
 from arena.flight_log.flight import Flight
 from arena.report.happening import Happening, Level
 from arena.report.happenings import disarming_of
-from arena.report.landings import FELL_M, air_time_s, flown_times, largest_fall
+from arena.report.landings import FELL_M, air_time_s, ends_in_air, flown_times, has_landed, largest_fall
 from arena.report.run_data import INCOMPLETE, RunData
 
 LOG_ENDS_EARLY = "a log that ends before its flight"
@@ -46,13 +46,22 @@ def fate_of(name: str, run: RunData, found: Sequence[Happening]) -> Fate:
         if unrecorded_s := unrecorded_flight_s(flight, judged, run.missing):
             return Fate(end=f"left {LOG_ENDS_EARLY}", flown_s=unrecorded_s, level="warn")
         return Fate(end="did not fly", flown_s=0.0, level="warn")
-    if not flight.landed[spans[-1][1]]:
-        return Fate(end="was still in the air when its log ended", flown_s=flown, level="bad")
+    end, level = _end_of_flight(flight, disarmed=disarming_of(name, run) is not None)
+    return Fate(end=end, flown_s=flown, level=level)
+
+
+def _end_of_flight(flight: Flight, *, disarmed: bool) -> tuple[str, Level]:
+    """Return the text and the level of the end of a flight without a crash.
+
+    disarmed: whether the vehicle was disarmed at the end.
+    """
+    if ends_in_air(flight):
+        return "was still in the air when its log ended", "bad"
     if (fell := largest_fall(flight)) > FELL_M:
-        return Fate(end=f"was disarmed in the air and fell {fell:.1f} m", flown_s=flown, level="bad")
-    if disarming_of(name, run) is None:
-        return Fate(end="landed but stayed armed", flown_s=flown, level="warn")
-    return Fate(end="landed", flown_s=flown, level="good")
+        return f"was disarmed in the air and fell {fell:.1f} m", "bad"
+    if not has_landed(flight):  # its fall is short or unknown
+        return "was disarmed before its landing was reported", "warn"
+    return ("landed", "good") if disarmed else ("landed but stayed armed", "warn")
 
 
 def unrecorded_flight_s(flight: Flight, judged: Mapping[str, Any], missing: Collection[str]) -> float:

@@ -46,8 +46,7 @@ def flown_times(flight: Flight) -> list[tuple[int, int]]:
     the land detector reports the landing. A flight whose height is unknown for `_UNKNOWN_S` counts, too. While telemetry is
     missing, the last reported state holds.
     """
-    air = _last_reported(flight, "info.is_armed", flight.armed)
-    air &= ~_last_reported(flight, "info.is_landed", flight.landed)
+    air = _reported_in_air(flight)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], air, [False]]).astype(int)))
     spans = [(int(a), min(int(b), air.size - 1)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     up = -flight.pos[:, 2]
@@ -63,6 +62,28 @@ def flown_times(flight: Flight) -> list[tuple[int, int]]:
         if climbed.size:
             found.append((first + int(climbed[0]), last))
     return found
+
+
+def has_landed(flight: Flight) -> bool:
+    """Return whether a landing was reported at the end of the last flight in a log or later. False without a flight."""
+    spans = flown_times(flight)
+    return bool(spans) and bool(flight.landed[spans[-1][1] :].any())
+
+
+def ends_in_air(flight: Flight) -> bool:
+    """Return whether a log ends during a flight: its vehicle is armed, and no landing is reported."""
+    spans = flown_times(flight)
+    return bool(spans) and bool(_reported_in_air(flight)[spans[-1][1]])
+
+
+def armed_rows(flight: Flight) -> NDArray[np.bool_]:
+    """Return a mask of the log rows in which a vehicle is armed, as last reported (n,)."""
+    return _last_reported(flight, "info.is_armed", flight.armed)
+
+
+def _reported_in_air(flight: Flight) -> NDArray[np.bool_]:
+    """Return a mask of the log rows in which a vehicle is armed and has not landed, as last reported (n,)."""
+    return armed_rows(flight) & ~_last_reported(flight, "info.is_landed", flight.landed)
 
 
 def _last_reported(flight: Flight, column: str, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -140,18 +161,9 @@ def landing_drift(flight: Flight) -> LandingDrift | None:
     )
 
 
-def fall_after_disarming(flight: Flight) -> float:
-    """Return the height that a vehicle lost in the 2 s after its last disarming [m].
-
-    NaN if the log ends before, or if the height is unknown.
-    """
-    armed = _last_reported(flight, "info.is_armed", flight.armed)
-    return np.nan if not armed.any() or armed[-1] else _fall_after(flight, int(np.flatnonzero(armed)[-1]))
-
-
 def largest_fall(flight: Flight) -> float:
     """Return how far a vehicle fell in the 2 s after a disarming: the largest value of all disarmings [m], NaN if unknown."""
-    armed = _last_reported(flight, "info.is_armed", flight.armed)
+    armed = armed_rows(flight)
     falls = [_fall_after(flight, int(row)) for row in np.flatnonzero(armed[:-1] & ~armed[1:])]
     return max((fall for fall in falls if np.isfinite(fall)), default=np.nan)
 
@@ -172,7 +184,7 @@ def disarming(
 
     t: times of the rows [s] (n,).  texts: the autopilot's STATUSTEXTs.  events_s: times at which the router reported the disarming [s].
     """
-    last = _last_reported(flight, "info.is_armed", flight.armed)
+    last = armed_rows(flight)
     armed = np.flatnonzero(last)
     if not armed.size:
         return None
