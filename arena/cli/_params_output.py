@@ -86,7 +86,7 @@ def push_report_lines(name: str, report: PushReport) -> list[str]:
             "unanswered": "no answer: the value may or may not be set",
         }[r.outcome]
         lines.append(f"  {parameter}: {r.outcome}: {detail}{f' ({r.why})' if r.why else ''}")
-    if report.needs_reboot:
+    if report.needs_reboot and report.ending != "done":
         lines.append(f"  {name} needs a reboot for {', '.join(report.needs_reboot)}")
     return lines
 

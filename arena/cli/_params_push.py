@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from arena.errors import InputError
 if TYPE_CHECKING:
     from arena.params.facts.parameter_table import Parameter
     from arena.params.transfer.push_record import PushRecord
+    from arena.params.transfer.session import PushReport
     from arena.params.transfer.transports import ParamTarget
     from arena.schema import Arena, Vehicle
 
@@ -125,14 +127,31 @@ def refuse_beyond_limits(
         )
 
 
-def reboot_vehicles(targets: Mapping[str, ParamTarget], *, without_asking: bool) -> bool:
-    """Reboot autopilots; on a terminal, ask the user first. Return False if an autopilot refuses."""
-    question = f"reboot {', '.join(targets)}, so that the new values take effect?"
-    if not targets or not (without_asking or (sys.stdin.isatty() and typer.confirm(question))):
+def reboot_vehicles(
+    targets: Mapping[str, ParamTarget], reports: Mapping[str, PushReport], *, without_asking: bool
+) -> bool:
+    """Reboot the autopilots whose new values need a reboot; on a terminal, ask the user first.
+
+    Return False if an autopilot still needs a reboot: it refuses, or the user did not agree.
+    """
+    wanted = {
+        name: replace(targets[name], uid=report.uid or targets[name].uid)
+        for name, report in reports.items()
+        if report.needs_reboot and report.ending == "done"
+    }
+    question = f"reboot {', '.join(wanted)}, so that the new values take effect?"
+    if not wanted:
         return True
+    if not (without_asking or (sys.stdin.isatty() and typer.confirm(question))):
+        for name in wanted:
+            print(
+                f"{name} needs a reboot before the new values take effect: {', '.join(reports[name].needs_reboot)}. "
+                "Reboot it now. (A push with --reboot reboots it at the end)"
+            )
+        return False
     from arena.params.transfer.session import reboot as reboot_now
 
-    refusals = reboot_now(targets)
+    refusals = reboot_now(wanted)
     for name, refusal in refusals.items():
         if refusal:
             print(f"{name}: the autopilot did not reboot: {refusal}")

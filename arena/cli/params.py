@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -131,6 +130,7 @@ def push(
     """Write the parameters that the YAML requires into the autopilots of vehicles.
 
     Reads all parameters, writes those that differ, and reads these again. Refuses armed vehicles.
+    Exit code 1 if a vehicle does not have all values, or needs a reboot before they take effect.
     """
     from arena.params.facts.parameter_table import parameters
     from arena.params.transfer.session import push as push_now
@@ -154,12 +154,7 @@ def push(
     held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
     if record.unfinished and not dry_run:
         print(f"The push was interrupted. Continue it with `arena params push --resume` ({record.path})")
-    to_reboot = {
-        name: replace(targets[name], uid=report.uid or targets[name].uid)
-        for name, report in reports.items()
-        if report.needs_reboot and report.ending == "done"
-    }
-    held &= reboot_vehicles(to_reboot, without_asking=reboot)
+    held &= reboot_vehicles(targets, reports, without_asking=reboot)
     if not held:
         raise typer.Exit(EXIT_FAILED)
 

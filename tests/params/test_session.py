@@ -97,6 +97,15 @@ def test_only_written_parameters_need_a_reboot() -> None:
     assert report.needs_reboot == ("P_03",)
 
 
+def test_resumed_push_needs_the_reboot_of_earlier_writes(tmp_path: Path) -> None:
+    with serve(fleet(1)) as targets:
+        wanted = {"uav1": {"P_01": 1, "P_03": 9, "P_05": 6}}
+        record = PushRecord.begin(tmp_path / "push.json", wanted)
+        record.update("uav1", {"P_01": 0}, {"P_01": 1}, "interrupted")
+        report = push(targets, wanted, record=record, reboot_names=frozenset({"P_01", "P_03"}))["uav1"]
+    assert report.with_outcome("same") == ["P_01"] and report.needs_reboot == ("P_01", "P_03")
+
+
 def test_progress_is_reported_for_all_and_at_the_end() -> None:
     reported: list[dict[str, Progress]] = []
     with serve(fleet(1, 2)) as targets:

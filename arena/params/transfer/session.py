@@ -55,7 +55,8 @@ class PushReport:
 
     ending: "done", or why the transfer ended early.
     results: parameter -> outcome.
-    needs_reboot: written parameters that take effect only after a reboot.
+    needs_reboot: parameters that take effect only after a reboot and were written by this push, or before by the push that
+        this push resumes.
     why: why the connection could not be opened, or why the vehicle is the wrong one; "" otherwise.
     uid: hardware uid of the vehicle; "" if it sends none.
     """
@@ -128,11 +129,18 @@ def push(
             uid=UidCheck(_expected_uid(name, targets[name], record)),
         )
 
+    earlier = {
+        name: frozenset(record.vehicles[name].written) if record is not None else frozenset()
+        for name in wanted
+    }
     keeper = None if record is None or dry_run else _RecordKeeper(record)
     connections = _run(
         {name: targets[name] for name in wanted}, make, on_progress, keeper.update if keeper else None
     )
-    reports = {name: _push_report(connection, reboot_names) for name, connection in connections.items()}
+    reports = {
+        name: _push_report(connection, reboot_names, earlier[name])
+        for name, connection in connections.items()
+    }
     if keeper is not None:
         keeper.update(connections, always=True)
         if not keeper.record.wanted:
@@ -181,10 +189,16 @@ def _component(target: ParamTarget) -> int:
     return PARAMETER_TOOL.component_at(signs=bool(target.key_file))
 
 
-def _push_report(connection: _Connection[ParamWriter], reboot_names: frozenset[str]) -> PushReport:
+def _push_report(
+    connection: _Connection[ParamWriter], reboot_names: frozenset[str], earlier: frozenset[str]
+) -> PushReport:
+    """Return the result of a push to one vehicle. earlier: parameters that the resumed push has already written."""
     results = connection.transfer.result
     needs = tuple(
-        name for name, result in results.items() if result.outcome == "written" and name in reboot_names
+        name
+        for name, result in results.items()
+        if name in reboot_names
+        and (result.outcome == "written" or (result.outcome == "same" and name in earlier))
     )
     return PushReport(
         ending=connection.transfer.ending,
