@@ -7,9 +7,50 @@ from pathlib import Path
 
 import pytest
 
-from arena.errors import InputError
+from arena.errors import InputError, RunError
 from arena.schema import load_arena
+from arena.smoke.flying.fly_scenario import FlightOptions, fly, launch_options, slug
 from arena.smoke.flying.session import LaunchOptions, Session, free_address
+from arena.smoke.language.scenario import load_scenarios
+
+
+def test_scenarios_with_the_same_folder_have_arena_files_of_their_own(tmp_path: Path):
+    options = FlightOptions(results=tmp_path)
+    (tmp_path / "fly.py").touch()
+    made = []
+    for north in (1.0, 2.0):
+        (tmp_path / "hover.smoke.yaml").write_text(
+            "arena:\n  defaults: {autopilot: builtin}\n  vehicles:\n"
+            f"    uav1: {{program: fly.py, start: {{position: [{north}, 0, 0]}}}}\n"
+            "steps:\n  - expect: uav1.landed within 60 s\n"
+        )
+        (scenario,) = load_scenarios(str(tmp_path / "hover.smoke.yaml"))
+        folder = tmp_path / slug(scenario.name)
+        folder.mkdir(exist_ok=True)
+        made.append(launch_options(scenario, folder, options).arena)
+    assert made[0].parent == made[1].parent
+    assert [load_arena(file).vehicles[0].position[0] for file in made] == [1.0, 2.0]
+
+
+def test_arena_file_of_a_scenario_is_deleted_after_the_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    started = []
+
+    def fails(self: Session) -> Session:
+        started.append(self._options.arena)
+        assert started[0].is_file()
+        raise RunError("not started")
+
+    monkeypatch.setattr(Session, "__enter__", fails)
+    (tmp_path / "fly.py").touch()
+    (tmp_path / "hover.smoke.yaml").write_text(
+        "arena:\n  defaults: {autopilot: builtin}\n  vehicles:\n    uav1: {program: fly.py}\n"
+        "steps:\n  - expect: uav1.landed within 60 s\n"
+    )
+    (scenario,) = load_scenarios(str(tmp_path / "hover.smoke.yaml"))
+    assert not fly(scenario, FlightOptions(results=tmp_path / "results")).verdict.passed
+    assert len(started) == 1 and not started[0].exists()
 
 
 def test_address_of_a_listening_router_is_not_free():

@@ -11,6 +11,7 @@ import fcntl
 import re
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -57,7 +58,8 @@ def fly(scenario: Scenario, options: FlightOptions) -> Result:
     referee = Referee(scenario)
     folder = options.results / slug(scenario.name)
     folder.mkdir(parents=True, exist_ok=True)
-    session = Session(launch_options(scenario, folder, options))
+    launch = launch_options(scenario, folder, options)
+    session = Session(launch)
     problem, began = "", time.monotonic()
     try:
         with alone_if_px4(scenario.arena):  # the wait for other flights does not count
@@ -67,6 +69,9 @@ def fly(scenario: Scenario, options: FlightOptions) -> Result:
                 problem = _fly_until_over(referee, session, began + limit_s)
     except RunError as error:
         problem = str(error)
+    finally:
+        if not scenario.arena_file:  # the run folder has its own arena.yaml
+            launch.arena.unlink(missing_ok=True)
     referee.finish(session.outcome() if session.has_outcome else None, problem)
     result = Result(
         scenario=scenario.name,
@@ -116,7 +121,8 @@ def refuse_real(arena: Arena) -> None:
 def launch_options(scenario: Scenario, folder: Path, options: FlightOptions) -> LaunchOptions:
     """Return the options with which the arena of a scenario is started.
 
-    An arena that is written inside the scenario file is first written to a file of its own in `folder`.
+    An arena that is written inside the scenario file is first written to a new file in `folder`. Its name is unique, because
+    several scenarios can have the same folder. The caller deletes the file after the flight.
     A scenario that names a process which could be a part of the fused arena needs many processes.
     """
     from arena.plan.fused import could_be_member
@@ -127,8 +133,12 @@ def launch_options(scenario: Scenario, folder: Path, options: FlightOptions) -> 
     if scenario.arena_file:
         file, overrides = Path(scenario.arena_file), [*scenario.overrides, *overrides]
     else:
-        file = folder / "arena.yaml"
-        file.write_text(arena_yaml(scenario.arena))
+        text = arena_yaml(scenario.arena)
+        with tempfile.NamedTemporaryFile(
+            "w", dir=folder, prefix="arena-", suffix=".yaml", delete=False
+        ) as made:
+            made.write(text)
+        file = Path(made.name)
     return LaunchOptions(arena=file, runs=folder, overrides=overrides, speed=options.speed, seed=options.seed)
 
 
