@@ -42,11 +42,11 @@ class Distances:
 def distances(vehicles: Sequence[Drawn]) -> Distances | None:
     """Return the distance of each vehicle to its nearest neighbour, or None for fewer than two vehicles.
 
-    The times are those of the log with the most rows.
+    The times are those of the log with the most rows, and those of the other logs before and after it.
     """
     if len(vehicles) < 2:
         return None
-    t = max((one.t for one in vehicles), key=len)
+    t = _times(vehicles)
     t = t[:: max(1, -(-(len(vehicles) ** 2) * t.size // _MOST_VALUES))]
     p_n = np.stack([_at(one, t) for one in vehicles])
     flying = np.stack([np.interp(t, one.t, in_air(one.flight), 0.0, 0.0) > 0.0 for one in vehicles])
@@ -60,6 +60,17 @@ def distances(vehicles: Sequence[Drawn]) -> Distances | None:
         nearest[i] = apart.min(axis=0)
     nearest[np.isinf(nearest)] = np.nan
     return Distances(t=t, nearest_m=nearest, other=other)
+
+
+def _times(vehicles: Sequence[Drawn]) -> Array:
+    """Return the times of the log with the most rows, extended to the first start and to the last end of all logs [s] (m,)."""
+    logs = [one.t for one in vehicles if one.t.size]
+    t = max(logs, key=len)
+    for log in sorted(logs, key=lambda log: float(log[0]), reverse=True):
+        t = np.concatenate([log[log < t[0]], t])
+    for log in sorted(logs, key=lambda log: float(log[-1])):
+        t = np.concatenate([t, log[log > t[-1]]])
+    return t
 
 
 def _at(one: Drawn, t: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from recorded_flights import make_run
 
+from arena.flight_log.flight import Flight
 from arena.report.figures import drawn
 from arena.report.run_data import RunData, read_run
 from arena.report.scenario_rows import scenario_rows
@@ -41,6 +43,40 @@ def test_smallest_separation_has_its_time_and_the_pair(run):
 def test_one_vehicle_has_no_separation(run):
     vehicles = vehicles_of(run, np.zeros(run.flights["uav1"].t.size))
     assert distances(vehicles[:1]) is None and smallest(None, vehicles[:1]) is None
+
+
+def hovering(name: str, first_s: float, last_s: float, north_m: Callable[[np.ndarray], np.ndarray]) -> Flight:
+    """Return the log of a vehicle that takes off in its third row and hovers at 1 m. north_m: position over time [m]."""
+    t = np.arange(0.0, last_s - first_s, 1 / 30)
+    n = t.size
+    numbers = {
+        "truth.pos.north": north_m(t + first_s),
+        "truth.pos.east": np.zeros(n),
+        "truth.pos.down": np.where(np.arange(n) < 3, 0.0, -1.0),
+        "info.is_armed": np.ones(n),
+        "info.is_landed": np.zeros(n),
+    }
+    armed, landed = np.ones(n, bool), np.zeros(n, bool)
+    return Flight(
+        name=name, t=t, t0=first_s, numbers=numbers, mode=["OFFBOARD"] * n, armed=armed, landed=landed
+    )
+
+
+@pytest.mark.parametrize("near_s", [20.0, 130.0])
+def test_separation_before_and_after_the_log_with_the_most_rows_counts(near_s):
+    logs = [
+        hovering("uav1", 40.0, 110.0, lambda t: np.full(t.size, -50.0)),
+        hovering("uav2", 0.0, 65.0, lambda t: np.zeros(t.size)),
+        hovering("uav3", 0.0, 65.0, lambda t: np.where(abs(t - near_s) < 1.0, 0.2, 5.0)),
+        hovering("uav4", 85.0, 150.0, lambda t: np.full(t.size, 9.0)),
+        hovering("uav5", 85.0, 150.0, lambda t: np.where(abs(t - near_s) < 1.0, 9.2, 15.0)),
+    ]
+    flights = {log.name: log for log in logs}
+    vehicles = drawn(flights, dict.fromkeys(flights, 0.0))
+    found = smallest(distances(vehicles), vehicles)
+    assert found is not None and found.distance_m == pytest.approx(0.2)
+    assert found.names == (("uav2", "uav3") if near_s < 75.0 else ("uav4", "uav5"))
+    assert found.at_s == pytest.approx(near_s, abs=1.1)
 
 
 def entry(text: str, kind: str, begun: float | None, done: float | None, outcome: str = "passed"):
