@@ -26,6 +26,7 @@ MAX_GROUP = 25  # right values in a group, so that a slow serial line is not flo
 _RELATIVE = 1e-5  # floats only: integers are compared exactly
 _ABSOLUTE = 1e-9
 _MAX_SHOWN = 3
+_BREAKER = "CBRK_"  # a circuit breaker that the vehicle does not have is not on
 
 
 @dataclass(kw_only=True)
@@ -177,7 +178,7 @@ class ParamCheck:
 
     def _differences(self) -> Iterator[str]:
         for name, p in self._params.items():
-            if p.unknown and p.wanted is not None:
+            if p.unknown and p.wanted is not None and not (p.wanted == 0 and name.startswith(_BREAKER)):
                 yield f"{name} is unknown to the vehicle"
             elif p.value is not None and p.wanted is not None and not p.holds:
                 yield f"{name} is {_text(p.value, p.kind)}, needs {_text(p.wanted, p.kind)}"

@@ -127,6 +127,16 @@ def test_an_unknown_name_differs_from_a_lost_connection():
     assert params_reasons(silent) == []
 
 
+def test_a_missing_circuit_breaker_is_not_on() -> None:
+    held = {k: v for k, v in WANTED.items() if k != "EKF2_EV_CTRL"}
+    b = board(held, {**WANTED, "CBRK_SUPPLY_CHK": 0, "CBRK_FLIGHTTERM": 121212})
+    b.run(9.0)
+    assert params_reasons(b) == [
+        "Preflight: EKF2_EV_CTRL is unknown to the vehicle",
+        "CBRK_FLIGHTTERM is unknown to the vehicle",  # shortened to 50 bytes
+    ]
+
+
 def test_a_param_error_marks_a_name_as_unknown_at_once():
     b = board({k: v for k, v in WANTED.items() if k != "SYS_HITL"})
     b.rig.receive(heartbeat())

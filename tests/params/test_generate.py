@@ -11,7 +11,7 @@ import pytest
 from arena.constants import GRAVITY_M_S2
 from arena.params.facts.parameter_table import parameters, versions
 from arena.params.generation.generate import Generated, generate
-from arena.params.generation.requirements import Failsafe, Requirements, Rotor
+from arena.params.generation.requirements import Failsafe, FenceCylinder, Requirements, Rotor
 from arena.plan.firmware import requirements_failsafe
 from arena.schema.failsafe import Failsafe as FailsafeKeys
 
@@ -179,3 +179,34 @@ def test_event_of_the_table_needs_no_code_of_its_own() -> None:
     assert any(
         "COM_ACT_FAIL_ACT was added in 1.14" in text for text in made("1.13", failsafe=motor).not_possible
     )
+
+
+OF_REAL_VEHICLES = {"CBRK_SUPPLY_CHK": 0, "COM_RC_LOSS_T": 0.5, "RTL_LAND_DELAY": 0, "GF_SOURCE": 0}
+FENCE = FenceCylinder(radius_m=4.0, height_m=2.5)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_real_vehicles_must_have_the_defaults_that_failsafes_need(version: str) -> None:
+    wanted = failsafe(rc_loss="land", actions={"geofence": "return"})
+    given = {"failsafe": wanted, "sticks": True, "fence": FENCE}
+    real = made(version, simulated=False, **given).values
+    assert {name: real[name] for name in OF_REAL_VEHICLES} == OF_REAL_VEHICLES
+    assert not set(OF_REAL_VEHICLES) & set(made(version, simulated=True, **given).values)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_real_vehicles_keep_values_that_no_failsafe_needs(version: str) -> None:
+    without = failsafe(low_battery_land=None, rc_loss="none", actions={"geofence": "land"})
+    assert not set(OF_REAL_VEHICLES) & set(
+        made(version, simulated=False, sticks=True, failsafe=without).values
+    )
+    no_radio = failsafe(rc_loss="land", offboard_loss="return")
+    assert set(OF_REAL_VEHICLES) & set(made(version, simulated=False, failsafe=no_radio).values) == {
+        "CBRK_SUPPLY_CHK",
+        "RTL_LAND_DELAY",
+    }
+
+
+def test_own_value_of_a_circuit_breaker_wins() -> None:
+    own = made("1.16", simulated=False, own={"CBRK_SUPPLY_CHK": 894281.0})
+    assert own.values["CBRK_SUPPLY_CHK"] == 894281

@@ -160,6 +160,24 @@ def test_preflight_params_false_limits_the_check_only() -> None:
     assert again.slices["link.uav1.json"]["params"] == {"MPC_XY_P": 0.9}
 
 
+@pytest.mark.parametrize("version", ["1.13", "1.14", "1.15", "1.16", "1.17", "1.18"])
+def test_battery_failsafe_of_hardware_is_on_again_after_hitl(version: str) -> None:
+    hitl = "{autopilot: hitl, serial: /dev/ttyACM0, px4_version: '" + version + "'}"
+    arena = load(
+        f"{NATNET}vehicles:\n  uav1: {HARDWARE}, px4_version: '{version}'}}\n  uav2: {hitl}\n"
+        f"  uav3: {HARDWARE.replace('14580', '14581')}, params: {{CBRK_SUPPLY_CHK: 894281}}}}\n"
+    )
+    links = {name: firmware(arena, arena.vehicle(name)).values for name in ("uav1", "uav2", "uav3")}
+    assert links["uav1"]["CBRK_SUPPLY_CHK"] == 0 and links["uav3"]["CBRK_SUPPLY_CHK"] == 894281
+    assert "CBRK_SUPPLY_CHK" not in links["uav2"]
+    slices = make_plan(arena).slices
+    assert [slices[f"link.uav{k}.json"]["params"]["CBRK_SUPPLY_CHK"] for k in (1, 2, 3)] == [
+        0,
+        894281,
+        894281,
+    ]
+
+
 OF_ONE_VEHICLE = "CAL_ACC0_XOFF 0.1\nSENS_BOARD_X_OFF 2\nLND_FLIGHT_T_LO 77\nRC1_TRIM 1490\n"
 
 

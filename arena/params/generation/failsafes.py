@@ -24,6 +24,7 @@ _EMERGENCY_SHARE = 0.7  # emergency charge, as a share of the charge at which th
 _EXCEPT_ALL = (
     7  # COM_RCL_EXCEPT: missions, hold and take-off, offboard; landing and return are never interrupted
 )
+_RC_LOSS_S = 0.5  # PX4's default
 _MEANINGS: Mapping[Action, str] = {"none": "no reaction", "warn": "a warning only"}
 _POSITION_ACTIONS = ("land", "hold", "return")  # without a position estimate PX4 descends instead
 
@@ -42,9 +43,28 @@ def failsafe_lines(w: LineWriter) -> Iterator[Line]:
     for event, action in failsafe.actions.items():
         yield from _reaction(w, event, event, action)
     yield from _attitude(w, failsafe)
+    if not w.required.simulated:
+        yield from _changed_by_others(w, failsafe)
     for name in ("COM_FAIL_ACT_T", "COM_RCL_ACT_T", "COM_BAT_ACT_T"):
         if name in w.known:
             yield w.line(name, 0.0, "failsafes act at once, without a hold before [s]", "failsafe")
+
+
+def _changed_by_others(w: LineWriter, f: Failsafe) -> Iterator[Line]:
+    """Yield the parameters with which the failsafes of a real vehicle do not act as configured, if somebody has changed them.
+
+    PX4's defaults are right. A simulated vehicle starts with them; a real vehicle keeps what its last user has set.
+    """
+    if f.low_battery_land is not None and "CBRK_SUPPLY_CHK" in w.known:
+        meaning = "the battery failsafe is on (hardware in the loop switches it off)"
+        yield w.line("CBRK_SUPPLY_CHK", 0, meaning, "failsafe.low_battery")
+    if f.rc_loss != "none" and w.required.sticks and "COM_RC_LOSS_T" in w.known:
+        yield w.line(
+            "COM_RC_LOSS_T", _RC_LOSS_S, "time without RC before the failsafe [s]", "failsafe.rc_loss"
+        )
+    actions = (f.offboard_loss, f.position_loss, f.rc_loss, f.data_link_loss, *f.actions.values())
+    if "return" in actions and "RTL_LAND_DELAY" in w.known:
+        yield w.line("RTL_LAND_DELAY", 0.0, "AUTO.RTL lands at home at once [s]", "failsafe")
 
 
 def _offboard_loss(w: LineWriter, f: Failsafe) -> Iterator[Line]:

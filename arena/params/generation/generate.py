@@ -133,6 +133,8 @@ def _geofence(w: LineWriter) -> Iterator[Line]:
     )
     height = round(fence.height_m, 3)
     yield w.line("GF_MAX_VER_DIST", height, "from home to the top of the geofence [m]", "geofence")
+    if not w.required.simulated and "GF_SOURCE" in w.known:
+        yield w.line("GF_SOURCE", 0, "the geofence uses the estimated position, not GPS", "geofence")
     if fence.height_m <= _TAKEOFF_M:
         altitude = round(RETURN_SHARE * fence.height_m, 2)
         yield w.line("MIS_TAKEOFF_ALT", altitude, "AUTO.TAKEOFF stays inside the geofence [m]", "geofence")
