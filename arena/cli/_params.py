@@ -6,9 +6,10 @@ They find the addresses of vehicles and read parameter sets.
 from __future__ import annotations
 
 import json
+import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -82,6 +83,27 @@ def writable(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(f"{error.filename or path}: {error.strerror}") from error
+
+
+def refuse_existing(paths: Iterable[Path]) -> None:
+    """Raise InputError if one of the files exists."""
+    if existing := [str(path) for path in paths if path.exists()]:
+        raise InputError(
+            f"{', '.join(existing)}: the file exists, and nothing was read. Choose another folder with -o, or replace the file "
+            "with --force"
+        )
+
+
+def replace_file(path: Path, text: str) -> None:
+    """Write a file so that it is never incomplete: a temporary file beside it gets its name. Raises OSError."""
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        part.write_text(text)
+        part.replace(path)
+    except OSError:
+        with suppress(OSError):
+            part.unlink()
+        raise
 
 
 def version_for(vehicle: Vehicle | None, asked: str) -> str:

@@ -13,6 +13,8 @@ from arena.cli._params import (
     ParamSources,
     not_applicable,
     params_file_text,
+    refuse_existing,
+    replace_file,
     selected_vehicles,
     split_arena,
     targets_of,
@@ -165,15 +167,22 @@ def pull(
     out: Annotated[
         Path, typer.Option("-o", "--out", metavar="DIR", help="folder for one .params file per vehicle")
     ] = Path(),
+    force: Annotated[bool, typer.Option("--force", help="replace existing .params files")] = False,
     set_: Set = None,
 ) -> None:
-    """Read all parameters of vehicles and save them as .params files."""
+    """Read all parameters of vehicles and save them as .params files.
+
+    Refuses to replace an existing file, which may be the `params_file` of the YAML.
+    """
     from arena.params.transfer.session import pull as pull_now
     from arena.schema import load_arena
     from arena.wire.qgc_params import format_params
 
     lab = load_arena(arena, set_ or [])
     chosen = selected_vehicles(lab, vehicles)
+    paths = {v.name: out / f"{v.name}.params" for v in chosen}
+    if not force:
+        refuse_existing(paths.values())
     with writable(out):
         out.mkdir(parents=True, exist_ok=True)
     with ProgressBars([v.name for v in chosen]) as bars:
@@ -186,10 +195,10 @@ def pull(
             continue
         values = {name: value.value for name, value in sorted(pulled.values.items())}
         types = {name: value.kind for name, value in pulled.values.items()}
-        path = out / f"{v.name}.params"
+        path = paths[v.name]
         header = [f"pulled from {v.name} by arena params pull", f"Version: {version_for(v, '')}"]
         with writable(path):
-            path.write_text(format_params(values, v.id, header=header, types=types))
+            replace_file(path, format_params(values, v.id, header=header, types=types))
         print(f"{path}: {len(values)} parameters saved")
     if not all(found[v.name].complete for v in chosen):
         raise typer.Exit(EXIT_FAILED)

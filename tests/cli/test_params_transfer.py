@@ -17,6 +17,7 @@ import arena.cli as cli
 from arena.cli._params import address_text
 from arena.params.transfer.push_record import PushRecord
 from arena.schema import load_arena
+from arena.wire.qgc_params import parse_params
 
 _count = itertools.count(1)
 HELD = {"EKF2_HGT_REF": (1.0, INT32), "MPC_XY_P": (0.95, REAL32)}
@@ -80,3 +81,37 @@ def test_resumed_push_still_needs_the_reboot(
     record.save()
     code, out, err = run(capsys, "push", "--resume")
     assert code == 1 and NEEDS in out, out + err
+
+
+def test_pull_replaces_an_existing_file_only_with_force(
+    board: FakeAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(capsys, "pull", "-o", "backup")[0] == 0
+    file = Path("backup/uav1.params")
+    assert parse_params(file.read_text())["MPC_XY_P"] == pytest.approx(0.95)
+    file.write_text("MPC_XY_P 0.5\n")
+    requests = len(board.received)
+    code, _, err = run(capsys, "pull", "-o", "backup")
+    assert (
+        code == 2 and "backup/uav1.params: the file exists, and nothing was read" in err and "--force" in err
+    )
+    assert file.read_text() == "MPC_XY_P 0.5\n" and len(board.received) == requests
+    assert run(capsys, "pull", "-o", "backup", "--force")[0] == 0
+    assert parse_params(file.read_text())["MPC_XY_P"] == pytest.approx(0.95)
+    assert [path.name for path in file.parent.iterdir()] == ["uav1.params"], "no temporary file is left"
+
+
+def test_failed_pull_keeps_the_existing_file(
+    board: FakeAutopilot, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("uav1.params").write_text("MPC_XY_P 0.5\n")
+
+    def fail(path: Path, text: str) -> int:
+        path.touch()
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "write_text", fail)
+    code, _, err = run(capsys, "pull", "--force")
+    assert code == 2 and "No space left on device" in err
+    assert Path("uav1.params").read_text() == "MPC_XY_P 0.5\n"
+    assert not list(Path().glob(".uav1*"))
