@@ -90,10 +90,9 @@ class TargetConnections:
         for fd in readers:
             poll.register(fd, select.POLLIN)
         for fd, _ in poll.poll(0):
-            try:
+            # An error must not stop the commands to the vehicle. `_receive` reads again, and reports it.
+            with contextlib.suppress(Exception):
                 readers[fd]()
-            except Exception as error:  # the vehicle must be commanded all the same
-                self._say_once(f"{type(error).__name__}: {error}; retrying")
 
     def _may_bypass(self, now: float) -> bool:
         """Return whether `land-all` may command the vehicle directly, without its link process.
