@@ -16,7 +16,7 @@ from arena.flight_log.recording import MCAP_MAGIC, later_parts, record_files
 from arena.wire.flight_record import TAIL_METADATA, tail_path
 
 if TYPE_CHECKING:
-    from mcap.records import Channel, McapRecord, Schema
+    from mcap.records import Channel, Chunk, McapRecord, Schema
     from mcap.writer import Writer
 
 
@@ -97,10 +97,11 @@ class _Copier:
         channels: dict[int, int] = {}
         for record in _records(part):
             if isinstance(record, Message):
-                number = channels[record.channel_id]
-                self._writer.add_message(
-                    number, record.log_time, record.data, record.publish_time, record.sequence
-                )
+                number = channels.get(record.channel_id)
+                if number is not None:  # else its channel was in a damaged chunk
+                    self._writer.add_message(
+                        number, record.log_time, record.data, record.publish_time, record.sequence
+                    )
             elif isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, Channel):
@@ -123,19 +124,30 @@ class _Copier:
 
 
 def _records(path: Path) -> Iterator[McapRecord]:
-    """Yield the records of an MCAP file up to the end, or up to the first damaged record."""
+    """Yield the records of an MCAP file up to the end, or up to the first incomplete record. Damaged chunks are left out."""
     from mcap.exceptions import McapError
-    from mcap.records import DataEnd
+    from mcap.records import Chunk, DataEnd
     from mcap.stream_reader import StreamReader
-    from zstandard import ZstdError
 
     try:
         with path.open("rb") as file:
-            for record in StreamReader(file, record_size_limit=1 << 30).records:
+            for record in StreamReader(file, emit_chunks=True, record_size_limit=1 << 30).records:
                 if isinstance(record, DataEnd):
                     return
-                yield record
-    except (McapError, ZstdError, RuntimeError, ValueError, struct.error):
+                yield from _of_chunk(record) if isinstance(record, Chunk) else (record,)
+    except (McapError, RuntimeError, ValueError, struct.error):
         return
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _of_chunk(chunk: Chunk) -> list[McapRecord]:
+    """Return the records in a chunk, or an empty list if the chunk is damaged."""
+    from mcap.exceptions import McapError
+    from mcap.stream_reader import breakup_chunk
+    from zstandard import ZstdError
+
+    try:
+        return breakup_chunk(chunk, validate_crc=True)
+    except (McapError, ZstdError, RuntimeError, ValueError, struct.error):
+        return []

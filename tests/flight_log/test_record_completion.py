@@ -10,6 +10,8 @@ from arena.errors import InputError
 from arena.flight_log.record_completion import complete_record, is_complete
 from arena.flight_log.recording import Recording
 
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
 
 def record(path, numbers, close=True):
     made = RecordFile(path)
@@ -80,3 +82,21 @@ def test_record_that_is_still_written_is_not_changed(tmp_path):
 def test_missing_record_is_an_input_error(tmp_path):
     with pytest.raises(InputError, match="No such file"):
         complete_record(tmp_path / "flight.mcap")
+
+
+def test_data_after_a_damaged_chunk_are_kept(tmp_path):
+    path = tmp_path / "flight.mcap"
+    file = RecordFile(path)
+    for number in range(5000):
+        file.channels.on_datagram("uav1", False, b"datagram %d" % number, 0.001 * number)
+        if number % 500 == 499:
+            file.end_chunk()
+    file.close()
+    data = bytearray(path.read_bytes())
+    second = data.index(ZSTD_MAGIC, data.index(ZSTD_MAGIC) + 1)
+    data[second + 50] ^= 0xFF
+    path.write_bytes(data[:-100])  # the recorder was killed
+    before = list(Recording(path).messages())
+    assert len(before) == 4500
+    assert complete_record(path)
+    assert len(list(Recording(path).messages())) == 4500
