@@ -13,7 +13,7 @@ from typing import NamedTuple
 from arena.errors import InputError
 from arena.geomagnetism import magnetic_field
 from arena.params.checks.check import check_written
-from arena.params.checks.diff import exclusion_reason
+from arena.params.checks.diff import changes_by_itself, exclusion_reason
 from arena.params.checks.findings import Finding
 from arena.params.facts.parameter_table import Version
 from arena.params.generation.generate import generate
@@ -169,18 +169,20 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
 
 
 def left_out_names(arena: Arena, v: Vehicle) -> list[str]:
-    """Return the parameters of a `params_file` for several vehicles that are left out, such as calibrations and counters.
+    """Return the parameters of a `params_file` that are left out.
 
-    Their values are those of one vehicle. A `params_file` that is written under this vehicle is used completely.
+    Calibrations of a file for several vehicles are those of one vehicle. Counters change by themselves, so no vehicle can be
+    required to have them, also not that of the file.
     """
-    own = arena.source.given(("vehicles", v.name, "params_file"))
+    own = arena.source.given(("vehicles", v.name, "params_file")) and arena.source.range_of(v.name) is None
     file = arena.origins[f"vehicles.{v.name}.params_file"].value
-    if file is None or (own and arena.source.range_of(v.name) is None):
-        return []
+    left_out = changes_by_itself if own else exclusion_reason
     return [
         name
         for name in v.own_params
-        if exclusion_reason(name) and arena.origins[f"vehicles.{v.name}.params.{name}"].source == file
+        if file is not None
+        and left_out(name)
+        and arena.origins[f"vehicles.{v.name}.params.{name}"].source == file
     ]
 
 

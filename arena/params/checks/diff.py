@@ -36,10 +36,12 @@ class ExcludedNames(NamedTuple):
 
     names: regular expression that matches the whole parameter name.
     why: the reason for leaving them out.
+    by_itself: PX4 changes the value by itself, so a vehicle cannot be required to have it.
     """
 
     names: str
     why: str
+    by_itself: bool = False
 
 
 NOT_SETTINGS: tuple[ExcludedNames, ...] = (
@@ -48,19 +50,25 @@ NOT_SETTINGS: tuple[ExcludedNames, ...] = (
     ExcludedNames(r"SENS_BOARD_(X|Y|Z)_OFF", "level calibration of this vehicle"),
     ExcludedNames(r"SENS_DPRES_(OFF|ANSC)", "calibration of this vehicle's airspeed sensor"),
     ExcludedNames(r"RC\d+_(MIN|MAX|TRIM|REV|DZ)", "calibration of this vehicle's RC"),
-    ExcludedNames(r"EKF2_MAGBIAS_(X|Y|Z|ID)", "learned in flight"),
-    ExcludedNames(r"LND_FLIGHT_T_(HI|LO)", "a counter of flight time"),
-    ExcludedNames(r"COM_FLIGHT_UUID", "a counter of flights"),
+    ExcludedNames(r"EKF2_MAGBIAS_(X|Y|Z|ID)", "learned in flight", True),
+    ExcludedNames(r"LND_FLIGHT_T_(HI|LO)", "a counter of flight time", True),
+    ExcludedNames(r"COM_FLIGHT_UUID", "a counter of flights", True),
     ExcludedNames(r"MAV_SYS_ID", "every vehicle has its own"),
-    ExcludedNames(r"SYS_AUTOCONFIG|SYS_PARAM_VER|SYS_CONFIG_VER|SYS_RESTART_TYPE", "PX4's own state"),
-    ExcludedNames(r"_HASH_CHECK", "a checksum of the other parameters"),
+    ExcludedNames(r"SYS_AUTOCONFIG|SYS_PARAM_VER|SYS_CONFIG_VER|SYS_RESTART_TYPE", "PX4's own state", True),
+    ExcludedNames(r"_HASH_CHECK", "a checksum of the other parameters", True),
 )
 _PATTERNS = tuple((re.compile(excluded.names), excluded.why) for excluded in NOT_SETTINGS)
+_BY_ITSELF = tuple(re.compile(excluded.names) for excluded in NOT_SETTINGS if excluded.by_itself)
 
 
 def exclusion_reason(name: str) -> str:
     """Return why comparisons leave out a parameter, such as "a counter of flights"; "" if they include it."""
     return next((why for pattern, why in _PATTERNS if pattern.fullmatch(name)), "")
+
+
+def changes_by_itself(name: str) -> bool:
+    """Return whether PX4 changes a parameter by itself, such as a counter of flights."""
+    return any(pattern.fullmatch(name) for pattern in _BY_ITSELF)
 
 
 def same(a: float, b: float, kind: str = "") -> bool:
