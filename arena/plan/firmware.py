@@ -27,6 +27,7 @@ from arena.params.generation.requirements import (
 )
 from arena.schema import Arena, Origin, Vehicle
 from arena.schema.failsafe import Failsafe as FailsafeKeys
+from arena.schema.loader import YamlPath
 
 Fleet = Mapping[str, "Firmware"]
 """Vehicle name -> the PX4 parameters that the vehicle must have."""
@@ -164,6 +165,8 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
         gains=dict(v.profile.params),
         own=_own_values(arena, v),
         measured=frozenset(v.measured),
+        from_file=frozenset(_names_of_file(arena, v)),
+        written=frozenset(_written(arena)),
         reasons=_reasons(arena, v),
     )
 
@@ -175,15 +178,16 @@ def left_out_names(arena: Arena, v: Vehicle) -> list[str]:
     required to have them, also not that of the file.
     """
     own = arena.source.given(("vehicles", v.name, "params_file")) and arena.source.range_of(v.name) is None
-    file = arena.origins[f"vehicles.{v.name}.params_file"].value
     left_out = changes_by_itself if own else exclusion_reason
-    return [
-        name
-        for name in v.own_params
-        if file is not None
-        and left_out(name)
-        and arena.origins[f"vehicles.{v.name}.params.{name}"].source == file
-    ]
+    return [name for name in _names_of_file(arena, v) if left_out(name)]
+
+
+def _names_of_file(arena: Arena, v: Vehicle) -> list[str]:
+    """Return the user's parameters whose value comes from the `params_file`."""
+    file = arena.origins[f"vehicles.{v.name}.params_file"].value
+    if file is None:
+        return []
+    return [name for name in v.own_params if arena.origins[f"vehicles.{v.name}.params.{name}"].source == file]
 
 
 def _own_values(arena: Arena, v: Vehicle) -> dict[str, float]:
@@ -237,6 +241,14 @@ def _checked(arena: Arena, v: Vehicle, required: Firmware) -> Firmware:
     return required
 
 
+def _written(arena: Arena) -> dict[str, YamlPath]:
+    """Return the requirements that the user has written, such as `failsafe.low_battery`, with their places in the YAML."""
+    failsafes = [("failsafe", key) for key in type(arena.failsafe).model_fields]
+    paths: list[YamlPath] = [*failsafes, ("landing_speed_m_s",), ("geofence",)]
+    found = {".".join(map(str, path)): path for path in paths if arena.source.given(path)}
+    return found | ({"failsafe": ("failsafe",)} if any(key.startswith("failsafe.") for key in found) else {})
+
+
 def _reasons(arena: Arena, v: Vehicle) -> dict[str, str]:
     profile, source = f"profile {v.profile.name}", arena.source
     found = {
@@ -253,10 +265,7 @@ def _reasons(arena: Arena, v: Vehicle) -> dict[str, str]:
         found[key] = f"{key}: true" if given else "arena's default"
     if not v.simulated:
         found["sticks"] = f"radio: {v.radio} ({arena.origins[f'vehicles.{v.name}.radio'].source})"
-    failsafes = [("failsafe", key) for key in type(arena.failsafe).model_fields]
-    for path in (*failsafes, ("landing_speed_m_s",), ("geofence",)):
-        if source.given(path):
-            found[".".join(path)] = source.origin(path)
+    found |= {key: source.origin(path) for key, path in _written(arena).items()}
     if arena.geofence is not None:
         found["ceiling_m"] = "below the ceiling: 0.6 of the height of room or fence, whichever is lower"
     own = {name: arena.origins[f"vehicles.{v.name}.params.{name}"].source for name in v.own_params}

@@ -203,6 +203,26 @@ def test_shared_params_file_gives_no_calibrations_of_one_vehicle(folder: Path) -
     assert make_plan(arena).slices["link.uav1.json"]["params"] == one
 
 
+def test_params_file_does_not_replace_a_failsafe_of_the_yaml(folder: Path) -> None:
+    (folder / "tuned.params").write_text(
+        "COM_LOW_BAT_ACT 0\nBAT_CRIT_THR 0.07\nCOM_FAIL_ACT_T 5\nCOM_OBL_RC_ACT 0\nMPC_XY_P 0.9\n"
+    )
+    text = f"{NATNET}failsafe: {{low_battery: {{warn: 0.3, land: 0.2}}}}\nvehicles:\n  uav1: {HARDWARE}, params_file: tuned.params}}\n"
+    made = firmware(load(text), load(text).vehicle("uav1"))
+    assert (made.values["COM_LOW_BAT_ACT"], made.values["BAT_CRIT_THR"], made.values["COM_FAIL_ACT_T"]) == (
+        2,
+        0.2,
+        0,
+    )
+    assert (made.values["COM_OBL_RC_ACT"], made.values["MPC_XY_P"]) == (0, 0.9), (
+        "defaults that nobody has written yield"
+    )
+    (said,) = [text for text in made.not_possible if "params_file" in text]
+    assert said.startswith(
+        "values of the params_file that the YAML replaces: COM_LOW_BAT_ACT, BAT_CRIT_THR, COM_FAIL_ACT_T"
+    )
+
+
 def test_params_file_of_a_range_of_vehicles_is_shared(folder: Path) -> None:
     (folder / "tuned.params").write_text(OF_ONE_VEHICLE)
     arena = load(

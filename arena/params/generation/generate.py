@@ -53,7 +53,8 @@ class Generated(NamedTuple):
 def generate(required: Requirements, version: Version | str) -> Generated:
     """Return the PX4 parameters with which a vehicle meets the requirements in this PX4 version.
 
-    Parameters that the user sets replace generated parameters of the same name.
+    Parameters that the user sets replace generated parameters of the same name. But a parameter file does not replace a requirement
+    that the user has written, such as a failsafe action.
     Raises InputError for a version that is not in the table.
     """
     writer = LineWriter(required, Version.of(version))
@@ -189,8 +190,21 @@ def _vehicle(w: LineWriter) -> Iterator[Line]:
 
 
 def _own(w: LineWriter) -> Iterator[Line]:
-    for name, value in w.required.own.items():
+    required = w.required
+    replaced = [name for name in required.own if _is_replaced(w, name)]
+    if replaced:
+        w.not_possible.append(
+            f"values of the params_file that the YAML replaces: {', '.join(replaced)}. Remove them from the file"
+        )
+    for name, value in required.own.items():
+        if name in replaced:
+            continue
         if name not in w.known:
             w.not_possible.append(f"params: PX4 {w.version} has no {name}")
-        meaning = "this vehicle's own value" if name in w.required.measured else "as written"
+        meaning = "this vehicle's own value" if name in required.measured else "as written"
         yield w.line(name, value, meaning, f"own.{name}")
+
+
+def _is_replaced(w: LineWriter, name: str) -> bool:
+    """Return whether a value of a parameter file is not used, because the user has written a requirement for this parameter."""
+    return name in w.required.from_file and w.requirement_of.get(name) in w.required.written

@@ -29,12 +29,14 @@ class LineWriter:
     required: requirements of the vehicle.
     version: PX4 version of the vehicle.
     not_possible: one sentence per requirement that could not be met.
+    requirement_of: parameter -> key of the requirement from which its newest line was made.
     """
 
     def __init__(self, required: Requirements, version: Version) -> None:
         self.required, self.version = required, version
         self.known: Mapping[str, Parameter] = parameters(version)
         self.not_possible: list[str] = []
+        self.requirement_of: dict[str, str] = {}
 
     def line(self, name: str, value: float, meaning: str, requirement: str) -> Line:
         """Return a generated parameter, with the reason why the arena needs this value.
@@ -43,6 +45,7 @@ class LineWriter:
 
         requirement: key of `Requirements.reasons`; its value becomes the line's reason.
         """
+        self.requirement_of[name] = requirement
         return Line(name, value, meaning, self.required.reasons.get(requirement, "arena's default"))
 
     def within_limits(self, name: str, value: float, requirement: str) -> float:

@@ -93,6 +93,9 @@ class Requirements:
     gains: controller gains of the profile; parameter name of the newest PX4 -> value.
     own: parameters that the user sets; name -> value.
     measured: names in `own` that were measured on this vehicle.
+    from_file: names in `own` whose value comes from a parameter file. A requirement that the user has written (`written`) replaces
+        this value.
+    written: requirements, as in `reasons`, that the user has written.
     reasons: requirement (`hover`, `failsafe.offboard_loss`, `own.NAME`, ...) -> text that says where it comes from.
     """
 
@@ -114,4 +117,6 @@ class Requirements:
     gains: Mapping[str, float] = field(default_factory=dict)
     own: Mapping[str, float] = field(default_factory=dict)
     measured: frozenset[str] = frozenset()
+    from_file: frozenset[str] = frozenset()
+    written: frozenset[str] = frozenset()
     reasons: Mapping[str, str] = field(default_factory=dict)
