@@ -6,15 +6,18 @@ reboot vehicles after it.
 
 from __future__ import annotations
 
+import fcntl
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from arena.cli._params import address_text, required_parameters
+from arena.cli._params import address_text, required_parameters, writable
 from arena.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,7 +27,9 @@ if TYPE_CHECKING:
     from arena.params.transfer.transports import ParamTarget
     from arena.schema import Arena, Vehicle
 
-RECORD = "push.json"
+RECORD, LOCK = "push.json", "push.lock"
+SAVE_S = 2.5
+"""Time in which PX4 saves written parameters: a delay of 0.3 s, and at most one save per 2 s [s]."""
 _RESUME_OR_DELETE = (
     "Resume the push with that vehicle, or delete the file to begin a new push. The file contains the values from before "
     "the push"
@@ -127,12 +132,28 @@ def refuse_beyond_limits(
         )
 
 
+@contextmanager
+def only_push(folder: Path) -> Iterator[None]:
+    """Hold the lock of the pushes of one YAML during the `with` block, because two pushes would overwrite each other's record.
+
+    The lock ends with this process. Raises InputError if another push runs.
+    """
+    with writable(folder):
+        file = (folder / LOCK).open("a")
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"{folder}: another `arena params push` runs. Wait until it has ended") from None
+        yield
+
+
 def reboot_vehicles(
     targets: Mapping[str, ParamTarget], reports: Mapping[str, PushReport], *, without_asking: bool
 ) -> bool:
     """Reboot the autopilots whose new values need a reboot; on a terminal, ask the user first.
 
-    Return False if an autopilot still needs a reboot: it refuses, or the user did not agree.
+    It waits until PX4 has saved the values. Return False if an autopilot still needs a reboot: it refuses, or the user did not agree.
     """
     wanted = {
         name: replace(targets[name], uid=report.uid or targets[name].uid)
@@ -151,6 +172,7 @@ def reboot_vehicles(
         return False
     from arena.params.transfer.session import reboot as reboot_now
 
+    time.sleep(SAVE_S)
     refusals = reboot_now(wanted)
     for name, refusal in refusals.items():
         if refusal:

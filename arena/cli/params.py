@@ -33,6 +33,7 @@ from arena.cli._params_push import (
     RECORD,
     interrupted_record,
     new_record,
+    only_push,
     reboot_vehicles,
     refuse_beyond_limits,
 )
@@ -139,24 +140,32 @@ def push(
     from arena.schema import load_arena
 
     lab = load_arena(arena, set_ or [])
-    chosen = selected_vehicles(lab, vehicles)
-    record = interrupted_record(lab, chosen, file) if resume else new_record(lab, chosen, file, px4_version)
-    chosen = [v for v in chosen if v.name in record.wanted]
-    wanted = {v.name: record.wanted[v.name] for v in chosen}
-    tables = {v.name: parameters(version_for(v, px4_version)) for v in chosen}
-    refuse_beyond_limits(wanted, tables)
-    needs_reboot = frozenset(name for table in tables.values() for name, p in table.items() if p.reboot)
-    targets = targets_of(lab, chosen)
-    with ProgressBars(wanted) as bars, writable(record.path):
-        reports = push_now(
-            targets, wanted, dry_run=dry_run, record=record, reboot_names=needs_reboot, on_progress=bars.show
+    with only_push(Path(lab.folder)):
+        chosen = selected_vehicles(lab, vehicles)
+        record = (
+            interrupted_record(lab, chosen, file) if resume else new_record(lab, chosen, file, px4_version)
         )
-    for name, report in reports.items():
-        print("\n".join(push_report_lines(name, report)))
-    held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
-    if record.unfinished and not dry_run:
-        print(f"The push was interrupted. Continue it with `arena params push --resume` ({record.path})")
-    held &= reboot_vehicles(targets, reports, without_asking=reboot)
+        chosen = [v for v in chosen if v.name in record.wanted]
+        wanted = {v.name: record.wanted[v.name] for v in chosen}
+        tables = {v.name: parameters(version_for(v, px4_version)) for v in chosen}
+        refuse_beyond_limits(wanted, tables)
+        needs_reboot = frozenset(name for table in tables.values() for name, p in table.items() if p.reboot)
+        targets = targets_of(lab, chosen)
+        with ProgressBars(wanted) as bars, writable(record.path):
+            reports = push_now(
+                targets,
+                wanted,
+                dry_run=dry_run,
+                record=record,
+                reboot_names=needs_reboot,
+                on_progress=bars.show,
+            )
+        for name, report in reports.items():
+            print("\n".join(push_report_lines(name, report)))
+        held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
+        if record.unfinished and not dry_run:
+            print(f"The push was interrupted. Continue it with `arena params push --resume` ({record.path})")
+        held &= reboot_vehicles(targets, reports, without_asking=reboot)
     if not held:
         raise typer.Exit(EXIT_FAILED)
 

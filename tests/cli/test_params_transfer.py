@@ -14,7 +14,9 @@ from fake_autopilot import INT32, REAL32, FakeAutopilot
 from served import Connection, Served, UdpPort
 
 import arena.cli as cli
+from arena.cli import _params_push
 from arena.cli._params import address_text
+from arena.cli._params_push import only_push
 from arena.params.transfer.push_record import PushRecord
 from arena.schema import load_arena
 from arena.wire.qgc_params import parse_params
@@ -57,10 +59,22 @@ def test_push_fails_while_a_reboot_is_missing(
     assert board.rebooted == 0 and not Path("push.json").exists()
 
 
-def test_push_with_reboot_succeeds(board: FakeAutopilot, capsys: pytest.CaptureFixture[str]) -> None:
+def test_push_with_reboot_succeeds(
+    board: FakeAutopilot, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waited: list[float] = []
+    monkeypatch.setattr(_params_push.time, "sleep", waited.append)
     code, out, err = run(capsys, "push", "--file", "new.params", "--reboot")
     assert code == 0 and "uav1: rebooting" in out and NEEDS not in out, out + err
-    assert board.rebooted == 1
+    assert board.rebooted == 1 and _params_push.SAVE_S in waited, "PX4 saves the values first"
+
+
+def test_two_pushes_at_once_are_refused(board: FakeAutopilot, capsys: pytest.CaptureFixture[str]) -> None:
+    with only_push(Path()):
+        code, _, err = run(capsys, "push", "--file", "new.params")
+    assert code == 2 and "another `arena params push` runs. Wait until it has ended" in err
+    assert board.params["MPC_XY_P"][0] == 0.95
+    assert run(capsys, "push", "--file", "new.params")[0] == 1, "the lock ends with the push"
 
 
 def test_push_of_values_without_a_reboot_succeeds(
