@@ -25,7 +25,7 @@ def restart_program(flight: Flight) -> None:
 
 
 def test_restarted_program_flies_again_only_after_release(hangar: Hangar) -> None:  # review fault 9
-    flight = hangar.fly({"uav1": "hovers"}, "--speed", "5", "--processes")
+    flight = hangar.fly({"uav1": "hovers"}, "--speed", "3", "--processes")
     flight.until_up(0.5)
     nothing = flight.cli("release", "uav1")
     assert nothing.returncode == 1

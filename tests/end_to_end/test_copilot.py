@@ -78,7 +78,7 @@ def bereft(
 
     until: state that the copilot must then reach, and how often.
     """
-    flight = touring(hangar, copilot, "--until-done", "--speed", "4", "--processes")
+    flight = touring(hangar, copilot, "--until-done", "--speed", "3", "--processes")
     flight.until_up()
     state, times = until
     with flight.paced(0.5):  # the state is reached before the tour ends

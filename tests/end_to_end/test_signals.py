@@ -34,7 +34,7 @@ def assert_landed_softly(flight: Flight, vehicle: str) -> None:
     ],
 )
 def test_signal_in_flight_lands_then_stops(hangar: Hangar, number: int, code: int, cause: str) -> None:
-    flight = hangar.fly({"uav1": "hovers"}, "--speed", "10", "--processes")
+    flight = hangar.fly({"uav1": "hovers"}, "--speed", "3", "--processes")
     flight.until_up(0.9)
     flight.signal(number)
     assert flight.wait() == code, flight.said()

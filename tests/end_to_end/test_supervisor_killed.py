@@ -14,7 +14,7 @@ VEHICLES = {"uav1": "hovers", "uav2": "hovers"}
 
 
 def test_arena_without_supervisor_lands_and_ends(hangar: Hangar) -> None:
-    flight = hangar.fly(VEHICLES, "--speed", "10", "--processes")
+    flight = hangar.fly(VEHICLES, "--speed", "3", "--processes")
     flight.until_up(0.9)
     programs = [flight.pid(f"program.{v}") for v in VEHICLES]
     world = flight.pid("world")
