@@ -73,12 +73,17 @@ def _how_many(arena: Arena, plan: Plan) -> str:
 
 
 def not_possible(arena: Arena) -> list[str]:
-    """Return a line for each setting of the YAML that a vehicle's PX4 version does not support."""
-    from arena.plan.firmware import all_firmware
+    """Return a line for each setting of the YAML that a vehicle's PX4 version does not support.
 
-    return [
-        f"{name}: not possible: {x}" for name, each in all_firmware(arena).items() for x in each.not_possible
-    ]
+    Another line names the values of a `params_file` that are not used.
+    """
+    from arena.plan.firmware import all_firmware, replaced_text
+
+    found = []
+    for name, each in all_firmware(arena).items():
+        found += [f"{name}: not possible: {x}" for x in each.not_possible]
+        found += [f"{name}: {replaced_text(each.replaced)}"] if each.replaced else []
+    return found
 
 
 def without_effect(arena: Arena) -> list[str]:

@@ -142,7 +142,13 @@ def params_file_text(arena: Arena, vehicle: Vehicle, asked: str) -> str:
         )
     header += [f"NOT POSSIBLE: {sentence}" for sentence in made.not_possible]
     if left_out := left_out_names(arena, vehicle):
-        header.append(f"NOT USED, because params_file is for several vehicles: {', '.join(left_out)}")
+        header.append(
+            f"NOT USED, because they are calibrations of one vehicle or counters: {', '.join(left_out)}"
+        )
+    if made.replaced:
+        header.append(
+            f"NOT USED from params_file, because the YAML or a failsafe needs other values: {', '.join(made.replaced)}"
+        )
     if kept := unmeasured(arena, vehicle, asked):
         header.append(f"NOT SET, because nobody has set or measured it: {', '.join(kept)}")
     comments = {line.name: f"{line.meaning}; {line.reason}" for line in made.lines}

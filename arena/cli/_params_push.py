@@ -89,7 +89,7 @@ def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | Non
 def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> dict[str, float]:
     """Return the values to write to a vehicle, from a file or from the YAML. Print what is left out."""
     from arena.params.checks.diff import exclusion_reason
-    from arena.plan.firmware import left_out_names
+    from arena.plan.firmware import left_out_names, replaced_text
 
     if file is not None:
         from arena.params.param_files import read_values
@@ -101,6 +101,8 @@ def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> di
     made = required_parameters(arena, vehicle, asked)
     for sentence in made.not_possible:
         print(f"{vehicle.name}: PX4 cannot meet a requirement of the YAML: {sentence}")
+    if made.replaced:
+        print(f"{vehicle.name}: {replaced_text(made.replaced)}")
     _print_left_out(vehicle, "params_file", left_out_names(arena, vehicle))
     return made.values
 
@@ -111,8 +113,8 @@ def _print_left_out(vehicle: Vehicle, file: Path | str, names: Sequence[str]) ->
     if names:
         shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
         print(
-            f"{vehicle.name}: {len(names)} parameters of {file} are left out, because they are calibrations or counters "
-            f"of one vehicle: {shown}"
+            f"{vehicle.name}: {len(names)} parameters of {file} are left out, because they are calibrations "
+            f"of one vehicle or counters: {shown}"
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -140,7 +141,7 @@ def push(
     from arena.schema import load_arena
 
     lab = load_arena(arena, set_ or [])
-    with only_push(Path(lab.folder)):
+    with nullcontext() if dry_run else only_push(Path(lab.folder)):
         chosen = selected_vehicles(lab, vehicles)
         record = (
             interrupted_record(lab, chosen, file) if resume else new_record(lab, chosen, file, px4_version)
@@ -165,7 +166,7 @@ def push(
         held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
         if record.unfinished and not dry_run:
             print(f"The push was interrupted. Continue it with `arena params push --resume` ({record.path})")
-        held &= reboot_vehicles(targets, reports, without_asking=reboot)
+        held &= dry_run or reboot_vehicles(targets, reports, without_asking=reboot)
     if not held:
         raise typer.Exit(EXIT_FAILED)
 

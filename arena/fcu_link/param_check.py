@@ -26,6 +26,7 @@ MAX_GROUP = 25  # right values in a group, so that a slow serial line is not flo
 _RELATIVE = 1e-5  # floats only: integers are compared exactly
 _ABSOLUTE = 1e-9
 _MAX_SHOWN = 3
+_SURELY_MISSING = 2  # rounds of requests without a reply
 _BREAKER = "CBRK_"  # a circuit breaker that the vehicle does not have is not on
 
 
@@ -40,6 +41,7 @@ class _Param:
     tries: number of requests since the last reply, or since the parameter became due
     unknown: the vehicle does not have this parameter
     due: the parameter must be read
+    missed: number of times that the vehicle was found not to have it, since the last reply
     answers_before: number of replies to all requests at the time of the first request for this parameter
     """
 
@@ -50,6 +52,7 @@ class _Param:
     tries: int = 0
     unknown: bool = False
     due: bool = True
+    missed: int = 0
     answers_before: int = 0
 
     def make_due(self) -> None:
@@ -82,7 +85,7 @@ class ParamCheck:
         self._answers = 0
         self._next_recheck = math.inf
         self._next_group = 0  # index of the first parameter of the next group in the rotation
-        self._all_at_recheck = False
+        self._all_at_recheck = self._reads_all = False
         self._last_event = ""
         self.events: list[str] = []
 
@@ -125,7 +128,7 @@ class ParamCheck:
         """
         for p in self._params.values():
             p.make_due()
-        self._all_at_recheck = True
+        self._all_at_recheck = self._reads_all = True
         if self._next_recheck < math.inf:
             self._next_recheck = now + RECHECK_S
 
@@ -136,6 +139,8 @@ class ParamCheck:
         """
         if self.complete and now >= self._next_recheck:
             self._recheck(now)
+        if self._reads_all and not self._all_at_recheck and not any(p.due for p in self._params.values()):
+            self._reads_all = False
         waiting = [p for p in self._params.values() if p.due and now - p.asked < RETRY_S]
         free = MAX_PENDING - len(waiting)
         found: list[str] = []
@@ -155,6 +160,7 @@ class ParamCheck:
         if p is not None:
             self._answers += 1
             p.value, p.kind, p.unknown, p.due, p.tries = received.value, received.kind, False, False, 0
+            p.missed = 0
 
     def on_error(self, name: str, error: int) -> None:
         """Mark a parameter as missing in the vehicle if a PARAM_ERROR reports that it does not exist.
@@ -164,12 +170,14 @@ class ParamCheck:
         p = self._params.get(name)
         if p is not None and error == DOES_NOT_EXIST:
             self._answers += 1
-            p.unknown, p.due, p.value = True, False, None
+            p.unknown, p.due, p.value, p.missed = True, False, None, _SURELY_MISSING
 
     def reasons(self) -> list[str]:
         """Return why wrong or unread parameters forbid arming: at most three reasons, and how many more there are."""
         found = list(self._differences())
         unread = sum(p.value is None and not p.unknown for p in self._params.values())
+        if self._reads_all:
+            found.append("parameters are being read again")
         if unread:
             found.append(f"{unread} of {len(self._params)} parameters not read yet")
         if len(found) <= _MAX_SHOWN:
@@ -178,10 +186,14 @@ class ParamCheck:
 
     def _differences(self) -> Iterator[str]:
         for name, p in self._params.items():
-            if p.unknown and p.wanted is not None and not (p.wanted == 0 and name.startswith(_BREAKER)):
+            if p.unknown and p.wanted is not None and not self._is_off(name, p):
                 yield f"{name} is unknown to the vehicle"
             elif p.value is not None and p.wanted is not None and not p.holds:
                 yield f"{name} is {_text(p.value, p.kind)}, needs {_text(p.wanted, p.kind)}"
+
+    def _is_off(self, name: str, p: _Param) -> bool:
+        """Return whether a circuit breaker is off because the vehicle surely does not have it: replies can be lost, too."""
+        return p.wanted == 0 and name.startswith(_BREAKER) and p.missed >= _SURELY_MISSING
 
     def _give_up(self, p: _Param) -> bool:
         """Stop requesting a parameter after several requests without a reply. Return whether it was stopped.
@@ -194,7 +206,7 @@ class ParamCheck:
         if p.value is not None:
             p.due = False
         elif self._answers - p.answers_before >= 2:
-            p.unknown, p.due = True, False
+            p.unknown, p.due, p.missed = True, False, p.missed + 1
         return not p.due
 
     def _probe(self, name: str) -> list[str]:

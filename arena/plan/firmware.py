@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -46,11 +46,13 @@ class Firmware:
     version: PX4 version whose parameter names are used.
     lines: one entry per parameter, with its value and reason.
     not_possible: one sentence per requirement for which this version has no parameter.
+    replaced: parameters whose value in the `params_file` is not used.
     """
 
     version: str
     lines: tuple[Line, ...]
     not_possible: tuple[str, ...]
+    replaced: tuple[str, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -75,7 +77,7 @@ def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
     """
     version = px4_version(vehicle, version)
     made = generate(_for_autopilot(requirements(arena, vehicle), vehicle.autopilot), version)
-    return Firmware(version=version, lines=made.lines, not_possible=made.not_possible)
+    return Firmware(version=version, lines=made.lines, not_possible=made.not_possible, replaced=made.replaced)
 
 
 def origins(arena: Arena) -> dict[str, Origin]:
@@ -241,12 +243,21 @@ def _checked(arena: Arena, v: Vehicle, required: Firmware) -> Firmware:
     return required
 
 
+def replaced_text(names: Sequence[str]) -> str:
+    """Return a text that names the values of a `params_file` that are not used."""
+    return f"not used from the params_file, because the YAML or a failsafe needs other values: {', '.join(names)}"
+
+
 def _written(arena: Arena) -> dict[str, YamlPath]:
     """Return the requirements that the user has written, such as `failsafe.low_battery`, with their places in the YAML."""
     failsafes = [("failsafe", key) for key in type(arena.failsafe).model_fields]
     paths: list[YamlPath] = [*failsafes, ("landing_speed_m_s",), ("geofence",)]
     found = {".".join(map(str, path)): path for path in paths if arena.source.given(path)}
-    return found | ({"failsafe": ("failsafe",)} if any(key.startswith("failsafe.") for key in found) else {})
+    if any(key.startswith("failsafe.") for key in found):
+        found["failsafe"] = ("failsafe",)
+    if "geofence" in found or arena.source.given(("world", "size")):
+        found["ceiling_m"] = ("geofence",) if "geofence" in found else ("world", "size")
+    return found
 
 
 def _reasons(arena: Arena, v: Vehicle) -> dict[str, str]:
@@ -265,7 +276,7 @@ def _reasons(arena: Arena, v: Vehicle) -> dict[str, str]:
         found[key] = f"{key}: true" if given else "arena's default"
     if not v.simulated:
         found["sticks"] = f"radio: {v.radio} ({arena.origins[f'vehicles.{v.name}.radio'].source})"
-    found |= {key: source.origin(path) for key, path in _written(arena).items()}
+    found |= {key: source.origin(path) for key, path in _written(arena).items() if key != "ceiling_m"}
     if arena.geofence is not None:
         found["ceiling_m"] = "below the ceiling: 0.6 of the height of room or fence, whichever is lower"
     own = {name: arena.origins[f"vehicles.{v.name}.params.{name}"].source for name in v.own_params}

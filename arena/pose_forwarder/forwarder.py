@@ -182,7 +182,7 @@ class Forwarder:
 
         A PX4 in lockstep restarts so quickly that no heartbeat is missing, and its time since boot is the simulation time. Only a
         jump to 0 over many numbers, after many numbers without a gap, counts, because messages can be lost, or filtered by a link.
-        The restart of a vehicle that was armed takes effect when the vehicle is reported disarmed.
+        The restart of a vehicle that was armed takes effect when its next heartbeat reports it disarmed: a restarted PX4 is.
         """
         skipped = (number - self._next_number) % 256
         self._restarted |= number == 0 and skipped > _MAX_LOST and self._without_gap >= _MIN_WITHOUT_GAP
@@ -200,6 +200,7 @@ class Forwarder:
         if msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             a.last_heartbeat, a.armed = now, bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
             a.mode = mode_words(m.custom_mode)
+            self._restarted &= not a.armed
         elif msgid == mavlink.MAVLINK_MSG_ID_SYS_STATUS:
             bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
             a.may_arm = bool(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from fake_autopilot import INT32, REAL32, FakeAutopilot
-from served import Connection, Served, UdpPort
+from served import Connection, Served, UdpPort, let_pass
 
 import arena.cli as cli
 from arena.cli import _params_push
@@ -97,6 +97,17 @@ def test_resumed_push_still_needs_the_reboot(
     assert code == 1 and NEEDS in out, out + err
 
 
+def test_dry_run_never_reboots(board: FakeAutopilot, capsys: pytest.CaptureFixture[str]) -> None:
+    arena = load_arena("arena.yaml")
+    at = {"uav1": address_text(arena, arena.vehicles[0])}
+    record = PushRecord.begin(Path("push.json"), {"uav1": {"EKF2_HGT_REF": 1.0}}, at)
+    record.update("uav1", {"EKF2_HGT_REF": 3.0}, {"EKF2_HGT_REF": 1.0}, "interrupted")
+    record.save()
+    code, out, err = run(capsys, "push", "--resume", "--dry-run", "--reboot")
+    assert code == 0 and "rebooting" not in out, out + err
+    assert board.rebooted == 0
+
+
 def test_pull_replaces_an_existing_file_only_with_force(
     board: FakeAutopilot, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -104,11 +115,13 @@ def test_pull_replaces_an_existing_file_only_with_force(
     file = Path("backup/uav1.params")
     assert parse_params(file.read_text())["MPC_XY_P"] == pytest.approx(0.95)
     file.write_text("MPC_XY_P 0.5\n")
+    let_pass(board, 3)
     requests = len(board.received)
     code, _, err = run(capsys, "pull", "-o", "backup")
     assert (
         code == 2 and "backup/uav1.params: the file exists, and nothing was read" in err and "--force" in err
     )
+    let_pass(board, 3)
     assert file.read_text() == "MPC_XY_P 0.5\n" and len(board.received) == requests
     assert run(capsys, "pull", "-o", "backup", "--force")[0] == 0
     assert parse_params(file.read_text())["MPC_XY_P"] == pytest.approx(0.95)

@@ -45,7 +45,7 @@ class ExcludedNames(NamedTuple):
 
 
 NOT_SETTINGS: tuple[ExcludedNames, ...] = (
-    ExcludedNames(r"CAL_\w+", "calibration and priority of this vehicle's sensors"),
+    ExcludedNames(r"CAL_\w+", "calibration and priority of this vehicle's sensors", True),
     ExcludedNames(r"TC_\w+", "temperature calibration of this vehicle's sensors"),
     ExcludedNames(r"SENS_BOARD_(X|Y|Z)_OFF", "level calibration of this vehicle"),
     ExcludedNames(r"SENS_DPRES_(OFF|ANSC)", "calibration of this vehicle's airspeed sensor"),

@@ -44,7 +44,9 @@ def failsafe_lines(w: LineWriter) -> Iterator[Line]:
         yield from _reaction(w, event, event, action)
     yield from _attitude(w, failsafe)
     if not w.required.simulated:
-        yield from _changed_by_others(w, failsafe)
+        for line in _changed_by_others(w, failsafe):
+            w.needed.add(line.name)
+            yield line
     for name in ("COM_FAIL_ACT_T", "COM_RCL_ACT_T", "COM_BAT_ACT_T"):
         if name in w.known:
             yield w.line(name, 0.0, "failsafes act at once, without a hold before [s]", "failsafe")

@@ -39,10 +39,12 @@ class Generated(NamedTuple):
 
     lines: one per parameter, with value and reason.
     not_possible: one sentence per requirement for which this version has no parameter.
+    replaced: parameters whose value in a parameter file is not used, because the YAML or a failsafe needs another value.
     """
 
     lines: tuple[Line, ...]
     not_possible: tuple[str, ...]
+    replaced: tuple[str, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -62,7 +64,9 @@ def generate(required: Requirements, version: Version | str) -> Generated:
     for part in (_vision, _sensors, failsafe_lines, _geofence, _landing, _vehicle, _own):
         for line in part(writer):
             lines[line.name] = line
-    return Generated(tuple(lines.values()), tuple(writer.not_possible))
+    replaced = (name for name in required.from_file if _is_replaced(writer, name))
+    differing = sorted(name for name in replaced if lines[name].value != required.own[name])
+    return Generated(tuple(lines.values()), tuple(writer.not_possible), tuple(differing))
 
 
 def _vision(w: LineWriter) -> Iterator[Line]:
@@ -135,6 +139,7 @@ def _geofence(w: LineWriter) -> Iterator[Line]:
     height = round(fence.height_m, 3)
     yield w.line("GF_MAX_VER_DIST", height, "from home to the top of the geofence [m]", "geofence")
     if not w.required.simulated and "GF_SOURCE" in w.known:
+        w.needed.add("GF_SOURCE")
         yield w.line("GF_SOURCE", 0, "the geofence uses the estimated position, not GPS", "geofence")
     if fence.height_m <= _TAKEOFF_M:
         altitude = round(RETURN_SHARE * fence.height_m, 2)
@@ -191,13 +196,8 @@ def _vehicle(w: LineWriter) -> Iterator[Line]:
 
 def _own(w: LineWriter) -> Iterator[Line]:
     required = w.required
-    replaced = [name for name in required.own if _is_replaced(w, name)]
-    if replaced:
-        w.not_possible.append(
-            f"values of the params_file that the YAML replaces: {', '.join(replaced)}. Remove them from the file"
-        )
     for name, value in required.own.items():
-        if name in replaced:
+        if _is_replaced(w, name):
             continue
         if name not in w.known:
             w.not_possible.append(f"params: PX4 {w.version} has no {name}")
@@ -206,5 +206,6 @@ def _own(w: LineWriter) -> Iterator[Line]:
 
 
 def _is_replaced(w: LineWriter, name: str) -> bool:
-    """Return whether a value of a parameter file is not used, because the user has written a requirement for this parameter."""
-    return name in w.required.from_file and w.requirement_of.get(name) in w.required.written
+    """Return whether a value of a parameter file is not used, because the YAML or a failsafe needs another value."""
+    needed = name in w.needed or w.requirement_of.get(name) in w.required.written
+    return needed and name in w.required.from_file

@@ -30,6 +30,7 @@ class LineWriter:
     version: PX4 version of the vehicle.
     not_possible: one sentence per requirement that could not be met.
     requirement_of: parameter -> key of the requirement from which its newest line was made.
+    needed: parameters without which a failsafe does not act; a parameter file does not replace them.
     """
 
     def __init__(self, required: Requirements, version: Version) -> None:
@@ -37,6 +38,7 @@ class LineWriter:
         self.known: Mapping[str, Parameter] = parameters(version)
         self.not_possible: list[str] = []
         self.requirement_of: dict[str, str] = {}
+        self.needed: set[str] = set()
 
     def line(self, name: str, value: float, meaning: str, requirement: str) -> Line:
         """Return a generated parameter, with the reason why the arena needs this value.
