@@ -109,15 +109,16 @@ def test_calibrations_of_a_file_are_not_pushed(folder: Path, capsys: pytest.Capt
     assert record.wanted == {"uav1": {"MPC_XY_P": 0.9}, "uav2": {"MPC_XY_P": 0.9}}
     out = capsys.readouterr().out.splitlines()
     assert len(out) == 2 and out[1] == (
-        f"uav2: 4 parameters of {folder / 'pulled.params'} are left out, because they are calibrations or counters of one "
-        "vehicle: CAL_ACC0_XOFF, CAL_GYRO0_ID, LND_FLIGHT_T_LO, ..."
+        f"uav2: 4 parameters of {folder / 'pulled.params'} are left out, because they are calibrations of one vehicle "
+        "or counters: CAL_ACC0_XOFF, CAL_GYRO0_ID, LND_FLIGHT_T_LO, ..."
     )
     (folder / "arena.yaml").write_text(YAML + "defaults: {params_file: pulled.params}\n")
     arena = load_arena("arena.yaml")
     assert "CAL_ACC0_XOFF" not in new_record(arena, arena.vehicles, None, "").wanted["uav2"]
     assert capsys.readouterr().out.count(" 4 parameters of params_file are left out") == 2
     assert (
-        "# NOT USED, because params_file is for several vehicles: CAL_ACC0_XOFF" in run(capsys, "generate")[1]
+        "# NOT USED, because they are calibrations of one vehicle or counters: CAL_ACC0_XOFF"
+        in run(capsys, "generate")[1]
     )
 
 
