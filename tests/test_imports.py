@@ -41,6 +41,7 @@ GROUND = {
     "thrust_curve",
     "vehicle_models",
     "transport",
+    "whole_file",
 }
 MAY: dict[str, set[str]] = {
     "authority": {"constants", "transport", "wire"},
@@ -71,11 +72,12 @@ MAY: dict[str, set[str]] = {
     "signing_key": {"errors", "wire"},
     "vehicle_models": {"errors", "thrust_curve", "constants", "kernels", "portable_math"},
     "transport": {"errors"},
+    "whole_file": set(),
     "wire": {"constants", "errors", "geometry", "kernels"},
     "mocap": {"errors"},  # the table of vendors; their packages are found by name
     "mocap.client": {"clock_reading", "datagrams", "errors", "geometry", "kernels", "mocap", "transport"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
-    "params": {"constants", "errors", "wire", "clock", "run_dirs", "signing_key", "transport"},
+    "params": {"constants", "errors", "wire", "clock", "run_dirs", "signing_key", "transport", "whole_file"},
     "mocap.emulator": GROUND | {"mocap"},
     # the processes that join the parts of other processes
     "replay": GROUND | {"flight_log", "fused", "mocap.client", "mocap.emulator", "recorder"},

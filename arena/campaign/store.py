@@ -20,6 +20,7 @@ from typing import Any
 from arena.campaign.design import Flight
 from arena.campaign.sweep import Sweep, Value
 from arena.errors import InputError, RunError
+from arena.whole_file import replace_file
 
 RESULTS, CAMPAIGN, LOCK = "results.jsonl", "campaign.json", "campaign.lock"
 
@@ -106,12 +107,9 @@ class Store:
 
     def write_listing(self, listing: Listing) -> None:
         """Write campaign.json as a whole, so that a reader never sees half of the file."""
-        new = self.folder / f"{CAMPAIGN}.new"
-        with _errors_named(new), new.open("w") as file:
-            file.write(json.dumps(dataclasses.asdict(listing), indent=1) + "\n")
-            file.flush()
-            os.fsync(file.fileno())  # before the rename: a power failure must not leave an empty file
-        new.replace(self.folder / CAMPAIGN)
+        path = self.folder / CAMPAIGN
+        with _errors_named(path):
+            replace_file(path, json.dumps(dataclasses.asdict(listing), indent=1) + "\n")
 
     def listing(self) -> Listing | None:
         """Return the content of campaign.json; None if the file does not exist.

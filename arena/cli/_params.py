@@ -6,10 +6,9 @@ They find the addresses of vehicles and read parameter sets.
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -92,18 +91,6 @@ def refuse_existing(paths: Iterable[Path]) -> None:
             f"{', '.join(existing)}: the file exists, and nothing was read. Choose another folder with -o, or replace the file "
             "with --force"
         )
-
-
-def replace_file(path: Path, text: str) -> None:
-    """Write a file so that it is never incomplete: a temporary file beside it gets its name. Raises OSError."""
-    part = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        part.write_text(text)
-        part.replace(path)
-    except OSError:
-        with suppress(OSError):
-            part.unlink()
-        raise
 
 
 def version_for(vehicle: Vehicle | None, asked: str) -> str:

@@ -15,7 +15,6 @@ from arena.cli._params import (
     not_applicable,
     params_file_text,
     refuse_existing,
-    replace_file,
     selected_vehicles,
     split_arena,
     targets_of,
@@ -39,6 +38,7 @@ from arena.cli._params_push import (
     refuse_beyond_limits,
 )
 from arena.errors import EXIT_FAILED
+from arena.whole_file import replace_file
 
 ArenaOption = Annotated[Path, typer.Option("--arena", metavar="FILE", help="the arena's YAML, or its folder")]
 VersionOption = Annotated[

@@ -7,15 +7,14 @@ except values that the vehicle already has. `before` keeps the values from befor
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from arena.errors import InputError
+from arena.whole_file import replace_file
 
 _FORMAT = "arena params push 1"
 
@@ -120,17 +119,7 @@ class PushRecord:
         """Write the record to its file. Raises OSError if the file cannot be written."""
         vehicles = {name: asdict(vehicle) for name, vehicle in self.vehicles.items()}
         text = json.dumps({"format": _FORMAT, "vehicles": vehicles}, indent=1)
-        part = self.path.with_name(f".{self.path.name}.{os.getpid()}")
-        try:
-            with part.open("w") as file:
-                file.write(text + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(self.path)
-        except OSError:
-            with contextlib.suppress(OSError):
-                part.unlink()
-            raise
+        replace_file(self.path, text + "\n")
 
     def delete(self) -> None:
         """Remove the file of the record, after a complete push."""
