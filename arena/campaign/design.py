@@ -158,9 +158,17 @@ def overrides_of(name: str, setting: Setting, value: Value) -> tuple[str, ...]:
     return tuple(t.replace(PLACEHOLDER, text) for t in setting.set) or (f"{name}={text}",)
 
 
-def _flight(sweep: Sweep, number: int, point: Mapping[str, Value], seed: int) -> Flight:
+def overrides_at(sweep: Sweep, point: Mapping[str, Value]) -> tuple[str, ...]:
+    """Return all YAML overrides of a flight: those of the whole campaign, then those of its values.
+
+    point: setting -> its value in the flight
+    """
     varied = [o for name, value in point.items() for o in overrides_of(name, sweep.settings[name], value)]
-    overrides = (*sweep.overrides, *varied)
+    return (*sweep.overrides, *varied)
+
+
+def _flight(sweep: Sweep, number: int, point: Mapping[str, Value], seed: int) -> Flight:
+    overrides = overrides_at(sweep, point)
     return Flight(
         id=flight_id(overrides, seed),
         number=number,

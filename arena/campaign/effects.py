@@ -1,4 +1,4 @@
-"""Checks of the overrides of a campaign: each must reach a flight, and each setting must have an effect.
+"""Checks of the overrides of a campaign: each override and each setting must have an effect.
 
 A setting without an effect would give equal flights, whose table shows values that were never flown.
 """
@@ -10,12 +10,13 @@ from dataclasses import replace
 from typing import Any
 
 from arena.builtin_parameters import effect_problem
-from arena.campaign.design import Flight, overrides_of
-from arena.campaign.sweep import Sweep
+from arena.campaign.design import Flight, overrides_at
+from arena.campaign.sweep import Sweep, Value
 from arena.errors import InputError
 from arena.schema import Arena
 from arena.schema.loader import parse_scalar
 
+_Settings = Mapping[str, Value]
 _SEEDS = "the campaign sets it in each flight. Use `seeds`"
 _FIXED = {
     ("world", "seed"): _SEEDS,
@@ -27,7 +28,7 @@ _FIXED = {
 
 
 def override_problem(override: str, vehicles: Collection[str] | None) -> str:
-    """Return why an override cannot reach a flight, or "".
+    """Return why an override has no influence on a flight, or "".
 
     override: a text such as `world.seed=3`.  vehicles: names of the arena's vehicles; None if they are not known.
     """
@@ -54,55 +55,45 @@ def without_effect(sweep: Sweep, first: Flight, load: Callable[[Flight], Arena])
 
     first: first flight of the campaign.  load: returns the arena of a flight.
     """
+
+    def arena_at(settings: _Settings) -> Arena:
+        return _effective(load(replace(first, settings=settings, overrides=overrides_at(sweep, settings))))
+
     return [
         name
         for name in sweep.settings
-        if _other_values(sweep, name, first.settings)
+        if _with_other_value(sweep, name, first.settings)
         and not any(
-            _has_effect(sweep, name, replace(first, settings=settings), load)
-            for settings in _corners(sweep, name, first)
+            _has_effect(sweep, name, settings, arena_at) for settings in _corners(sweep, name, first.settings)
         )
     ]
 
 
-def _corners(sweep: Sweep, name: str, first: Flight) -> Iterator[dict[str, Any]]:
+def _corners(sweep: Sweep, name: str, first: _Settings) -> Iterator[_Settings]:
     """Yield the settings of the first flight, then with each other value of one further setting, such as the autopilot.
 
     name: setting that keeps its value.
     """
-    yield dict(first.settings)
+    yield first
     for other in sweep.settings:
         if other != name:
-            for value in _other_values(sweep, other, first.settings):
-                yield {**first.settings, other: value}
+            yield from _with_other_value(sweep, other, first)
 
 
-def _has_effect(sweep: Sweep, name: str, flight: Flight, load: Callable[[Flight], Arena]) -> bool:
-    """Return whether another value of a setting gives another arena, or an error, than this flight."""
+def _has_effect(sweep: Sweep, name: str, settings: _Settings, arena_at: Callable[[_Settings], Arena]) -> bool:
+    """Return whether another value of one setting gives another arena than these settings, or an error."""
     try:
-        base = _effective(load(_with(sweep, flight, {})))
-        return any(
-            _effective(load(_with(sweep, flight, {name: value}))) != base
-            for value in _other_values(sweep, name, flight.settings)
-        )
+        base = arena_at(settings)
+        return any(arena_at(changed) != base for changed in _with_other_value(sweep, name, settings))
     except InputError:  # the values of two settings do not fit together, so they matter
         return True
 
 
-def _other_values(sweep: Sweep, name: str, settings: Mapping[str, Any]) -> list[Any]:
-    """Return the values of a setting that differ from its value in `settings`; of a range, both ends."""
+def _with_other_value(sweep: Sweep, name: str, settings: _Settings) -> list[_Settings]:
+    """Return the settings once with each other value of one setting; of a range, with both ends."""
     setting = sweep.settings[name]
     values = setting.values if setting.values is not None else (setting.max, setting.min)
-    return [value for value in values if value != settings[name]]
-
-
-def _with(sweep: Sweep, flight: Flight, changed: Mapping[str, Any]) -> Flight:
-    """Return a flight with changed settings, and with the overrides that belong to its settings."""
-    settings = {**flight.settings, **changed}
-    varied = (
-        text for key, value in settings.items() for text in overrides_of(key, sweep.settings[key], value)
-    )
-    return replace(flight, settings=settings, overrides=(*sweep.overrides, *varied))
+    return [{**settings, name: value} for value in values if value != settings[name]]
 
 
 def _effective(arena: Arena) -> Arena:

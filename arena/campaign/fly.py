@@ -89,15 +89,16 @@ def _fly_arena(flight: Flight, folder: Path) -> _Flown:
     if code != EXIT_OK and not failed:
         why = outcome.get("reason") or ("it was killed" if code < 0 else "no reason was recorded")
         failed = [f"`arena up` ended with exit code {code}: {why}"]
-    late, incomplete = late_px4s(outcome), missing_files(session.run, logs=not failed)
+    late, incomplete = late_px4s(outcome), missing_files(session.run, outcome, logs=not failed)
     lost = bool(late or incomplete)
     return _Flown(run=str(session.run or ""), failed=[*late, *failed, *incomplete], lost=lost)
 
 
 def _fly_scenario(flight: Flight, folder: Path) -> _Flown:
-    """Fly the scenario of one flight of a campaign. The reasons of a failure have file and line.
+    """Fly the scenario of one flight of a campaign.
 
-    A PX4 that is late although the scenario does not touch it, or a record that ends early, is a failure of the computer.
+    Each reason of a failure names the line of the scenario file. It is a failure of the computer, not of the vehicles, if the record
+    ends early, or if a PX4 is late that the scenario does not touch.
     """
     (scenario,) = load_scenarios(flight.file, flight.overrides)
     result = fly_scenario(scenario, FlightOptions(results=folder, seed=flight.seed, report=False))
@@ -112,14 +113,13 @@ def _fly_scenario(flight: Flight, folder: Path) -> _Flown:
     )
 
 
-def missing_files(run: Path | None, *, logs: bool) -> list[str]:
+def missing_files(run: Path | None, outcome: Mapping[str, Any], *, logs: bool) -> list[str]:
     """Return which results of a run are missing or not complete, for example because the disk was full.
 
-    logs: the logs of all vehicles are required, too.
+    outcome: content of outcome.json; empty if it is missing.  logs: the logs of all vehicles are required, too.
     """
     if run is None:
         return ["the run has no folder"]
-    outcome = _outcome(run)
     if not outcome:
         return ["outcome.json is missing, so the result of the flight is not known"]
     names = [v["name"] for v in json.loads((run / "plan.json").read_text())["vehicles"]]
@@ -138,7 +138,7 @@ def late_px4s(outcome: Mapping[str, Any]) -> list[str]:
 
 
 def record_problems(outcome: Mapping[str, Any]) -> list[str]:
-    """Return why the record of a flight is not complete, as its recorder reports it. Return [] if it is complete."""
+    """Return the reasons why the record of a flight is not complete, from the recorder's statistics. Return [] if it is complete."""
     rows = outcome.get("processes") or {}
     found = [(row.get("stats") or {}).get("record", "complete") for row in rows.values() if row]
     return [f"the record of the flight is not complete: {why}" for why in found if why != "complete"]

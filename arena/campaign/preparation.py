@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -38,16 +38,15 @@ def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None
     if not Path(sweep.flown).exists():
         given = sweep.source.value((sweep.kind,))
         raise InputError(sweep.source.problem((sweep.kind,), f"got {given!r}, which does not exist."))
-    if unreached := [problem for flight in flights[:1] for problem in _unreached(sweep, flight)]:
-        raise InputError(sorted(unreached, key=lambda p: (p.file, p.line)))
-    first: Arena | None = None
+    _refuse(_without_influence(sweep, flights[0]))
     files, px4s = set[Path](), set[str]()
     problems: list[Problem] = []
-    points = {flight.overrides: flight for flight in reversed(flights)}
-    for flight in reversed(points.values()):
+    points: dict[Sequence[str], Flight] = {}
+    for flight in flights:  # flights of one point differ only in their seeds
+        points.setdefault(flight.overrides, flight)
+    for flight in points.values():
         try:
             arena = load(flight)
-            first = arena if first is None else first
             files |= files_of(sweep.flown, arena)
             px4s |= px4_of(arena)
         except InputError as error:
@@ -55,17 +54,24 @@ def check(sweep: Sweep, flights: Sequence[Flight], on_checked: Callable[[], None
                 raise
             problems += [at_sweep(sweep, flight, p) for p in error.problems]
         on_checked()
-    if not problems and first is not None:
-        said = "has no effect: all its values give the same flight. `arena check` names parameters without effect."
-        useless = without_effect(sweep, flights[0], load)
-        problems += [sweep.source.problem(("vary", name), said) for name in useless]
-    if problems or first is None:
-        raise InputError(sorted(dict.fromkeys(problems), key=lambda p: (p.file, p.line)))
-    return Prepared(arena=first, inputs=digests(files, Path(sweep.file).parent, px4s))
+    _refuse(problems)
+    said = (
+        "has no effect: all its values give the same flight. `arena check` names parameters without effect."
+    )
+    _refuse(sweep.source.problem(("vary", name), said) for name in without_effect(sweep, flights[0], load))
+    return Prepared(arena=load(flights[0]), inputs=digests(files, Path(sweep.file).parent, px4s))
 
 
-def _unreached(sweep: Sweep, flight: Flight) -> Iterator[Problem]:
-    """Yield a problem for each override that cannot reach a flight, such as one of a vehicle that the arena does not have.
+def _refuse(problems: Iterable[Problem]) -> None:
+    """Raise InputError with all problems, sorted by their lines, if there are any."""
+    if found := dict.fromkeys(problems):
+        raise InputError(sorted(found, key=lambda p: (p.file, p.line)))
+
+
+def _without_influence(sweep: Sweep, flight: Flight) -> Iterator[Problem]:
+    """Yield a problem for each override that has no influence on a flight.
+
+    It belongs to a vehicle that the arena does not have, or to a value that the campaign sets itself.
 
     flight: first flight of the campaign.
     """
