@@ -32,7 +32,8 @@ from arena.wire.px4_mode import mode_words
 _NAN = math.nan
 _SAME_ORIGIN_E7 = 10
 _SILENT_S = 3.0
-_MAVLINK_2, _MIN_WITHOUT_GAP, _MAX_LOST = 0xFD, 50, 8
+_MAVLINK_2 = 0xFD  # first byte of a frame
+_MIN_WITHOUT_GAP, _MAX_LOST = 50, 8  # messages, see `_follow_sequence`
 _ORIGIN_TRIES = 5
 _ORIGIN_WAIT_S, _ORIGIN_WAIT_UNKNOWN_S = 3.0, 0.3
 _POSITION_ESTIMATE = 43003  # MAV_CMD_EXTERNAL_POSITION_ESTIMATE, not in every version's dialect
@@ -164,9 +165,10 @@ class Forwarder:
     def on_mavlink(self, data: bytes, now: float) -> None:
         """Update the state of the autopilot from a received MAVLink datagram."""
         for at in self._codec.frames(data):
-            if at.sysid == self.system and at.compid == AUTOPILOT:
+            of_autopilot = at.sysid == self.system and at.compid == AUTOPILOT
+            if of_autopilot:
                 self._follow_sequence(data[at.start + (4 if data[at.start] == _MAVLINK_2 else 2)])
-            if at.msgid in _READ and at.sysid == self.system and at.compid == AUTOPILOT:
+            if at.msgid in _READ and of_autopilot:
                 self._on_message(at.msgid, decoder(at.msgid)(data, at), now)
                 continue
             m = self._codec.decode(data, at)  # counts the messages that it cannot decode
@@ -182,7 +184,7 @@ class Forwarder:
 
         A PX4 in lockstep restarts so quickly that no heartbeat is missing, and its time since boot is the simulation time. Only a
         jump to 0 over many numbers, after many numbers without a gap, counts, because messages can be lost, or filtered by a link.
-        The restart of a vehicle that was armed takes effect when its next heartbeat reports it disarmed: a restarted PX4 is.
+        If the vehicle was armed, the restart takes effect when a heartbeat reports it as disarmed, as a restarted PX4 is.
         """
         skipped = (number - self._next_number) % 256
         self._restarted |= number == 0 and skipped > _MAX_LOST and self._without_gap >= _MIN_WITHOUT_GAP

@@ -26,13 +26,35 @@ from arena.wire.truth_page import Truth
 
 Array = NDArray[np.float64]
 
-REPLY_TIMEOUT_S, _LONGEST_WAIT_S = 0.5, 0.1
+REPLY_TIMEOUT_S, _LONGEST_WAIT_S = 0.5, 0.1  # wall time
 _CONNECT_TIMEOUT_S = 20.0  # then an event reports who has not connected
 _BYTES = 8192
 _SLEEP_FROM = 4  # number of PX4s from which on the world sleeps instead of waking up for each reply
 _SLEEP_STEP_S, _MAX_SLEEP_S = 2e-5, 1.5e-3
 _LATE_SAMPLE_S = 0.004  # between two samples for a vehicle that is late
 _ACCEPT_EVERY = 16  # steps between two checks for new connections where a PX4 is connected
+
+
+class _Silence:
+    """Time for which an autopilot without lockstep, such as a board in the loop (HITL), has sent no motor commands.
+
+    A pause between two calls of `update` counts as `_LONGEST_WAIT_S` at most, because the whole computer may have stood still.
+    """
+
+    def __init__(self) -> None:
+        self._replies, self._silent_s, self._updated = 0, 0.0, 0.0
+        self.reported = False
+
+    def update(self, replies: int, now: float) -> bool:
+        """Return whether no motor commands have arrived for `REPLY_TIMEOUT_S`.
+
+        replies: number of motor commands so far.  now: wall time [s].
+        """
+        if replies != self._replies:
+            self._replies, self._silent_s = replies, 0.0
+        self._silent_s += min(now - self._updated, _LONGEST_WAIT_S)
+        self._updated = now
+        return self._silent_s >= REPLY_TIMEOUT_S
 
 
 class _Server:
@@ -51,7 +73,7 @@ class _Server:
         self.unsent, self.next_late_sample = b"", 0.0
         self.was_connected = False
         self.lockstep = bool(vehicle.get("lockstep", False))
-        self.answers, self.silent_s, self.watched, self.silent_reported = 0, 0.0, 0.0, False
+        self.silence = _Silence()
         self.guard = ConnectionGuard(self.name, self.address)
 
     @property
@@ -171,26 +193,19 @@ class Px4Links:
             if server.late_since is not None:  # a reply to an old sample does not count
                 self._motors[server.row] = 0.0
             elif not server.core.in_step:
-                self._watch_free(server)
+                self._stop_if_silent(server)
         return self._motors
 
-    def _watch_free(self, server: _Server) -> None:
-        """Stop the motors of an autopilot without lockstep, such as a board in the loop, that sends no motor commands any more."""
-        core = server.core
-        if server.connection is None or not core.armed:
-            server.silent_reported = False
-            return
-        now = time.monotonic()
-        if core.counts["answers"] != server.answers:
-            server.answers, server.silent_s = core.counts["answers"], 0.0
-        server.silent_s += min(now - server.watched, _LONGEST_WAIT_S)
-        server.watched = now
-        if server.silent_s < REPLY_TIMEOUT_S:
-            server.silent_reported = False
+    def _stop_if_silent(self, server: _Server) -> None:
+        """Stop the motors of an autopilot without lockstep if it sends no motor commands any more."""
+        core, silence = server.core, server.silence
+        flies = server.connection is not None and core.armed
+        if not flies or not silence.update(core.counts["answers"], time.monotonic()):
+            silence.reported = False
             return
         self._motors[server.row] = 0.0
-        if not server.silent_reported:
-            server.silent_reported = True
+        if not silence.reported:
+            silence.reported = True
             core.counts["late"] += 1
             self._events.append(
                 f"{server.name}: PX4 has not replied for {REPLY_TIMEOUT_S:g} s: its motors stop until it sends motor commands again"
