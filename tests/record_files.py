@@ -9,6 +9,8 @@ from arena.recorder.channels import RawChannels, Recorded
 from arena.recorder.mcap_file import FLUSHES_PER_CHUNK, McapFile
 from arena.wire.flight_record import METADATA, SIMULATION_CLOCK, RecordedVehicle, pack_metadata
 
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+"""First bytes of the data of each chunk."""
 UAV1 = RecordedVehicle(name="uav1", id=1, body="body1", simulated=True, autopilot="builtin", profile="quad")
 UAV2 = RecordedVehicle(name="uav2", id=2, body="body2", simulated=False, autopilot="px4", profile="quad")
 
@@ -53,3 +55,14 @@ class RecordFile:
     def close(self) -> None:
         """Complete the file."""
         assert self.file.close()
+
+
+def damage_second_chunk(path: Path, lost_bytes: int = 0) -> None:
+    """Change one byte of the second chunk of a record.
+
+    lost_bytes: bytes that are missing at the end of the file, as after a kill of the recorder.
+    """
+    data = bytearray(path.read_bytes())
+    second = data.index(ZSTD_MAGIC, data.index(ZSTD_MAGIC) + 1)
+    data[second + 50] ^= 0xFF
+    path.write_bytes(data[: len(data) - lost_bytes])

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import pytest
 from mcap.reader import make_reader
-from record_files import RecordFile
+from record_files import RecordFile, damage_second_chunk
 
 from arena.errors import InputError
 from arena.flight_log.record_completion import complete_record, is_complete
 from arena.flight_log.recording import Recording
-
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 def record(path, numbers, close=True):
@@ -92,10 +90,7 @@ def test_data_after_a_damaged_chunk_are_kept(tmp_path):
         if number % 500 == 499:
             file.end_chunk()
     file.close()
-    data = bytearray(path.read_bytes())
-    second = data.index(ZSTD_MAGIC, data.index(ZSTD_MAGIC) + 1)
-    data[second + 50] ^= 0xFF
-    path.write_bytes(data[:-100])  # the recorder was killed
+    damage_second_chunk(path, lost_bytes=100)
     before = list(Recording(path).messages())
     assert len(before) == 4500
     assert complete_record(path)

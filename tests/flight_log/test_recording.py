@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from record_files import UAV1, UAV2, RecordFile
+from record_files import UAV1, UAV2, ZSTD_MAGIC, RecordFile, damage_second_chunk
 
 from arena.errors import InputError
 from arena.flight_log.record_completion import complete_record
@@ -20,8 +21,6 @@ from arena.recorder.mcap_file import FLUSHES_PER_CHUNK
 from arena.wire.truth_page import Truth
 
 POSE = Pose("body1", (0.1, -0.2, -1.3), (0.9, 0.1, -0.3, 0.3))
-
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 def truth(value: float) -> Truth:
@@ -126,10 +125,8 @@ def test_zeros_after_a_power_loss_end_the_record(path, tmp_path):
 
 
 def test_damaged_chunk_is_skipped_and_counted(path, tmp_path):
-    data = bytearray(path.read_bytes())
-    second_chunk = data.index(ZSTD_MAGIC, data.index(ZSTD_MAGIC) + 1)
-    data[second_chunk + 50] ^= 0xFF
-    (tmp_path / "flight.mcap").write_bytes(data)
+    shutil.copy(path, tmp_path / "flight.mcap")
+    damage_second_chunk(tmp_path / "flight.mcap")
     record = Recording(tmp_path / "flight.mcap")
     whole, found = set(Recording(path).messages()), set(record.messages())
     assert found < whole

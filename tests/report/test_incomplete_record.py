@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from record_files import UAV1, RecordFile
+from record_files import UAV1, RecordFile, damage_second_chunk
 from recorded_flights import make_run
 
 from arena.cli._summary import lines_of
@@ -22,8 +22,6 @@ from arena.report.verdict import verdict
 
 FULL = {"record": "No space left on device"}
 STOPPED = "flight.mcap is incomplete: the recorder stopped during the run: No space left on device"
-ZSTD = b"\x28\xb5\x2f\xfd"
-"""First bytes of the compressed data of a chunk."""
 
 
 def run_with(folder: Path, recorder: dict[str, Any], airborne_s: float = 7.0) -> Path:
@@ -70,9 +68,7 @@ def test_damaged_part_of_the_record_is_named(tmp_path, killed):
         if k % 500 == 499:
             made.end_chunk()
     made.close()
-    data = bytearray(path.read_bytes())
-    data[data.index(ZSTD, data.index(ZSTD) + 1) + 50] ^= 0xFF
-    path.write_bytes(data[:-100] if killed else data)
+    damage_second_chunk(path, lost_bytes=100 if killed else 0)
     run, text = write_summary(folder)
     expected = "flight.mcap is incomplete: 1 damaged part was skipped"
     assert run.missing.count(expected) == 1 and f"missing: {expected}" in text

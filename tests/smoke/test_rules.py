@@ -28,6 +28,11 @@ from .synthetic_flights import (
 )
 
 
+def on_their_setpoints(t: float) -> Mapping[str, Any]:
+    """Return both vehicles, each at its position setpoint."""
+    return {name: replace(v, target_p_n=v.p_n) for name, v in both(t).items()}
+
+
 @pytest.mark.parametrize("rule", BROKEN)
 def test_broken_rule_reports_its_worst_value(referee_for, rule: str) -> None:
     more, expected = BROKEN[rule]
@@ -81,7 +86,7 @@ def test_vehicle_on_the_floor_is_not_judged(referee_for) -> None:
 @pytest.mark.parametrize("rule", ["each.battery > 20 %", "tracking(each) < 1 m", "each.mode != RTL"])
 def test_rule_about_a_value_that_one_vehicle_never_sent_fails(referee_for, rule: str) -> None:
     def script(t: float, silent: Mapping[str, Any]) -> Mapping[str, Any]:
-        made = {name: replace(v, target_p_n=v.p_n) for name, v in both(t).items()}
+        made = on_their_setpoints(t)
         return {**made, "uav2": replace(made["uav2"], **silent)}
 
     assert judged(referee_for(FLOWN, [rule]), lambda t: script(t, {})).passed
@@ -108,7 +113,7 @@ def test_tracking_rule_fails_if_all_telemetry_is_lost(
     referee_for, rule: str, silent_s: float, passes: bool
 ) -> None:
     def script(t: float) -> Mapping[str, Any]:
-        made = {name: replace(v, target_p_n=v.p_n) for name, v in both(t).items()}
+        made = on_their_setpoints(t)
         lost = {"mode": "", "target_p_n": None, "armed": None} if 2.0 <= t < 2.0 + silent_s else {}
         return {**made, "uav1": replace(made["uav1"], **lost)}
 
@@ -119,7 +124,7 @@ def test_tracking_rule_fails_if_all_telemetry_is_lost(
 
 def test_tracking_rule_fails_if_a_vehicle_never_sent_telemetry(referee_for) -> None:
     def script(t: float) -> Mapping[str, Any]:
-        made = {name: replace(v, target_p_n=v.p_n) for name, v in both(t).items()}
+        made = on_their_setpoints(t)
         return {**made, "uav2": replace(made["uav2"], mode="", target_p_n=None)}
 
     result = judged(referee_for(FLOWN, ["tracking(each) < 0.1 m"]), script).rules[0]
@@ -142,7 +147,7 @@ def test_rule_about_a_value_that_is_unknown_after_takeoff_fails(
     referee_for, rule: str, silent_s: float, passes: bool
 ) -> None:
     def script(t: float) -> Mapping[str, Any]:
-        made = {name: replace(v, target_p_n=v.p_n) for name, v in both(t).items()}
+        made = on_their_setpoints(t)
         lost = {"battery": None, "mode": "", "target_p_n": None} if t < UP_S + silent_s else {}
         return {**made, "uav1": replace(made["uav1"], **lost)}
 
