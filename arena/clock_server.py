@@ -46,7 +46,9 @@ class _Client:
 
 
 class ClockServer:
-    """Server of the simulation clock, in the simulation or a replay. In lockstep, call `may_advance` before each `tick`.
+    """Server of the simulation clock, used by the simulation and by a replay.
+
+    Call `tick` in each step of the simulation. In lockstep, first call `may_advance` until it returns True.
 
     lockstep: the world waits for the clients (see `SimTime.lockstep`).
     dropped: names of the clients for which the world no longer waits.

@@ -14,7 +14,7 @@ from arena.schema.library import data_folder
 from arena.schema.px4 import STAND_IN
 
 PACKAGE, PX4 = "the installed arena", "PX4"
-"""Keys that represent all files of the installed arena, and the PX4s that fly, among the paths of files."""
+"""Keys of a dict path -> SHA-256 that are not paths: all files of the installed arena together, and all PX4 binaries that fly."""
 _CODE = {".py", ".pyx", ".pxd", ".csv"}
 
 
@@ -76,7 +76,7 @@ def changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
 
 
 class FileWatch:
-    """Finds files that are changed while a campaign flies.
+    """Check for files that were changed after the start of a campaign. Call `changed` regularly.
 
     inputs: path relative to `folder` -> SHA-256 of each file, as `digests` returns it.
     """
@@ -88,7 +88,7 @@ class FileWatch:
         self._seen: dict[str, tuple[int, int]] = {}
 
     def changed(self) -> list[str]:
-        """Return the files whose content differs from that at the start. A file is read again only after it was written."""
+        """Return the files whose content is no longer that of the start. A file is read only if it was written since the last call."""
         found = []
         for name, (path, digest) in self._files.items():
             try:

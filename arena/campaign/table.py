@@ -17,7 +17,7 @@ from arena.campaign.store import Listing, Record
 
 PARQUET = "results.parquet"
 WITHOUT_PYARROW = (
-    f"{PARQUET} is not written (an older one is kept), because pyarrow is not installed: run `pip install 'flying-arena[campaign]'`, then "
+    f"{PARQUET} is not written, because pyarrow is not installed (an older file is kept): run `pip install 'flying-arena[campaign]'`, then "
     "`arena campaign show` writes it"
 )
 
@@ -108,7 +108,8 @@ def _number(value: float | None) -> float:
 def write_all(listing: Listing, records: Sequence[Record], folder: Path) -> list[Path]:
     """Write table and plots into the folder of a campaign.
 
-    Without pyarrow, only the plots are written. A table or a plot of older results, which is not written again, is removed.
+    A plot of older results is removed if it is not written again, also an older table. Without pyarrow the table is neither written
+    nor removed.
 
     Return the paths of all files that were written.
     """

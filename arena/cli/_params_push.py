@@ -108,7 +108,7 @@ def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> di
 
 
 def _print_left_out(vehicle: Vehicle, file: Path | str, names: Sequence[str]) -> None:
-    """Print how many parameters of a file are not written, because their values are those of another vehicle."""
+    """Print how many parameters of a file are not written: calibrations of another vehicle, and values that PX4 changes itself."""
     names = [name for name in names if name != "MAV_SYS_ID"]
     if names:
         shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"

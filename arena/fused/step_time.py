@@ -1,4 +1,4 @@
-"""Clock of the members of the fused arena."""
+"""Clock of the parts of the process `world` when they run in one process (the fused arena)."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ _CANNOT_SLEEP = (
 
 
 class StepTime:
-    """Clock of the members (parts) of the fused arena: returns the simulation time of the present step.
+    """Clock that returns the simulation time of the present step. It cannot sleep.
 
-    The simulation calls these parts of the process `world` in each step. A part that slept would stop the simulation, so this
-    clock cannot sleep.
+    The simulation calls the parts of the process `world` in each step. A part that slept would stop the simulation.
 
     value: simulation time [s].
     """

@@ -174,10 +174,10 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
 
 
 def left_out_names(arena: Arena, v: Vehicle) -> list[str]:
-    """Return the parameters of a `params_file` that are left out.
+    """Return the parameters of the vehicle's `params_file` that are left out.
 
-    Calibrations of a file for several vehicles are those of one vehicle. Counters change by themselves, so no vehicle can be
-    required to have them, also not that of the file.
+    Counters are left out always, because PX4 changes them by itself. Calibrations are left out if several vehicles use the file,
+    because they were measured on one vehicle.
     """
     own = arena.source.given(("vehicles", v.name, "params_file")) and arena.source.range_of(v.name) is None
     left_out = changes_by_itself if own else exclusion_reason
@@ -185,7 +185,7 @@ def left_out_names(arena: Arena, v: Vehicle) -> list[str]:
 
 
 def _names_of_file(arena: Arena, v: Vehicle) -> list[str]:
-    """Return the user's parameters whose value comes from the `params_file`."""
+    """Return the names of the parameters that get their value from the vehicle's `params_file`."""
     file = arena.origins[f"vehicles.{v.name}.params_file"].value
     if file is None:
         return []

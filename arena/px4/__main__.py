@@ -60,7 +60,7 @@ def serve(context: ProcessContext) -> int:
         name for name in os.environ.keys() - env.keys() - {"PX4_HOME"} if name.startswith(_PREFIX)
     )
     if ignored:
-        print(f"px4: not passed to PX4: {', '.join(ignored)}", flush=True)
+        print(f"px4: environment variables that PX4 does not get: {', '.join(ignored)}", flush=True)
     print(" ".join(argv), flush=True)
     process = subprocess.Popen(
         argv,
@@ -78,7 +78,7 @@ def serve(context: ProcessContext) -> int:
 
 
 def environment(s: dict[str, Any], given: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment variables of PX4: those of this process, and those of the vehicle.
+    """Return the environment variables with which PX4 is started: variables of this process, and settings of the vehicle.
 
     Variables `PX4_...` of the user's shell are left out: PX4's startup scripts read them, so they could select another airframe or
     simulator, set parameters, or scale the times of failsafes.

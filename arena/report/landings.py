@@ -65,7 +65,10 @@ def flown_times(flight: Flight) -> list[tuple[int, int]]:
 
 
 def has_landed(flight: Flight) -> bool:
-    """Return whether a landing was reported at the end of the last flight in a log or later. False without a flight."""
+    """Return whether the land detector has reported the landing of the last flight in a log.
+
+    The report may come later than the end of the flight. Return False if the vehicle did not fly.
+    """
     spans = flown_times(flight)
     return bool(spans) and bool(flight.landed[spans[-1][1] :].any())
 

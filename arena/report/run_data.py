@@ -34,7 +34,7 @@ LOADS_FILE = "processes.csv"
 SCENARIO_FILE = "scenario.json"
 """File of the run folder in which a smoke flight writes its result."""
 INCOMPLETE = f"{FILE_NAME} is incomplete: "
-"""First words of the texts in `RunData.missing` about data that the record of the flight lacks."""
+"""Start of each text in `RunData.missing` about an incomplete record of the flight."""
 
 
 @dataclass(frozen=True, kw_only=True)

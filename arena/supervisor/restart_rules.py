@@ -18,7 +18,7 @@ _NEVER_ALONE = frozenset({"world", "replay"})  # all other processes use their c
 
 
 def restart_refusal(spec: ProcessSpec, flying: Sequence[str]) -> str:
-    """Return the reason why `arena restart` of a process needs `--yes` now, or "" if it does not.
+    """Return why `arena restart` of a process needs `--yes` now. Return "" if it does not need it.
 
     flying: vehicles that may be in the air.
 

@@ -206,6 +206,6 @@ def _own(w: LineWriter) -> Iterator[Line]:
 
 
 def _is_replaced(w: LineWriter, name: str) -> bool:
-    """Return whether a value of a parameter file is not used, because the YAML or a failsafe needs another value."""
+    """Return whether the value of a parameter in the `params_file` is not used: the YAML or a failsafe sets the parameter."""
     needed = name in w.needed or w.requirement_of.get(name) in w.required.written
     return needed and name in w.required.from_file

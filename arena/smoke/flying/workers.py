@@ -207,7 +207,10 @@ def _ended(workers: Sequence[_Worker[T]]) -> list[_Worker[T]]:
 
 
 def _end_all(workers: list[_Worker[T]], stops: Sequence[int]) -> None:
-    """End all workers. Each further Ctrl-C asks them again, so that they end at once. Their results are discarded."""
+    """Ask all workers to end, wait until they have ended, and discard their results.
+
+    They are asked again after each further Ctrl-C: then they end at once.
+    """
     asked = -1
     while workers:
         if len(stops) > asked:
@@ -224,9 +227,12 @@ def _terminate(workers: Sequence[_Worker[T]]) -> None:
 
 
 def _result(worker: _Worker[T], *, asked: bool) -> Any:
-    """Return the result of a worker that has ended, or None if the runner has asked its workers to end.
+    """Return the result of a worker that has ended.
 
-    A worker that another process has ended, even with SIGTERM, is lost.
+    Return `Lost` for a worker without a result, for example if another process has killed it. Return None if the runner has asked it
+    to end, and it has done so.
+
+    asked: whether the runner has asked it to end.
     """
     try:
         result = worker.answer.recv()
