@@ -19,7 +19,9 @@ def replace_file(path: Path, text: str) -> None:
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)
-    except OSError:
+    except OSError as error:
         with contextlib.suppress(OSError):
             part.unlink()
-        raise
+        raise OSError(
+            error.errno, error.strerror, str(path)
+        ) from error  # it names the file, not the temporary file

@@ -133,11 +133,10 @@ def test_failed_pull_keeps_the_existing_file(
 ) -> None:
     Path("uav1.params").write_text("MPC_XY_P 0.5\n")
 
-    def fail(path: Path, text: str) -> int:
-        path.touch()
-        raise OSError(28, "No space left on device", str(path))
+    def fail(file: int) -> None:
+        raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", fail)
+    monkeypatch.setattr(os, "fsync", fail)
     code, _, err = run(capsys, "pull", "--force")
     assert code == 2 and "No space left on device" in err
     assert Path("uav1.params").read_text() == "MPC_XY_P 0.5\n"
