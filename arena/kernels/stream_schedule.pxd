@@ -1,7 +1,7 @@
 # C types of stream_schedule.py: they make the compiled class fast and change no result.
 cimport cython
 
-cdef double _NEVER, _CATCH_UP_S, _ROUNDING_S
+cdef double _NEVER, _CATCH_UP_S, _ROUNDING_S, _JOIN_S
 
 @cython.final
 cdef class StreamSchedule:
@@ -25,3 +25,5 @@ cdef class StreamSchedule:
     cdef int _set_due(self, Py_ssize_t link, Py_ssize_t place, double due_s) except -1
     @cython.locals(other_s=double)
     cdef bint _is_after(self, Py_ssize_t link, Py_ssize_t other, double due_s, Py_ssize_t column) except -1
+    @cython.locals(due_s="double[:, ::1]", order="long[:, ::1]", fastest=Py_ssize_t, column=Py_ssize_t, place=Py_ssize_t, latest_s=double)
+    cdef double _next_datagram_s(self, Py_ssize_t link) except? -1

@@ -46,6 +46,32 @@ def test_a_late_stream_skips_old_messages(module):
     assert schedule.next_s[0] == pytest.approx(5.01)
 
 
+def test_slower_messages_share_the_datagrams_of_the_fastest_stream(module):
+    schedule = schedule_of(module)
+    rates = {1: 100.0, 2: 50.0, 0: 30.0, 3: 10.0}
+    for column, hz in rates.items():
+        schedule.set_interval(0, column, 1.0 / hz, 0.0)
+    sent = {column: [] for column in rates}
+    datagrams = 0
+    for step in range(2500):
+        now = 0.004 * step
+        if schedule.is_due(0, now):
+            datagrams += 1
+            for column in schedule.take_due(0, now):
+                sent[column].append(now)
+    assert datagrams == 1000, "those of the stream with 100 Hz"
+    for column, hz in rates.items():
+        late_s = np.array(sent[column]) - np.arange(10 * hz) / hz
+        assert late_s.min() > -1e-6 and late_s.max() < 0.008 + 0.004
+
+
+def test_a_message_does_not_wait_for_a_slower_stream(module):
+    schedule = schedule_of(module)
+    schedule.set_interval(0, 1, 0.01, 0.1)
+    schedule.set_interval(0, 2, 0.02, 0.104)
+    assert schedule.next_s[0] == 0.1
+
+
 def test_a_stopped_stream_is_not_due(module):
     schedule = schedule_of(module)
     schedule.set_interval(0, 1, 0.01, 0.0)
