@@ -228,8 +228,8 @@ def _words(run: RunData, found: Sequence[Happening], steps: Sequence[ScenarioSte
 
 
 def _for_each(text: str) -> str:
-    """Replace `*` by "each" in the text of an event that several vehicles share.
+    """Replace `*`, which stands for a vehicle name, in the text of an event that several vehicles share.
 
-    `*` stands for a vehicle name: `*: airborne` becomes `each: airborne`.
+    `*: airborne` becomes `each: airborne`, and the process `program.*` becomes `each vehicle's program`.
     """
-    return re.sub(r"(\w+)\.\*", r"\1 of each", text).replace("*", "each")
+    return re.sub(r"(\w+)\.\*", r"each vehicle's \1", text).replace("*", "each")

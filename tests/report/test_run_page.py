@@ -49,6 +49,14 @@ def test_verdict_names_fates_faults_and_failsafes(flown):
     assert "AUTO.LAND (external vision lost) 1.0 s later" in head
 
 
+def test_programs_that_end_together_share_a_row(tmp_path):
+    ended = {"from": "READY", "to": "FATAL", "reason": "exit 1", "time_s": 10.0}
+    run = add_events(
+        make_run(tmp_path / "run", vehicles=2), *({"process": f"program.uav{k}", **ended} for k in (1, 2))
+    )
+    assert "each vehicle&#39;s program ended: exit 1" in run_page(read_run(run))
+
+
 def test_position_figure_has_actual_and_desired_values(flown):
     (actual,) = [t for t in traces(flown, "position", vehicle="uav1", curve="actual") if t["yaxis"] == "y2"]
     (desired,) = [t for t in traces(flown, "position", vehicle="uav1", curve="desired") if t["yaxis"] == "y2"]
