@@ -87,9 +87,11 @@ class StreamSchedule:
     def take_due(self, link: int, now: float) -> list[int]:
         """Return the columns (indices in `ids`) of the messages that are due at `now` [s], and set their next times.
 
-        The earliest is first.
+        The earliest is first. The list is empty while they wait for the message of a faster stream.
         """
-        due = []
+        due: list[int] = []
+        if not self.is_due(link, now):
+            return due
         column = self.take_next(link, now)
         while column >= 0:
             due.append(column)
@@ -113,7 +115,10 @@ class StreamSchedule:
         self.next_s[link] = self._next_datagram_s(link)
 
     def _next_datagram_s(self, link: int) -> float:
-        """Return the time of a link's next datagram [s]: of the messages due within `_JOIN_S`, that of the fastest stream decides."""
+        """Return the time of a link's next datagram [s].
+
+        This is the due time of the fastest stream among those that are due at most `_JOIN_S` after the first one.
+        """
         due_s, order = self.due_s, self.order
         fastest = order[link, 0]
         latest_s = due_s[link, fastest] + _JOIN_S

@@ -92,6 +92,8 @@ class StreamSender:
         """Return whether a due message of vehicle i must be built by Python code, because this kernel cannot build it."""
         count, schedule = len(self.links), self.schedule
         for row in range(i * count, (i + 1) * count):
+            if not schedule.is_due(row, now):
+                continue
             place, column = 0, schedule.due_column(row, 0, now)
             while column >= 0:
                 if self.writers[column] is None and not self.silent[i, column]:

@@ -65,6 +65,14 @@ def test_slower_messages_share_the_datagrams_of_the_fastest_stream(module):
         assert late_s.min() > -1e-6 and late_s.max() < 0.008 + 0.004
 
 
+def test_a_waiting_message_is_not_taken_before_that_of_the_faster_stream(module):
+    schedule = schedule_of(module)
+    schedule.set_interval(0, 1, 0.01, 0.108)
+    schedule.set_interval(0, 2, 0.02, 0.1)
+    assert not schedule.is_due(0, 0.104) and schedule.take_due(0, 0.104) == []
+    assert schedule.take_due(0, 0.108) == [2, 1]
+
+
 def test_a_message_does_not_wait_for_a_slower_stream(module):
     schedule = schedule_of(module)
     schedule.set_interval(0, 1, 0.01, 0.1)
