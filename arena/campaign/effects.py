@@ -81,7 +81,10 @@ def _corners(sweep: Sweep, name: str, first: _Settings) -> Iterator[_Settings]:
 
 
 def _has_effect(sweep: Sweep, name: str, settings: _Settings, arena_at: Callable[[_Settings], Arena]) -> bool:
-    """Return whether another value of one setting gives another arena than these settings, or an error."""
+    """Return whether a setting has an effect: with another value of it, the arena changes or cannot be loaded.
+
+    name: the setting.  settings: values of all settings.
+    """
     try:
         base = arena_at(settings)
         return any(arena_at(changed) != base for changed in _with_other_value(sweep, name, settings))
@@ -90,7 +93,10 @@ def _has_effect(sweep: Sweep, name: str, settings: _Settings, arena_at: Callable
 
 
 def _with_other_value(sweep: Sweep, name: str, settings: _Settings) -> list[_Settings]:
-    """Return the settings once with each other value of one setting; of a range, with both ends."""
+    """Return copies of the settings, each with another value of one setting. Of a range, both ends are used.
+
+    name: setting whose value differs.
+    """
     setting = sweep.settings[name]
     values = setting.values if setting.values is not None else (setting.max, setting.min)
     return [{**settings, name: value} for value in values if value != settings[name]]

@@ -108,8 +108,7 @@ def _number(value: float | None) -> float:
 def write_all(listing: Listing, records: Sequence[Record], folder: Path) -> list[Path]:
     """Write table and plots into the folder of a campaign.
 
-    A plot of older results is removed if it is not written again, also an older table. Without pyarrow the table is neither written
-    nor removed.
+    Older plots and an older table are removed if they are not written again. Without pyarrow the table is neither written nor removed.
 
     Return the paths of all files that were written.
     """
