@@ -2,7 +2,8 @@
 
 The kernel `free_flight` moves a vehicle that is away from floor, walls, ceiling, obstacles and other vehicles. Pybullet (`PybulletRoom`)
 moves the vehicles near an obstacle. Before each sensor period the kernel `clearance` decides this for each vehicle. A vehicle
-that changes from one to the other keeps its position, attitude and velocities.
+that changes from one to the other keeps its position, attitude and velocities. While all vehicles in pybullet stand still (`Rest`),
+it is not called.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from arena.kernels.flight_period import FlightPeriod
 from arena.kernels.free_flight import FreeFlight
 from arena.obstacles import Obstacle
 from arena.sim.pybullet_room import Contacts, Motion, PybulletRoom
+from arena.sim.rest import Rest
 from arena.sim.vehicle_arrays import Fleet
 from arena.vehicle_models import Dynamics
 
@@ -76,6 +78,8 @@ class Bodies:
         self._state = Motion(
             place=array(law.place_w), quat=array(law.quat), speed=array(law.speed_w), rate=array(law.rate_w)
         )
+        self._rest = Rest(self._state)
+        self._last_contacts: Contacts | None = None  # None: ask pybullet
         self._wind_n, self._force_b, self._torque_b = (
             array(law.wind_n),
             array(law.force_b),
@@ -116,6 +120,22 @@ class Bodies:
         self._wind_n[...] = wind_n
         self._law.begin()
 
+    def need_pybullet(self, motors: Array, spin: Array) -> bool:
+        """Return whether pybullet must compute this sensor period: a vehicle is near an obstacle and does not rest.
+
+        Call it once, after `begin`.
+
+        motors, spin: motor commands and rotor speeds, as shares of the greatest [-] (V, R)
+        """
+        if not self.in_pybullet:
+            return False
+        if not self._only_pybullet and self._rest.check(self._rows, motors, spin, self._wind_n):
+            if self._last_contacts is None:
+                self._last_contacts = self._room.contacts()
+            return False
+        self._last_contacts = None
+        return True
+
     def step(self, force_b: Array, torque_b: Array) -> None:
         """Make one physics step of all bodies.
 
@@ -149,7 +169,7 @@ class Bodies:
 
         Something is the floor, a wall, the ceiling or another vehicle.
         """
-        return self._room.contacts()
+        return self._last_contacts or self._room.contacts()
 
     def place(
         self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None
@@ -163,6 +183,7 @@ class Bodies:
         """
         self._set_motion(index, p_n, q_nb, v_n, omega_b)
         self._clearance.reset()
+        self._rest.reset()
         if index in self.in_pybullet:
             self._room.move(index, self._motion(index))
 
@@ -181,6 +202,8 @@ class Bodies:
         for i in sorted(set(near).difference(before)):
             self._room.add(i, self._motion(i))
         self.in_pybullet, self._rows = near, np.array(near, int)
+        self._rest.reset()
+        self._last_contacts = None
         self._free[:] = True
         self._free[self._rows] = False
 
