@@ -32,7 +32,8 @@ from arena.fork_server.forked_process import DESCRIPTORS, Request, remember_envi
 from arena.process_title import set_title
 
 _PROCESSES = (
-    "arena.fused.__main__",  # imports world, autopilots, motion capture, forwarder, router, sensors and recorder
+    "arena.fused.__main__",  # imports world, motion capture, forwarder, router, sensors and recorder
+    "arena.autopilot",
     "arena.sim.__main__",
     "arena.mocap.emulator.__main__",
     "arena.mocap.natnet.client",
@@ -49,10 +50,14 @@ PRELOADED = {
         "arena.cli.up",
         "arena.cli._summary",
         "arena.flight_log.__main__",
+        "arena.recorder.foxglove_channels",
         "arena.smoke.flying.worker",
         "arena.smoke.flying.fly_scenario",
         "arena.plan.make",
         "arena.plan.machine",
+        "importlib.metadata",
+        "mcap.stream_reader",
+        "numpy.random",
     ),
 }
 """Modules that are imported once, for the processes of one arena, or for many flights. A process imports all other modules itself."""

@@ -23,9 +23,9 @@ from arena.kernels.arrays import array
 from arena.kernels.clearance import Clearance
 from arena.kernels.flight_period import FlightPeriod
 from arena.kernels.free_flight import FreeFlight
+from arena.kernels.rest import Rest
 from arena.obstacles import Obstacle
 from arena.sim.pybullet_room import Contacts, Motion, PybulletRoom
-from arena.sim.rest import Rest
 from arena.sim.vehicle_arrays import Fleet
 from arena.vehicle_models import Dynamics
 
@@ -78,7 +78,7 @@ class Bodies:
         self._state = Motion(
             place=array(law.place_w), quat=array(law.quat), speed=array(law.speed_w), rate=array(law.rate_w)
         )
-        self._rest = Rest(self._state)
+        self._rest: Rest | None = None
         self._last_contacts: Contacts | None = None  # None: ask pybullet
         self._wind_n, self._force_b, self._torque_b = (
             array(law.wind_n),
@@ -120,16 +120,14 @@ class Bodies:
         self._wind_n[...] = wind_n
         self._law.begin()
 
-    def need_pybullet(self, motors: Array, spin: Array) -> bool:
+    def need_pybullet(self) -> bool:
         """Return whether pybullet must compute this sensor period: a vehicle is near an obstacle and does not rest.
 
         Call it once, after `begin`.
-
-        motors, spin: motor commands and rotor speeds, as shares of the greatest [-] (V, R)
         """
         if not self.in_pybullet:
             return False
-        if not self._only_pybullet and self._rest.check(self._rows, motors, spin, self._wind_n):
+        if self._rest is not None and not self._only_pybullet and self._rest.check():
             if self._last_contacts is None:
                 self._last_contacts = self._room.contacts()
             return False
@@ -160,8 +158,9 @@ class Bodies:
     def free_flight(self, dynamics: Dynamics) -> FlightPeriod:
         """Return the compiled function that moves all bodies for one sensor period, without pybullet.
 
-        It replaces `step` while no vehicle is near an obstacle.
+        It replaces `step` while `need_pybullet` returns False.
         """
+        self._rest = Rest(dynamics.law, self._law)
         return FlightPeriod(dynamics.law, self._law)
 
     def contacts(self) -> Contacts:
@@ -183,7 +182,7 @@ class Bodies:
         """
         self._set_motion(index, p_n, q_nb, v_n, omega_b)
         self._clearance.reset()
-        self._rest.reset()
+        self._end_rest()
         if index in self.in_pybullet:
             self._room.move(index, self._motion(index))
 
@@ -202,10 +201,14 @@ class Bodies:
         for i in sorted(set(near).difference(before)):
             self._room.add(i, self._motion(i))
         self.in_pybullet, self._rows = near, np.array(near, int)
-        self._rest.reset()
-        self._last_contacts = None
+        self._end_rest()
         self._free[:] = True
         self._free[self._rows] = False
+
+    def _end_rest(self) -> None:
+        self._last_contacts = None
+        if self._rest is not None:
+            self._rest.reset()
 
     def _motion(self, i: int) -> Motion:
         state = self._state

@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 from arena.constants import GRAVITY_M_S2
-from arena.sim.rest import Rest
 from arena.sim.world import World
 
 from .sim_slices import vehicle
@@ -115,10 +114,3 @@ def test_wind_that_changes_wakes_and_strong_wind_moves(build: Build) -> None:
 def test_rest_needs_all_vehicles(build: Build) -> None:
     world = rested(build, vehicle("uav1", position=[0, 0, 0]), vehicle("uav2", id=2, position=[3, 0, 0]))
     assert steps_of_pybullet(world, 0.1, 0.2, row=1) == 50
-    assert Rest(world.bodies._state).check(*arguments(world)) is False, "not in the first period"
-
-
-def arguments(world: World) -> tuple[Any, ...]:
-    """Return the arguments of `Rest.check` for a world with stopped motors."""
-    motors = np.zeros((world.fleet.size, world.rotors))
-    return np.arange(world.fleet.size), motors, motors, np.zeros((world.fleet.size, 3))
