@@ -54,6 +54,7 @@ class ClockServer:
     dropped: names of the clients for which the world no longer waits.
     joined: names of the clients that have requested a wake-up at least once.
     asleep: names of the clients that wait for their wake-up now.
+    wakes: number of wake-ups so far, of all clients.
     before_wake: called with the name of a client directly before the client is woken.
     """
 
@@ -81,6 +82,7 @@ class ClockServer:
         self.dropped: list[str] = []
         self.joined: set[str] = set()
         self.asleep: set[str] = set()
+        self.wakes = 0
         self.before_wake: Callable[[str], None] = lambda name: None
 
     def tick(self, now: float, *, poll: bool = True) -> None:
@@ -136,6 +138,9 @@ class ClockServer:
         pause between two calls counts as `_LONGEST_CHECK_S` at most, because the whole computer may have stood still.
         """
         awake = [client for client in self._clients.values() if client.gates and client.wake is None]
+        if not awake:
+            self._checked = wall
+            return True
         for client in awake:
             client.awake_s += min(wall - max(client.awake_since, self._checked), _LONGEST_CHECK_S)
             if client.awake_s > _HUNG_S:
@@ -209,6 +214,7 @@ class ClockServer:
         self._reply(client, now)
 
     def _reply(self, client: _Client, now: float) -> None:
+        self.wakes += 1
         self.asleep.discard(client.name)
         self.before_wake(client.name)
         try:

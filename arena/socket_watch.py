@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import select
 
+POLL_S = 0.5e-3
+"""Wall time between two searches for sockets with data, while all programs sleep [s]."""
 _NOTHING: frozenset[int] = frozenset()
 
 
@@ -16,6 +19,7 @@ class SocketWatch:
     def __init__(self) -> None:
         self._epoll = select.epoll()
         self._found: frozenset[int] = frozenset()
+        self._polled_s, self._wakes = -math.inf, 0
 
     def add(self, fd: int) -> None:
         """Watch a file descriptor of a socket or of an epoll object.
@@ -31,6 +35,19 @@ class SocketWatch:
         """Find the sockets that have received data. Does not wait."""
         found = self._epoll.poll(0)
         self._found = frozenset(fd for fd, _ in found) if found else _NOTHING
+
+    def poll_if_due(self, wall: float, wakes: int) -> None:
+        """Do the same as `poll`, but at most once in `POLL_S`, unless a program was awake since. Else no socket has data.
+
+        In a fast simulation a step takes a fraction of this time.
+
+        wall: monotonic [s].  wakes: number of wake-ups of all programs so far; a program sends data only while it is awake
+        """
+        if wakes != self._wakes or wall >= self._polled_s + POLL_S:
+            self._polled_s, self._wakes = wall, wakes
+            self.poll()
+        else:
+            self._found = _NOTHING
 
     def has_data(self, fd: int) -> bool:
         """Return whether a watched socket had data, or a lost connection, at the last `poll`."""

@@ -203,8 +203,14 @@ class Loop:
             self._unsent = autopilots.transmit()
 
     def _read_sockets(self) -> None:
-        """Read the datagrams, clock requests and faults that have arrived."""
-        self._watch.poll()
+        """Read the datagrams, clock requests and faults that have arrived.
+
+        The datagrams of a program are read in the step after it has fallen asleep. Those of others wait for 0.5 ms at most.
+        """
+        if self._external is None:
+            self._watch.poll_if_due(time.monotonic(), self._clock.wakes)
+        else:
+            self._watch.poll()
         if self._watch.has_data(self._clock.fileno()):
             self._clock.poll()
         self._links.drain(self._autopilots.receive)
