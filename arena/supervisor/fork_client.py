@@ -41,13 +41,15 @@ class ForkClient:
     """Client that starts the fork server (a process with imported packages) and requests processes from it.
 
     packages: what the server imports: "processes" of one arena, or "flights" for many flights.
+    reply_timeout_s: longest time in which the server must start a process [s].
     ready: the fork server has imported the packages.
     is_copy: the fork server is a copy of this process, so it needs no memory of its own.
     Raises preloaded.OtherWork in such a copy.
     """
 
-    def __init__(self, packages: str = "processes") -> None:
+    def __init__(self, packages: str = "processes", reply_timeout_s: float = REPLY_TIMEOUT_S) -> None:
         self.ready = False
+        self._reply_timeout_s = reply_timeout_s
         self._owner = os.getpid()
         self._selector: selectors.BaseSelector | None = None
         self._deadline = time.monotonic() + LOAD_TIMEOUT_S[packages]
@@ -137,7 +139,7 @@ class ForkClient:
                     data = json.dumps(request).encode()
                     extra = [] if channel is None else [channel]
                     socket.send_fds(self._channel, [data], [output, theirs.fileno(), *extra])
-                packet = self._receive(REPLY_TIMEOUT_S)
+                packet = self._receive(self._reply_timeout_s)
                 pid = packet.get("pid") if packet is not None else None
                 if isinstance(pid, int):
                     os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)  # raises if it is no child

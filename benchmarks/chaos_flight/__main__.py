@@ -23,7 +23,7 @@ def main(seed: int, folder: Path) -> None:
     net = f"127.{71 + seed // 60000}.{seed // 240 % 250}.{seed % 240 + 1}"
     room = f"127.{101 + seed // 60000}.{seed // 240 % 250}.{seed % 240 + 1}"
     try:
-        record = ChaosFlight(script, Hangar(folder, net), room, disk).fly()
+        record = ChaosFlight(script, Hangar(folder, net, cold=True), room, disk).fly()
     finally:
         if disk is not None:
             disk.close(folder / "runs of the small disk")

@@ -27,9 +27,14 @@ def wants_report(request: pytest.FixtureRequest) -> bool:
     return bool(getattr(request.module, "REPORT", False))
 
 
+def is_cold(request: pytest.FixtureRequest) -> bool:
+    """Return whether new interpreters run `arena up` for a test module: only if the module has `COLD = True`."""
+    return bool(getattr(request.module, "COLD", False))
+
+
 @pytest.fixture
 def hangar(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Hangar]:
-    made = Hangar(tmp_path, own_address(), report=wants_report(request))
+    made = Hangar(tmp_path, own_address(), report=wants_report(request), cold=is_cold(request))
     yield made
     made.close()
 
@@ -39,7 +44,9 @@ def shared_hangar(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Hangar]:
     """Give a hangar for an arena that all tests of a module share."""
-    made = Hangar(tmp_path_factory.mktemp("flight"), own_address(), report=wants_report(request))
+    made = Hangar(
+        tmp_path_factory.mktemp("flight"), own_address(), report=wants_report(request), cold=is_cold(request)
+    )
     yield made
     made.close()
 

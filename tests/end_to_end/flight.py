@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import psutil
@@ -28,6 +28,8 @@ from arena.errors import RunError
 from arena.report.run_report import write_summary
 from arena.supervisor import Control, RunState, open_run, proc_fs
 from arena.wire.truth_page import Truth, TruthReader
+
+from . import warm_process
 
 ROOT = Path(__file__).parents[2]
 PROGRAMS = Path(__file__).parent / "programs"
@@ -63,6 +65,19 @@ def end_with_us() -> None:
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
 
 
+def start_interpreter(command: list[str], env: dict[str, str], out: IO[bytes]) -> subprocess.Popen[bytes]:
+    """Start a command in a new session, in a new process as a user does."""
+    return subprocess.Popen(
+        command,
+        stdout=out,
+        stderr=subprocess.STDOUT,
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+        env=env,
+        preexec_fn=end_with_us,  # noqa: PLW1509  nothing else is done in it
+    )
+
+
 def started_by(run: Path) -> set[int]:
     mark = f"ARENA_RUN={run}"
     return {pid for pid in psutil.pids() if not proc_fs.is_zombie(pid) and mark in proc_fs.environment(pid)}
@@ -87,9 +102,14 @@ def arena_yaml(folder: Path, address: str, vehicles: dict[str, str], more: str =
 
 
 class Flight:
-    """One `arena up` on one address. `end` kills whatever is left of it."""
+    """One `arena up` on one address. `end` kills whatever is left of it.
 
-    def __init__(self, yaml: Path, address: str, *options: str, folder: Path, runtime: Path) -> None:
+    cold: whether a new interpreter runs it, as for a user. Otherwise it is a fork of a process that has imported the packages.
+    """
+
+    def __init__(
+        self, yaml: Path, address: str, *options: str, folder: Path, runtime: Path, cold: bool
+    ) -> None:
         self.address, self.runs, self._runtime = address, folder / "runs", runtime
         self.began = time.monotonic()
         self.out = folder / f"out-{len(list(folder.glob('out-*')))}.txt"
@@ -106,14 +126,11 @@ class Flight:
             *options,
         )
         with self.out.open("wb") as out:
-            self.process = subprocess.Popen(
-                self._command(*up),
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                stdin=subprocess.DEVNULL,
-                start_new_session=True,
-                env=self._env(),
-                preexec_fn=end_with_us,  # noqa: PLW1509  nothing else is done in it
+            command, env = self._command(*up), self._env()
+            self.process = (
+                start_interpreter(command, env, out)
+                if cold
+                else warm_process.start(command, env=env, output=out.fileno())
             )
         self._truth: TruthReader | None = None
         self._stood_d = np.empty(0)
@@ -339,17 +356,19 @@ class Hangar:
     """Starts flights on one address and ends them all on `close`.
 
     report: whether `arena up` makes a report with plots at the end, which costs some seconds of CPU time.
+    cold: whether a new interpreter runs `arena up`, as for a user, which costs some seconds of CPU time too.
     """
 
-    def __init__(self, folder: Path, address: str, *, report: bool = False) -> None:
-        self.folder, self.address, self._report = folder, address, report
+    def __init__(self, folder: Path, address: str, *, report: bool = False, cold: bool = False) -> None:
+        self.folder, self.address, self._report, self._cold = folder, address, report, cold
         self.runtime = Path(tempfile.mkdtemp(prefix="arena-fly-"))  # short, for socket paths
         self._flights: list[Flight] = []
 
     def up(self, yaml: Path, *options: str) -> Flight:
         if not self._report and "--no-report" not in options:
             options = (*options, "--no-report")
-        self._flights.append(Flight(yaml, self.address, *options, folder=self.folder, runtime=self.runtime))
+        more = {"folder": self.folder, "runtime": self.runtime, "cold": self._cold}
+        self._flights.append(Flight(yaml, self.address, *options, **more))
         return self._flights[-1]
 
     def fly(self, vehicles: dict[str, str], *options: str, more: str = "") -> Flight:

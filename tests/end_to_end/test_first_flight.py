@@ -21,12 +21,13 @@ from .carried_vehicle import TELEMETRY, Cameras, CarriedAutopilot
 from .flight import PROGRAMS, Flight, Hangar, eventually
 
 pytestmark = [pytest.mark.crowd, pytest.mark.alone]  # neither vehicle nor cameras may pause for half a second
+COLD = True  # as a user starts it: in a new interpreter
 CLIMB_M_S = 0.5
 SETPOINT_LOSS_S = 1.0  # COM_OF_LOSS_T
 SENSORS = mavlink.MAV_SYS_STATUS_PREARM_CHECK | mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class CarriedAndFlown(Motion):
     """Motion of a vehicle that is carried, and later flies. flown: position relative to where it stood [m] [NED] (3,)."""
 

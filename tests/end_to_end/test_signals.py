@@ -11,6 +11,7 @@ import pytest
 from .flight import Flight, Hangar, eventually
 
 pytestmark = pytest.mark.flight
+COLD = True  # as a user starts it: in a new interpreter
 
 
 def assert_landed_softly(flight: Flight, vehicle: str) -> None:

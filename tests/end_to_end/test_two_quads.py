@@ -15,6 +15,7 @@ from .flight import ROOT, Flight, Hangar
 
 pytestmark = pytest.mark.flight
 REPORT = True  # these tests read the report
+COLD = True  # as a user starts it: in a new interpreter
 VEHICLES = ("uav1", "uav2")
 
 

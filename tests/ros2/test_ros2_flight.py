@@ -13,8 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-from tests.end_to_end.flight import ROOT, Hangar
+from end_to_end.flight import ROOT, Hangar
 
 pytest.importorskip("cyclonedds")
 DOMAIN = 20 + os.getpid() % 200
