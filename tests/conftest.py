@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pty
+import re
 import shutil
 import subprocess
 import sys
@@ -25,8 +27,10 @@ os.umask(0o022)  # runtime folders that a group may write are ignored
 
 COUNTED = {"px4": "real PX4", "browser": "real browser", "fastdds": "Fast DDS"}
 """Marks of tests that are counted in the summary, because they need something that a computer may not have -> its name there."""
-FILE_MARKS = ("flight", "crowd")
+FILE_MARKS = ("flight", "crowd", "alone")
 """Marks that stand in the file of their tests, so that other files need not be imported to select them."""
+_FILE_WITH_MARKS = re.compile(r"^pytestmark = .*", re.MULTILINE)
+"""Line of a test file that gives marks to all its tests."""
 
 
 @pytest.fixture(autouse=True)
@@ -63,29 +67,54 @@ SLOWEST_FILES = (
 """Test files that take longest, in this order. They begin first, so that no worker flies alone at the end of the suite."""
 
 
-def names_mark(file: Path, mark: str) -> bool:
-    """Return whether the source of a test file uses a mark."""
-    return f"mark.{mark}" in file.read_text()
+def names_mark(text: str, mark: str) -> bool:
+    """Return whether the source of a test file, or a line of it, uses a mark."""
+    return f"mark.{mark}" in text
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Ignore files without the mark that `-m MARK and ...` selects: `make flights` then imports 40 of 400 files."""
-    mark, _, more = str(config.getoption("markexpr")).partition(" and ")
-    selects = mark in FILE_MARKS and " or " not in more
+    """Ignore files from which `-m` selects no test, so that they need not be imported.
+
+    `flight and ...` selects no test of a file that does not name this mark, and `not flight and ...` no test of a file that gives
+    this mark to all its tests.
+    """
+    expression = str(config.getoption("markexpr"))
     is_test = collection_path.name.startswith("test_") and collection_path.suffix == ".py"
-    return True if selects and is_test and not names_mark(collection_path, mark) else None
+    if not is_test or " or " in expression or "(" in expression:
+        return None
+    terms = expression.split(" and ")
+    text = collection_path.read_text()
+    everywhere = "".join(_FILE_WITH_MARKS.findall(text))
+    for mark in FILE_MARKS:
+        if (mark in terms and not names_mark(text, mark)) or (
+            f"not {mark}" in terms and names_mark(everywhere, mark)
+        ):
+            return True
+    return None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Collect tests without the garbage collector: it would search all imported modules again and again, and find nothing."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)  # before tests are deselected
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the slowest files first, and record which tests are marked px4 or browser; keywords would also match folder names."""
     for path, mark in {(i.path, mark) for i in items for mark in FILE_MARKS if i.get_closest_marker(mark)}:
-        assert names_mark(path, mark), (
+        assert names_mark(path.read_text(), mark), (
             f"{path}: its tests have the mark {mark}, which must stand in this file"
         )
     place = {name: number for number, name in enumerate(SLOWEST_FILES)}
     here = Path(__file__).parent
-    items.sort(key=lambda item: place.get(item.path.relative_to(here).as_posix(), len(place)))
+    places = {p: place.get(p.relative_to(here).as_posix(), len(place)) for p in {item.path for item in items}}
+    items.sort(key=lambda item: places[item.path])
     for item in items:
         for mark in COUNTED:
             if item.get_closest_marker(mark) is not None:
