@@ -1,4 +1,7 @@
-"""Programs that misbehave: `misfit.py KIND [argument]`. Each prints its pid, so that a test can find it."""
+"""Programs that misbehave: `misfit.py KIND [argument]`. Each prints its pid, so that a test can find it.
+
+Tests start hundreds of them, so they import as little as possible, and run without `site` (`python -S`).
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ import json
 import os
 import signal
 import socket
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -86,6 +88,8 @@ def kills_itself() -> None:
 
 def grandchild() -> None:
     """Start a grandchild in the same group and one in a new session, then end."""
+    import subprocess
+
     code = "import os, signal, sys; print('grandchild', os.getpid(), flush=True); signal.signal(15, signal.SIG_IGN); signal.pause()"
     subprocess.Popen([sys.executable, "-c", code])
     subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
@@ -97,6 +101,8 @@ def grandchild() -> None:
 
 def grandchild_in_group() -> None:
     """Start a grandchild that ignores SIGTERM in the same group; end when it runs and its line is in the log."""
+    import subprocess
+
     command = [sys.executable, __file__, "ignores_sigterm_alone"]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert child.stdout is not None

@@ -37,7 +37,7 @@ def spec(name: str, kind_of_child: str, *arguments: str, **changes: Any) -> Proc
     given: dict[str, Any] = {
         "name": name,
         "kind": "tool",
-        "argv": (sys.executable, str(CHILDREN / "misfit.py"), kind_of_child, *arguments),
+        "argv": (sys.executable, "-S", str(CHILDREN / "misfit.py"), kind_of_child, *arguments),
         "stop_timeout_s": 0.3 if kind_of_child == "ignores_sigterm" else 30.0,
         "restart": Restart(backoff_s=0.05, limit=3),
     }
