@@ -1,7 +1,8 @@
 """Wall clock and simulation clock with the same interface. Code that flies vehicles uses a `Clock`, not the time module.
 
-The process `world` (or `replay`) serves the simulation clock. A page of shared memory holds the time [s] and whether the clock is in
-lockstep (1) or follows the wall clock (0). A local socket wakes the clients.
+The process `world` (or `replay`) serves the simulation clock. A page of shared memory holds the time [s], whether the clock is in
+lockstep (1) or follows the wall clock (0), and the core on which its only client should sleep (or NO_CORE). A local socket wakes the
+clients.
     client -> server   first packet: the client's name, utf-8;  later: a requested wake-up time, one native double [s]
     server -> client   the present time, one native double [s], when the requested time has come
 In lockstep the server does not advance beyond the wake-up time of a client until that client sleeps again (`may_advance`).
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Protocol
 
 from arena.errors import RunError
+from arena.shared_core import leave, stay_on
 
 Needed = Callable[[float], bool]
 DOUBLE = struct.Struct("=d")
@@ -169,8 +171,12 @@ class SimClock(LockstepClock):
 
     def sleep_only(self, t: float) -> float:
         self.request_wake(t)
-        while (now := self.wait_for_wake(None)) is None:
-            pass
+        cores = stay_on(int(self._page[2])) if self._page[2] >= 0.0 else None
+        try:
+            while (now := self.wait_for_wake(None)) is None:
+                pass
+        finally:
+            leave(cores)
         return now
 
     def request_wake(self, t: float) -> None:

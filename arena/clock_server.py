@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from arena.clock import DOUBLE, MAX_PACKET_BYTES, PAGE_BYTES
+from arena.shared_core import NO_CORE, leave, present_core, stay_on
 
 _TIMEVAL = struct.Struct("@ll")  # seconds, microseconds
 _HUNG_S, _LONGEST_CHECK_S = 1.0, 0.1
@@ -66,7 +67,8 @@ class ClockServer:
         with part.open("w+b") as file:  # renamed when complete: a client finds the whole page or none
             file.truncate(PAGE_BYTES)
             self._page = memoryview(mmap.mmap(file.fileno(), PAGE_BYTES)).cast("d")
-        self._page[1] = float(lockstep)
+        self._page[1], self._page[2] = float(lockstep), NO_CORE
+        self._lockstep, self._core = lockstep, NO_CORE
         self._next_wake = math.inf  # no client sleeps until an earlier time [s]
         part.replace(page)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -124,11 +126,16 @@ class ClockServer:
         client sent nothing.
         timeout_s: longest wait for one client, in wall time [s].
         """
-        for client in [c for c in self._clients.values() if c.gates and c.wake is None]:
-            client.limit_wait(timeout_s)
-            if not self._read(client):
-                self.poll()
-                return False
+        awake = [c for c in self._clients.values() if c.gates and c.wake is None]
+        cores = stay_on(self._core) if awake and self._core != NO_CORE else None
+        try:
+            for client in awake:
+                client.limit_wait(timeout_s)
+                if not self._read(client):
+                    self.poll()
+                    return False
+        finally:
+            leave(cores)
         return True
 
     def may_advance(self, now: float, wall: float) -> bool:
@@ -213,8 +220,17 @@ class ClockServer:
         client.wake, client.awake_since, client.awake_s = None, time.monotonic(), 0.0
         self._reply(client, now)
 
+    def _share_core(self) -> None:
+        """Publish on which core the only client should sleep: on that of the world, which works in turns with it."""
+        alone = self._lockstep and len(self._clients) == 1
+        core = present_core() if alone else NO_CORE
+        if core != self._core:
+            self._core = core
+            self._page[2] = core
+
     def _reply(self, client: _Client, now: float) -> None:
         self.wakes += 1
+        self._share_core()
         self.asleep.discard(client.name)
         self.before_wake(client.name)
         try:
