@@ -1,9 +1,9 @@
 # C types of rotations.py: they make the compiled functions fast and change no result.
 from libc cimport math
 
-cdef (double, double, double, double) product((double, double, double, double) a, (double, double, double, double) b)
+cpdef (double, double, double, double) product((double, double, double, double) a, (double, double, double, double) b)
 cdef (double, double, double, double) between((double, double, double, double) a, (double, double, double, double) b)
-cdef (double, double, double, double) from_euler(double roll, double pitch, double yaw)
+cpdef (double, double, double, double) from_euler(double roll, double pitch, double yaw)
 cdef double yaw((double, double, double, double) q)
 cdef (double, double, double, double) conjugate((double, double, double, double) q)
 cdef (double, double, double, double) normalized((double, double, double, double) q)

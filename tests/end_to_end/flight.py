@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import ctypes
 import json
 import os
 import shutil
@@ -15,9 +14,9 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import psutil
@@ -25,7 +24,9 @@ from numpy.typing import NDArray
 
 from arena.clock import SimClock
 from arena.errors import RunError
+from arena.process_ties import set_death_signal
 from arena.report.run_report import write_summary
+from arena.smoke.flying.arena_up import start_interpreter
 from arena.supervisor import Control, RunState, open_run, proc_fs
 from arena.wire.truth_page import Truth, TruthReader
 
@@ -56,26 +57,8 @@ def eventually(check: Callable[[], Any], limit_s: float, what: str, tell: Callab
     raise AssertionError(f"not within {limit_s:g} s: {what}\n{tell()}")
 
 
-_PR_SET_PDEATHSIG = 1
-_libc = ctypes.CDLL(None)
-
-
-def end_with_us() -> None:
-    """Send SIGTERM to this child process when the test process dies, even by SIGKILL."""
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-
-
-def start_interpreter(command: list[str], env: dict[str, str], out: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Start a command in a new session, in a new process as a user does."""
-    return subprocess.Popen(
-        command,
-        stdout=out,
-        stderr=subprocess.STDOUT,
-        stdin=subprocess.DEVNULL,
-        start_new_session=True,
-        env=env,
-        preexec_fn=end_with_us,  # noqa: PLW1509  nothing else is done in it
-    )
+end_with_us = partial(set_death_signal, signal.SIGTERM)
+"""Lets the kernel send SIGTERM to this child process when the test process dies, even by SIGKILL."""
 
 
 def started_by(run: Path) -> set[int]:
@@ -128,7 +111,7 @@ class Flight:
         with self.out.open("wb") as out:
             command, env = self._command(*up), self._env()
             self.process = (
-                start_interpreter(command, env, out)
+                start_interpreter(command, env, out.fileno())
                 if cold
                 else warm_process.start(command, env=env, output=out.fileno())
             )

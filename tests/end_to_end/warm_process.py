@@ -7,13 +7,11 @@ than the packages were imported in, the forked process executes a new interprete
 from __future__ import annotations
 
 import atexit
-import signal
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import pytest
 
-from arena.constants import PROCESS_ENV
+from arena.smoke.flying.arena_up import fork
 from arena.supervisor.fork_client import ForkClient
 from arena.supervisor.forked_child import ForkedChild
 
@@ -30,12 +28,8 @@ def start(argv: Sequence[str], *, env: Mapping[str, str], output: int) -> Forked
     argv: command line, with the interpreter.  env: complete environment.  output: file descriptor of its stdout and stderr.
     Raises AssertionError if the warm process has died.
     """
-    own = {name: value for name, value in env.items() if name != _PER_TEST} | dict(PROCESS_ENV)
-    cwd, server = str(Path.cwd()), _server()
-    assert server.serves(argv, is_program=False, cwd=cwd), (
-        f"the warm process cannot start {argv}: has it died?"
-    )
-    pid = server.fork(argv, cwd=cwd, env=own, death_signal=signal.SIGTERM, output=output)
+    own = {name: value for name, value in env.items() if name != _PER_TEST}
+    pid = fork(_server(), argv, own, output)
     assert pid is not None, f"the warm process did not start {argv}: it has died or did not reply"
     return ForkedChild(pid)
 

@@ -27,20 +27,28 @@ def start(argv: Sequence[str], env: Mapping[str, str], output: Path) -> subproce
     argv: command line, with the interpreter.  env: complete environment.  output: file for its stdout and stderr.
     """
     with output.open("wb") as out:
-        if _forks and (pid := _fork(_forks[0], argv, env, out.fileno())) is not None:
+        if _forks and (pid := fork(_forks[0], argv, env, out.fileno())) is not None:
             return ForkedChild(pid)
-        return subprocess.Popen(
-            argv,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,
-            env=env,
-            preexec_fn=partial(set_death_signal, signal.SIGTERM),  # noqa: PLW1509  nothing else is done in it
-        )
+        return start_interpreter(argv, env, out.fileno())
 
 
-def _fork(forks: ForkClient, argv: Sequence[str], env: Mapping[str, str], output: int) -> int | None:
+def start_interpreter(argv: Sequence[str], env: Mapping[str, str], output: int) -> subprocess.Popen[bytes]:
+    """Start a command in a new interpreter and session. The kernel sends it SIGTERM when this process dies.
+
+    argv: command line.  env: complete environment.  output: file descriptor for its stdout and stderr.
+    """
+    return subprocess.Popen(
+        argv,
+        stdout=output,
+        stderr=subprocess.STDOUT,
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+        env=env,
+        preexec_fn=partial(set_death_signal, signal.SIGTERM),  # noqa: PLW1509  nothing else is done in it
+    )
+
+
+def fork(forks: ForkClient, argv: Sequence[str], env: Mapping[str, str], output: int) -> int | None:
     """Request `arena up` from the fork server. Return its pid, or None if the fork server does not start it."""
     cwd = str(Path.cwd())
     if not forks.wait_until_ready() or not forks.serves(argv, is_program=False, cwd=cwd):
