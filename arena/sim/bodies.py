@@ -2,8 +2,8 @@
 
 The kernel `free_flight` moves a vehicle that is away from floor, walls, ceiling, obstacles and other vehicles. Pybullet (`PybulletRoom`)
 moves the vehicles near an obstacle. Before each sensor period the kernel `clearance` decides this for each vehicle. A vehicle
-that changes from one to the other keeps its position, attitude and velocities. While all vehicles in pybullet stand still (`Rest`),
-it is not called.
+that changes from one to the other keeps its position, attitude and velocities. While all vehicles in pybullet stand still
+(`Standstill`), it is not called.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from arena.kernels.arrays import array
 from arena.kernels.clearance import Clearance
 from arena.kernels.flight_period import FlightPeriod
 from arena.kernels.free_flight import FreeFlight
-from arena.kernels.rest import Rest
+from arena.kernels.standstill import Standstill
 from arena.obstacles import Obstacle
 from arena.sim.pybullet_room import Contacts, Motion, PybulletRoom
 from arena.sim.vehicle_arrays import Fleet
@@ -78,8 +78,9 @@ class Bodies:
         self._state = Motion(
             place=array(law.place_w), quat=array(law.quat), speed=array(law.speed_w), rate=array(law.rate_w)
         )
-        self._rest: Rest | None = None
-        self._last_contacts: Contacts | None = None  # None: ask pybullet
+        self._standstill: Standstill | None = None  # made by `free_flight`
+        self._standing: Contacts | None = None  # contacts during a standstill
+        self._period_s = period_s
         self._wind_n, self._force_b, self._torque_b = (
             array(law.wind_n),
             array(law.force_b),
@@ -120,18 +121,17 @@ class Bodies:
         self._wind_n[...] = wind_n
         self._law.begin()
 
-    def need_pybullet(self) -> bool:
-        """Return whether pybullet must compute this sensor period: a vehicle is near an obstacle and does not rest.
+    def needs_pybullet(self) -> bool:
+        """Return whether pybullet must compute this sensor period: a vehicle is near an obstacle, and there is no standstill.
 
         Call it once, after `begin`.
         """
         if not self.in_pybullet:
             return False
-        if self._rest is not None and not self._only_pybullet and self._rest.check():
-            if self._last_contacts is None:
-                self._last_contacts = self._room.contacts()
+        if self._standstill is not None and not self._only_pybullet and self._standstill.check():
+            self._standing = self._standing or self._room.contacts()
             return False
-        self._last_contacts = None
+        self._standing = None
         return True
 
     def step(self, force_b: Array, torque_b: Array) -> None:
@@ -158,9 +158,9 @@ class Bodies:
     def free_flight(self, dynamics: Dynamics) -> FlightPeriod:
         """Return the compiled function that moves all bodies for one sensor period, without pybullet.
 
-        It replaces `step` while `need_pybullet` returns False.
+        It replaces `step` while `needs_pybullet` returns False.
         """
-        self._rest = Rest(dynamics.law, self._law)
+        self._standstill = Standstill(dynamics.law, self._law, self._period_s)
         return FlightPeriod(dynamics.law, self._law)
 
     def contacts(self) -> Contacts:
@@ -168,7 +168,7 @@ class Bodies:
 
         Something is the floor, a wall, the ceiling or another vehicle.
         """
-        return self._last_contacts or self._room.contacts()
+        return self._standing or self._room.contacts()
 
     def place(
         self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None
@@ -182,7 +182,7 @@ class Bodies:
         """
         self._set_motion(index, p_n, q_nb, v_n, omega_b)
         self._clearance.reset()
-        self._end_rest()
+        self._end_standstill()
         if index in self.in_pybullet:
             self._room.move(index, self._motion(index))
 
@@ -201,14 +201,14 @@ class Bodies:
         for i in sorted(set(near).difference(before)):
             self._room.add(i, self._motion(i))
         self.in_pybullet, self._rows = near, np.array(near, int)
-        self._end_rest()
+        self._end_standstill()
         self._free[:] = True
         self._free[self._rows] = False
 
-    def _end_rest(self) -> None:
-        self._last_contacts = None
-        if self._rest is not None:
-            self._rest.reset()
+    def _end_standstill(self) -> None:
+        self._standing = None
+        if self._standstill is not None:
+            self._standstill.end()
 
     def _motion(self, i: int) -> Motion:
         state = self._state

@@ -153,7 +153,7 @@ class World:
         if self._battery.is_weak:
             dynamics.motors *= self._battery.command_factor
         bodies.begin(self._wind())
-        if bodies.need_pybullet():
+        if bodies.needs_pybullet():
             for _ in range(self._substeps):
                 bodies.step(*dynamics.step(dynamics.motors, bodies.air_b, bodies.height))
         else:

@@ -65,7 +65,7 @@ def test_take_off_and_landing_are_those_of_pybullet(build: Any) -> None:
         flight.fly(hover(flight, 0.5), 0.5)
         flight.fly(hover(flight, 1.3), 0.8)
         flight.fly(hover(flight, 0.7), 2.2)
-        flight.fly(hover(flight, 0.0), 0.2)  # longer, and it would rest
+        flight.fly(hover(flight, 0.0), 0.2)  # a standstill begins later
 
     flight = compared(lambda: build(vehicle()), fly, 1e-6)
     assert flight.changes() == [[0], [], [0]]

@@ -1,4 +1,4 @@
-"""Vehicles that stand still with stopped motors rest: pybullet is not called, and nothing about them changes until something acts."""
+"""While vehicles stand still with stopped motors, pybullet is not called, and they do not move until something acts on them."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ def steps_of_pybullet(world: World, seconds: float, command: float = 0.0, row: i
     return len(calls)
 
 
-def rested(build: Build, *vehicles: dict[str, Any], **changes: Any) -> World:
+def standing(build: Build, *vehicles: dict[str, Any], **changes: Any) -> World:
     world = build(*(vehicles or [vehicle()]), **changes)
     steps_of_pybullet(world, 1.0)
-    assert steps_of_pybullet(world, 0.1) == 0, "all vehicles rest"
+    assert steps_of_pybullet(world, 0.1) == 0, "all vehicles stand still"
     return world
 
 
-def test_resting_vehicle_needs_no_pybullet_and_does_not_move(build: Build) -> None:
-    world = rested(build)
+def test_standing_vehicle_needs_no_pybullet_and_does_not_move(build: Build) -> None:
+    world = standing(build)
     before = world.truth()
     assert steps_of_pybullet(world, 20.0) == 0
     now = world.truth()
@@ -54,38 +54,38 @@ def test_resting_vehicle_needs_no_pybullet_and_does_not_move(build: Build) -> No
     assert world.bodies.contacts().floor.all()
 
 
-def test_take_off_after_rest_is_that_of_pybullet(build: Build) -> None:
+def test_take_off_after_a_standstill_is_that_of_pybullet(build: Build) -> None:
     heights = []
     for only_pybullet in (False, True):
         world = build(vehicle())
         world.bodies._only_pybullet = only_pybullet
-        rests = steps_of_pybullet(world, 2.0) < 500
-        assert rests is not only_pybullet
+        stands = steps_of_pybullet(world, 2.0) < 500
+        assert stands is not only_pybullet
         steps_of_pybullet(world, 1.0, float(1.1 * world.hover[0]))
         heights.append(-world.truth().p_n[0, 2])
     assert heights[0] > 0.3 and heights[0] == pytest.approx(heights[1], abs=1e-3)
 
 
-def test_motor_command_wakes_at_once(build: Build) -> None:
-    world = rested(build)
+def test_motor_command_ends_a_standstill_at_once(build: Build) -> None:
+    world = standing(build)
     assert steps_of_pybullet(world, world.period_s, 0.01) == 2
 
 
-def test_spinning_rotors_are_no_rest(build: Build) -> None:
-    world = rested(build)
+def test_spinning_rotors_are_no_standstill(build: Build) -> None:
+    world = standing(build)
     steps_of_pybullet(world, 0.2, 0.3)
     assert steps_of_pybullet(world, 0.1) == 50, "the rotors still turn"
 
 
 def test_vehicle_that_is_hit_moves(build: Build) -> None:
-    world = rested(build, vehicle("uav1", position=[0, 0, 0]), vehicle("uav2", id=2, position=[3, 0, 0]))
+    world = standing(build, vehicle("uav1", position=[0, 0, 0]), vehicle("uav2", id=2, position=[3, 0, 0]))
     stood = world.truth().p_n[0].copy()
     world.bodies.place(1, p_n=stood - np.array([1.2, 0.0, 0.02]), q_nb=LEVEL, v_n=np.array([4.0, 0.0, 0.0]))
     steps_of_pybullet(world, 1.0)
     assert world.truth().p_n[0, 0] > stood[0] + 0.05, "pushed north"
 
 
-def test_nothing_rests_in_the_air(build: Build) -> None:
+def test_nothing_is_held_in_the_air(build: Build) -> None:
     """A vehicle beside a wall is in pybullet. At its highest point its velocity is zero."""
     world = build(vehicle())
     for start in (np.array([5.7, 0.0, -2.0]), world.truth().p_n[0] + [0.0, 0.0, -0.1]):
@@ -94,7 +94,7 @@ def test_nothing_rests_in_the_air(build: Build) -> None:
         assert world.truth().p_n[0, 2] > start[2] + 0.05
 
 
-def test_falling_vehicle_settles_before_it_rests(build: Build) -> None:
+def test_falling_vehicle_settles_before_its_standstill(build: Build) -> None:
     world = build(vehicle())
     world.bodies.place(0, p_n=np.array([0.0, 0.0, -0.5]), q_nb=TILTED)
     steps_of_pybullet(world, 4.0)
@@ -102,8 +102,8 @@ def test_falling_vehicle_settles_before_it_rests(build: Build) -> None:
     assert abs(world.bodies.r_nb[0, 2, 2]) > 0.999, "flat on the floor"
 
 
-def test_wind_that_changes_wakes_and_strong_wind_moves(build: Build) -> None:
-    world = rested(build, vehicle(body_drag_kg_m=[0.05, 0.05, 0.05]))
+def test_other_wind_ends_a_standstill_and_strong_wind_moves(build: Build) -> None:
+    world = standing(build, vehicle(body_drag_kg_m=[0.05, 0.05, 0.05]))
     world.set_wind([0.0, 3.0, 0.0])
     assert steps_of_pybullet(world, 0.04) == 20
     world.set_wind([0.0, 60.0, 0.0])
@@ -111,6 +111,6 @@ def test_wind_that_changes_wakes_and_strong_wind_moves(build: Build) -> None:
     assert world.truth().p_n[0, 1] > 0.1, "blown east"
 
 
-def test_rest_needs_all_vehicles(build: Build) -> None:
-    world = rested(build, vehicle("uav1", position=[0, 0, 0]), vehicle("uav2", id=2, position=[3, 0, 0]))
+def test_standstill_needs_all_vehicles(build: Build) -> None:
+    world = standing(build, vehicle("uav1", position=[0, 0, 0]), vehicle("uav2", id=2, position=[3, 0, 0]))
     assert steps_of_pybullet(world, 0.1, 0.2, row=1) == 50

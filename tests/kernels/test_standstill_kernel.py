@@ -1,4 +1,4 @@
-"""The kernel `rest` gives the same results compiled and interpreted, and each condition of rest alone ends it."""
+"""The kernel `standstill` gives the same results compiled and interpreted, and the loss of any one condition ends a standstill."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from tests.kernels.kernel_versions import arrays_of, compiled_modules, interpreted_modules, needs_compiled
 
-MODULES = ("rotor_dynamics", "free_flight", "rest")
+MODULES = ("rotor_dynamics", "free_flight", "standstill")
 VEHICLES = 3
 VERSIONS = [
     pytest.param(interpreted_modules, id="interpreted"),
@@ -26,17 +26,17 @@ def standing(modules: dict[str, ModuleType]) -> tuple[Any, dict[str, np.ndarray]
     arrays = arrays_of(rotors) | arrays_of(bodies)
     arrays["speed_w"][2], arrays["motors"][2] = 1.0, 0.5
     arrays["speed_w"][0], arrays["rate_w"][0] = 5e-5, 5e-4
-    return modules["rest"].Rest(rotors, bodies), arrays
+    return modules["standstill"].Standstill(rotors, bodies, 0.004), arrays
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_still_vehicles_rest_after_25_periods(version: Callable[..., dict[str, ModuleType]]) -> None:
-    rest, arrays = standing(version(*MODULES))
-    assert [rest.check() for _ in range(30)] == [False] * 24 + [True] * 6
+def test_standstill_begins_after_a_tenth_of_a_second(version: Callable[..., dict[str, ModuleType]]) -> None:
+    standstill, arrays = standing(version(*MODULES))
+    assert [standstill.check() for _ in range(30)] == [False] * 24 + [True] * 6
     assert not arrays["speed_w"][:2].any() and not arrays["rate_w"][:2].any()
     assert (arrays["speed_w"][2] == 1.0).all(), "a vehicle in free flight is not held"
-    rest.reset()
-    assert not rest.check()
+    standstill.end()
+    assert not standstill.check()
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -44,14 +44,14 @@ def test_still_vehicles_rest_after_25_periods(version: Callable[..., dict[str, M
     ("name", "value"),
     [("motors", 0.01), ("spin", 0.01), ("speed_w", -2e-4), ("rate_w", 2e-3), ("wind_n", 0.1)],
 )
-def test_one_condition_of_one_vehicle_ends_the_rest(
+def test_one_condition_of_one_vehicle_ends_the_standstill(
     version: Callable[..., dict[str, ModuleType]], name: str, value: float
 ) -> None:
-    rest, arrays = standing(version(*MODULES))
+    standstill, arrays = standing(version(*MODULES))
     for _ in range(25):
-        rests = rest.check()
-    assert rests
+        stands = standstill.check()
+    assert stands
     arrays[name][2, 2] = value
-    assert rest.check(), "of the vehicle in free flight"
+    assert standstill.check(), "of the vehicle in free flight"
     arrays[name][1, 2] = value
-    assert not rest.check() and rest.periods == 0
+    assert not standstill.check() and standstill.still_periods == 0

@@ -6,6 +6,7 @@ Pybullet computes the contacts of a standing vehicle in every physics step, whic
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from arena.kernels.arrays import floats
@@ -17,44 +18,45 @@ if TYPE_CHECKING:
 _SLOW_M_S = 1e-4
 _SLOW_RAD_S = 1e-3
 _STOPPED = 1e-3  # share of full rotor speed [-]: a millionth of the greatest thrust
-_PERIODS = 25  # a vehicle in the air would have fallen by then, even from its highest point
+_STILL_S = 0.1  # a vehicle in the air falls by 5 cm in this time, even from its highest point
 
 
-class Rest:
-    """Search for the rest of the vehicles that pybullet moves.
+class Standstill:
+    """Search for a standstill: no vehicle that pybullet moves needs it now.
 
-    They rest when all of them are still, their motors are stopped, and the air moves as before, for 25 sensor periods.
-    A resting vehicle has no velocity, and keeps its position and attitude.
+    A standstill begins when all these vehicles have been still for 0.1 s: they do not move, their motors are stopped, and the air
+    at each of them moves as before. During a standstill their velocities are zero, and they keep position and attitude.
 
-    rotors, bodies: kernels of rotors and bodies; vehicles that are not in free flight are in pybullet
-    periods: number of sensor periods since the last change
+    rotors, bodies: kernels of rotors and bodies. Pybullet moves the vehicles that are not in free flight
+    period_s: sensor period [s]
+    still_periods: number of sensor periods for which all of them have been still
     """
 
-    def __init__(self, rotors: RotorDynamics, bodies: FreeFlight) -> None:
+    def __init__(self, rotors: RotorDynamics, bodies: FreeFlight, period_s: float) -> None:
         self.rotors, self.bodies = rotors, bodies
-        self.periods = 0
+        self.still_periods, self._needed_periods = 0, math.ceil(_STILL_S / period_s)
         self._wind_n = floats(len(bodies.free), 3)
 
-    def reset(self) -> None:
-        """End the rest, because vehicles were moved, or have come into pybullet or left it."""
-        self.periods = 0
+    def end(self) -> None:
+        """End the standstill, because vehicles were moved, or pybullet now moves other vehicles."""
+        self.still_periods = 0
 
     def check(self) -> bool:
-        """Return whether all vehicles in pybullet rest in the sensor period that begins. Call it once per period."""
+        """Return whether there is a standstill in the sensor period that begins. Call it once per period."""
         still = True
         for i in range(len(self.bodies.free)):
             if not self.bodies.free[i] and not self._is_still(i):
                 still = False
-        self.periods = self.periods + 1 if still else 0
-        if self.periods == _PERIODS:
+        self.still_periods = self.still_periods + 1 if still else 0
+        if self.still_periods == self._needed_periods:
             for i in range(len(self.bodies.free)):
                 if not self.bodies.free[i]:
                     for k in range(3):
                         self.bodies.speed_w[i, k] = self.bodies.rate_w[i, k] = 0.0
-        return self.periods >= _PERIODS
+        return self.still_periods >= self._needed_periods
 
     def _is_still(self, i: int) -> bool:
-        """Return whether vehicle i does not move, its motors are stopped and its wind has not changed. Store its wind."""
+        """Return whether vehicle i is still: no velocity, stopped motors, and the same wind as at the last call."""
         bodies, rotors, still = self.bodies, self.rotors, True
         for k in range(3):
             if bodies.wind_n[i, k] != self._wind_n[i, k]:
