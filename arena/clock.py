@@ -1,8 +1,8 @@
 """Wall clock and simulation clock with the same interface. Code that flies vehicles uses a `Clock`, not the time module.
 
 The process `world` (or `replay`) serves the simulation clock. A page of shared memory holds the time [s], whether the clock is in
-lockstep (1) or follows the wall clock (0), and the core on which its only client should sleep (or NO_CORE). A local socket wakes the
-clients.
+lockstep (1) or follows the wall clock (0), and the number of the core on which its only client should sleep (or NO_CORE). A local
+socket wakes the clients.
     client -> server   first packet: the client's name, utf-8;  later: a requested wake-up time, one native double [s]
     server -> client   the present time, one native double [s], when the requested time has come
 In lockstep the server does not advance beyond the wake-up time of a client until that client sleeps again (`may_advance`).
@@ -171,7 +171,7 @@ class SimClock(LockstepClock):
 
     def sleep_only(self, t: float) -> float:
         self.request_wake(t)
-        cores = stay_on(int(self._page[2])) if self._page[2] >= 0.0 else None
+        cores = stay_on(int(self._page[2]))
         try:
             while (now := self.wait_for_wake(None)) is None:
                 pass

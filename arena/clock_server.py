@@ -68,7 +68,6 @@ class ClockServer:
             file.truncate(PAGE_BYTES)
             self._page = memoryview(mmap.mmap(file.fileno(), PAGE_BYTES)).cast("d")
         self._page[1], self._page[2] = float(lockstep), NO_CORE
-        self._lockstep, self._core = lockstep, NO_CORE
         self._next_wake = math.inf  # no client sleeps until an earlier time [s]
         part.replace(page)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -127,7 +126,7 @@ class ClockServer:
         timeout_s: longest wait for one client, in wall time [s].
         """
         awake = [c for c in self._clients.values() if c.gates and c.wake is None]
-        cores = stay_on(self._core) if awake and self._core != NO_CORE else None
+        cores = stay_on(int(self._page[2]))
         try:
             for client in awake:
                 client.limit_wait(timeout_s)
@@ -145,9 +144,6 @@ class ClockServer:
         pause between two calls counts as `_LONGEST_CHECK_S` at most, because the whole computer may have stood still.
         """
         awake = [client for client in self._clients.values() if client.gates and client.wake is None]
-        if not awake:
-            self._checked = wall
-            return True
         for client in awake:
             client.awake_s += min(wall - max(client.awake_since, self._checked), _LONGEST_CHECK_S)
             if client.awake_s > _HUNG_S:
@@ -221,12 +217,9 @@ class ClockServer:
         self._reply(client, now)
 
     def _share_core(self) -> None:
-        """Publish on which core the only client should sleep: on that of the world, which works in turns with it."""
-        alone = self._lockstep and len(self._clients) == 1
-        core = present_core() if alone else NO_CORE
-        if core != self._core:
-            self._core = core
-            self._page[2] = core
+        """Publish the core on which the only client should sleep: that of the world. With several clients: NO_CORE."""
+        takes_turns = self._page[1] == 1.0 and len(self._clients) == 1
+        self._page[2] = present_core() if takes_turns else NO_CORE
 
     def _reply(self, client: _Client, now: float) -> None:
         self.wakes += 1

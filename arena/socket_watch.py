@@ -37,11 +37,11 @@ class SocketWatch:
         self._found = frozenset(fd for fd, _ in found) if found else _NOTHING
 
     def poll_if_due(self, wall: float, wakes: int) -> None:
-        """Do the same as `poll`, but at most once in `POLL_S`, unless a program was awake since. Else no socket has data.
+        """Find the sockets with data if a program was awake since the last search, or if that was at least `POLL_S` ago.
 
-        In a fast simulation a step takes a fraction of this time.
+        Otherwise `has_data` returns False for every socket. A step of a fast simulation takes a fraction of `POLL_S`.
 
-        wall: monotonic [s].  wakes: number of wake-ups of all programs so far; a program sends data only while it is awake
+        wall: monotonic [s].  wakes: number of wake-ups of all programs so far. A program sends data only while it is awake
         """
         if wakes != self._wakes or wall >= self._polled_s + POLL_S:
             self._polled_s, self._wakes = wall, wakes

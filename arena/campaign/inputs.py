@@ -14,7 +14,7 @@ from arena.schema.library import data_folder
 from arena.schema.px4 import STAND_IN
 
 PACKAGE, PX4 = "the installed arena", "PX4"
-"""Keys of the dict `path -> SHA-256` that are no paths. PACKAGE: all files of the installed arena. PX4: all PX4 binaries that fly."""
+"""Keys of the dict `path -> SHA-256` that are not paths. PACKAGE: all files of the installed arena. PX4: all PX4 binaries that fly."""
 _CODE = {".py", ".pyx", ".pxd", ".csv"}
 
 

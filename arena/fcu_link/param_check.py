@@ -192,7 +192,7 @@ class ParamCheck:
                 yield f"{name} is {_text(p.value, p.kind)}, needs {_text(p.wanted, p.kind)}"
 
     def _is_off(self, name: str, p: _Param) -> bool:
-        """Return whether a parameter is a circuit breaker that the vehicle does not have, so that it is off.
+        """Return whether a circuit breaker is off because the vehicle does not have its parameter.
 
         Replies can be lost, so it counts as missing only after `_SURELY_MISSING` rounds of requests without a reply.
         """

@@ -33,7 +33,6 @@ from arena.process_title import set_title
 
 _PROCESSES = (
     "arena.fused.__main__",  # imports world, motion capture, forwarder, router, sensors and recorder
-    "arena.autopilot",
     "arena.sim.__main__",
     "arena.mocap.emulator.__main__",
     "arena.mocap.natnet.client",
@@ -47,6 +46,7 @@ PRELOADED = {
     "processes": _PROCESSES,
     "flights": (
         *_PROCESSES,
+        "arena.autopilot",  # not for one arena: it would begin later, and may have no built-in autopilot
         "arena.cli.up",
         "arena.cli._summary",
         "arena.flight_log.__main__",

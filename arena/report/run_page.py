@@ -228,7 +228,7 @@ def _words(run: RunData, found: Sequence[Happening], steps: Sequence[ScenarioSte
 
 
 def _for_each(text: str) -> str:
-    """Replace `*`, which stands for a vehicle name, in the text of an event that several vehicles share.
+    """Replace the placeholder `*` for vehicle names by words, in the text of an event that several vehicles share.
 
     `*: airborne` becomes `each: airborne`, and the process `program.*` becomes `each vehicle's program`.
     """

@@ -205,7 +205,8 @@ class Loop:
     def _read_sockets(self) -> None:
         """Read the datagrams, clock requests and faults that have arrived.
 
-        The datagrams of a program are read in the step after it has fallen asleep. Those of others wait for 0.5 ms at most.
+        The datagrams of a program are read in the first step after it was awake, those of others up to 0.5 ms later. Autopilots in
+        processes of their own can send in every step.
         """
         if self._external is None:
             self._watch.poll_if_due(time.monotonic(), self._clock.wakes)
