@@ -42,9 +42,9 @@ def feed(recorder: FlightRecorder, vehicles: int, minutes: float) -> Iterator[fl
         now_s = 1e-3 * ms
         for k in range(vehicles):
             if (ms + 2 * k) % 8 == 0:
-                recorder.on_datagram(names[k], False, down[k][(ms // 8) % POOL], now_s)
+                recorder.on_datagrams([(names[k], False, down[k][(ms // 8) % POOL], now_s)])
             if (ms + 2 * k) % 20 == 0:
-                recorder.on_datagram(names[k], True, up[k][(ms // 20) % POOL], now_s)
+                recorder.on_datagrams([(names[k], True, up[k][(ms // 20) % POOL], now_s)])
         if ms % 10 == 0:
             frame = CapturedFrame(number=ms // 10, time_s=now_s - 0.004, poses=poses, untracked=())
             recorder.on_frame(frame, True, now_s)

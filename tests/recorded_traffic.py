@@ -134,7 +134,7 @@ def record_of(path: Path, data: list[Received], vehicle: RecordedVehicle = UAV1)
             if vehicle.simulated:
                 log.on_truth(truth_of(received), received.time_s)
         else:
-            log.on_datagram(vehicle.name, received.kind == "up", received.data, received.time_s)
+            log.on_datagrams([(vehicle.name, received.kind == "up", received.data, received.time_s)])
     record.close()
     return path
 

@@ -110,7 +110,7 @@ def sender(component: int = 1) -> mavlink.MAVLink:
 def sent(
     record: ViewerRecord, message: mavlink.MAVLink_message, time_s: float = 1.0, component: int = 1
 ) -> None:
-    record.channels.on_datagram("uav1", component != 1, message.pack(sender(component)), time_s)
+    record.channels.on_datagrams([("uav1", component != 1, message.pack(sender(component)), time_s)])
 
 
 def position(p_n: tuple[float, ...]) -> mavlink.MAVLink_message:
@@ -132,8 +132,8 @@ def full_flight() -> ViewerRecord:
     for k in range(360):
         t = k / 30
         pos = np.array([0.1 * t, 0.0, -1.0])
-        record.channels.on_datagram(
-            "uav1", False, stream(t, pos, (0.1 * t, 0.0, -1.0), OFFBOARD, True, False), t
+        record.channels.on_datagrams(
+            [("uav1", False, stream(t, pos, (0.1 * t, 0.0, -1.0), OFFBOARD, True, False), t)]
         )
         for sub in range(6):
             number = 6 * k + sub

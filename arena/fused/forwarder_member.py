@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time as wall_time
-from collections.abc import Sequence
 
 from arena.fused.member import MemberContext
 from arena.fused.memory_links import Inbox, MemoryCapture, VisionLink, address
 from arena.fused.step_time import StepTime
-from arena.mocap.client import CapturedFrame
+from arena.mocap.client import Pose
 from arena.pose_forwarder.shell import ForwarderShell
 
 READY_TIMEOUT_S = 30.0
@@ -19,9 +18,10 @@ simulation that is slower than real time."""
 class ForwarderMember:
     """Pose forwarder of one vehicle, as a part of the fused arena instead of a process of its own.
 
-    capture: motion-capture client of all forwarders, whose frames the caller passes to `step`.
+    capture: motion-capture client of all forwarders.  The caller selects the poses in its frames, and passes them to `send_pose`.
     vehicle: index in the world.  inbox: list that receives the datagrams for its autopilot; None: PX4, whose link is a socket.
     ready_limit_s: longest wall time until the forwarder of a PX4 is ready [s].
+    selection: selects the poses to forward.  has_socket: the link to the autopilot is a socket.
     """
 
     def __init__(
@@ -38,6 +38,7 @@ class ForwarderMember:
         self._link = None if inbox is None else VisionLink(vehicle, inbox, remote)
         self._context = context
         self._shell = ForwarderShell(context, time, capture, self._link, wall=time.now())
+        self.selection, self.has_socket = self._shell.core.selection, inbox is None
         self._began = wall_time.monotonic()
 
     def receive(self, data: bytes) -> None:
@@ -45,17 +46,16 @@ class ForwarderMember:
         if self._link is not None:
             self._link.waiting.append(data)
 
-    def step(self, frames: Sequence[CapturedFrame], now: float, due: bool) -> None:
-        """Run the pose forwarder for one simulation step: send new poses, and read the autopilot's messages.
+    def send_pose(self, pose: Pose, now: float) -> None:
+        """Send a pose of the vehicle that `selection` has selected. now: simulation time [s]."""
+        self._shell.send_pose(pose, now)
 
-        Without frames, stored datagrams and `due`, this does nothing.
+    def step(self, now: float, due: bool) -> None:
+        """Read the autopilot's messages that have arrived.
 
-        frames: motion-capture frames of this step, oldest first.  now: simulation time [s].
-        due: also send the messages that do not depend on poses, and report to the supervisor.
+        now: simulation time [s].  due: also send the messages that do not depend on poses, and report to the supervisor.
         """
-        if frames:
-            self._shell.forward(frames, now)
-        if (frames or due) if self._link is None else self._link.waiting:
+        if self._link is None or self._link.waiting:
             self._shell.read_link(now)
         if due:
             self._shell.tick(now, now)

@@ -18,6 +18,7 @@ from arena.fused.member import MemberContext
 from arena.fused.memory_links import Inbox, MemoryCapture, RecorderLink, address
 from arena.fused.router import FusedRouter
 from arena.fused.step_time import StepTime
+from arena.kernels.pose_selection import newest_poses
 from arena.mocap.client import CapturedFrame
 from arena.mocap.emulator.interface import MeasuredFrame
 from arena.mocap.emulator.shell import EmulatorShell
@@ -99,10 +100,13 @@ class Members:
         self._recorder = _Recorder(self._contexts["recorder"], self._time, self._router.sockets, truth)
         sensors = self._contexts.get("sensors")
         self._sensors = None if sensors is None else _Sensors(sensors, self._time, self._router)
-        self._router.record = self._on_copy
+        self._router.record_in(self._recorder.link, None if self._sensors is None else self._sensors.on_copy)
         mocap = self._contexts["mocap"]
         self._clock, self._joined = clock, 0
-        self._served: list[ForwarderMember] = []
+        self._served: list[ForwarderMember] = []  # those that have messages to read in this step
+        self._all_forwarders = list(self._forwarders.values())
+        self._selections = [forwarder.selection for forwarder in self._all_forwarders]
+        self._with_sockets = [forwarder for forwarder in self._all_forwarders if forwarder.has_socket]
         self._next_tick = 0.0
         self._frames = FrameConverter(mocap.settings["bodies"])
         self._mocap = EmulatorShell(mocap, self._time.now(), self._on_frame)
@@ -147,14 +151,15 @@ class Members:
         """
         return self._panic.drain_panic(receive)
 
-    def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
+    def send(self, messages: list[tuple[int, str, bytes]], now: float) -> None:
         """Deliver the datagrams of the autopilots, and run all members (router, ...) for one simulation step.
 
         now: simulation time [s].
         """
         self._time.value = now
-        for message in messages:
-            vehicle, link, data = message
+        at, deliver = -1, self._router.deliver
+        while (at := deliver(messages, at + 1, now)) < len(messages):
+            vehicle, link, data = message = messages[at]
             if link in ("router", "ground"):
                 self._router.from_vehicle(vehicle, data, now, link)
             elif link == "panic":
@@ -173,17 +178,30 @@ class Members:
             self._mocap.apply_faults()
         while self._mocap.due <= now + _EARLY_S:
             self._mocap.advance(now, requests=has_data(fds.mocap))
-        frames = self._capture.poll(now)
-        due = now >= self._next_tick
-        if due:
-            self._next_tick = now + TICK_S
-        for forwarder in self._forwarders.values() if frames or due else self._served:
-            forwarder.step(frames, now, due)
-        self._served.clear()
+        self._forward(self._capture.poll(now), now)
         if self._sensors is not None:
             self._sensors.step(now)
         self._router.step(now, faults=has_data(fds.router_faults))
         self._recorder.step(now, references=has_data(fds.references))
+
+    def _forward(self, frames: Sequence[CapturedFrame], now: float) -> None:
+        """Forward the poses in the frames of this step, and read the messages of the autopilots to their forwarders.
+
+        frames: oldest first.  now: simulation time [s].
+        """
+        forwarders = self._all_forwarders
+        if frames:
+            for k, pose in newest_poses(self._selections, frames, now):
+                forwarders[k].send_pose(pose, now)
+            self._served += self._with_sockets
+        if now >= self._next_tick:
+            self._next_tick = now + TICK_S
+            for forwarder in forwarders:
+                forwarder.step(now, True)
+        else:
+            for forwarder in self._served:
+                forwarder.step(now, False)
+        self._served.clear()
 
     def on_request(self, request: Mapping[str, Any]) -> None:
         """Pass a request of the supervisor, such as `release`, to the router."""
@@ -205,15 +223,6 @@ class Members:
         self._router.close()
         self._mocap.close()
         self._panic.close()
-
-    def _on_copy(self, socket: int, data: bytes) -> None:
-        """Pass a copy of a routed datagram to the recorder and the emulated sensors.
-
-        socket: index of the router's socket that sends it.
-        """
-        self._recorder.link.add(socket, data)
-        if self._sensors is not None:
-            self._sensors.on_copy(socket, data)
 
     def _on_frame(self, frame: MeasuredFrame, now: float) -> None:
         captured = self._frames.convert(frame, now)
@@ -300,8 +309,8 @@ class _Recorder:
 
         now: simulation time [s].  references: read the references of user programs from the socket.
         """
-        for vehicle, up, data in self.link.receive(references):
-            self._recorder.on_datagram(vehicle, up, data, now)
+        if datagrams := self.link.receive(now, references=references):
+            self._recorder.on_datagrams(datagrams)
         for time_s, truth in self._truth.due(now):
             self._recorder.on_truth(truth, time_s)
         self._recorder.tick(now, wall_time.monotonic())

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from arena.mocap.client import CapturedFrame
+from arena.recorder.channels import Datagram
 from arena.recorder.router_copies import RouterCopies
 from arena.transport import Address
 
@@ -55,6 +56,7 @@ class RecorderLink:
 
     listen: address of the socket.  sockets: addresses of the router's sockets, in their order.
     vehicles: as for `CopySenders`.
+    copies: datagrams that the router has copied.
     """
 
     def __init__(
@@ -62,28 +64,33 @@ class RecorderLink:
     ) -> None:
         self._copies = RouterCopies(listen, vehicles)
         self._owners = [self._copies.senders.owner(at) for at in sockets]
-        self._waiting: list[tuple[str, bool, bytes]] = []
+        self.copies: list[Datagram] = []
 
-    def add(self, socket: int, data: bytes) -> None:
+    def add(self, socket: int, data: bytes, now: float) -> None:
         """Store a copy of a routed datagram for the recorder.
 
-        socket: index of the router's socket from which it is sent.
+        socket: index of the router's socket from which it is sent.  now: time of the router's clock [s].
         """
         if (owner := self._owners[socket]) is not None:
-            self._waiting.append((*owner, data))
+            self.copies.append((*owner, data, now))
+
+    def owner(self, socket: int) -> tuple[str, bool] | None:
+        """Return (vehicle, up) of the datagrams that are sent from a socket of the router; None if they are not recorded."""
+        return self._owners[socket]
 
     def fileno(self) -> int:
         """Return the file descriptor of the socket on which user programs send their references (wanted states)."""
         return self._copies.fileno()
 
-    def receive(self, references: bool = True) -> Sequence[tuple[str, bool, bytes]]:
-        """Return (vehicle, up, data) of each datagram to record. up: True for a datagram to the vehicle.
+    def receive(self, now: float, *, references: bool = True) -> list[Datagram]:
+        """Return the datagrams to record: those that the router has copied, then the references.
 
-        The datagrams that the router has copied come first. references: read the socket, too
+        now: time of the references [s].  references: read the socket, too
         """
-        waiting, self._waiting = self._waiting, []
+        waiting = self.copies[:]
+        self.copies.clear()
         if references:
-            waiting += [(vehicle, up, data) for vehicle, up, data, _ in self._copies.receive()]
+            waiting += [(vehicle, up, data, now) for vehicle, up, data, _ in self._copies.receive()]
         return waiting
 
     def close(self) -> None:

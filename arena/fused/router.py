@@ -13,8 +13,11 @@ from typing import Any, NamedTuple
 from arena.closed_ports import ClosedPorts
 from arena.datagrams import read_datagrams
 from arena.fault_injection import FaultReceiver
-from arena.fused.held_telemetry import HeldTelemetry, Place
-from arena.fused.memory_links import Inbox, address
+from arena.fused.memory_links import Inbox, RecorderLink, address
+from arena.kernels.held_telemetry import HeldTelemetry, ProgramPlace
+from arena.kernels.ordinary_datagrams import address_number
+from arena.kernels.telemetry_delivery import TelemetryDelivery, TelemetryPath
+from arena.mavlink_router.datagrams import MAX_DATAGRAM_BYTES
 from arena.mavlink_router.endpoints import Destinations, Out
 from arena.mavlink_router.ground_station import GroundStation
 from arena.mavlink_router.link_impairment import ImpairedRouter
@@ -25,6 +28,8 @@ from arena.process_context import ProcessContext
 from arena.transport import Address, listen_udp
 from arena.wire.mavlink_frame import Buffer
 
+Place = tuple[int, Address]
+"""Index of the router's socket to send from, and the address to send to."""
 _TICK_S, _SECOND_S = 0.25, 1.0
 _MAX_DATAGRAMS = 2000  # read from one socket in one step: a flood must not stop the world
 _MAX_PATHS = 1024  # sets of receivers that are kept
@@ -36,6 +41,7 @@ class _Paths(NamedTuple):
     destinations: all receivers. While the tuple is kept here, no other object has its `id`.
     closed: the closed ports for which this was computed.
     links: (index of the vehicle, name of the link) of built-in autopilots.  records: sockets from which the recorder gets a copy.
+    places: all other receivers, each with its place in the store of held telemetry; None for a receiver that is no program.
     places: receivers with open sockets.
     """
 
@@ -43,7 +49,7 @@ class _Paths(NamedTuple):
     closed: frozenset[Address]
     links: list[tuple[int, str]]
     records: list[int]
-    places: list[Place]
+    places: list[tuple[Place, ProgramPlace | None]]
 
 
 class FusedRouter:
@@ -53,8 +59,6 @@ class FusedRouter:
 
     in_memory: indices, in the world, of the vehicles with such links. The links of the other vehicles are sockets.
     inbox: receives the datagrams for the built-in autopilots.
-    record: function that gives a copy of a datagram to the recorder, with the index of the socket from which it is sent. The owner
-        sets it.
     sockets: addresses of the router's sockets, in their order.
     closed: SDK ports and ground stations at whose ports no program listens; nothing is sent to them.
     held: telemetry for programs that sleep. Without `hold_for_sleepers` nothing is held.
@@ -73,8 +77,9 @@ class FusedRouter:
         self._router = Router(table, now, real_now=time.monotonic)
         self._counts = self._router.counts
         self.sockets = self._router.sockets
-        self.record: Callable[[int, bytes], None] = lambda socket, data: None
         self._recorder = table.recorder
+        self._record_link: RecorderLink | None = None
+        self._on_copy: Callable[[int, bytes], None] | None = None
         self._impaired = ImpairedRouter(self._router, int(process.settings["seed"]))
         self.faults = FaultReceiver(process.settings.get("faults"))
         self._station = GroundStation()
@@ -100,7 +105,8 @@ class FusedRouter:
             self._poll.register(fd, select.EPOLLIN)
         self._next_tick = self._next_second = 0.0
         self._began, self._ready = time.monotonic(), False
-        self.held = HeldTelemetry({}, (), self._send_to_socket)
+        self.held = HeldTelemetry({}, (), self._send_to_socket, MAX_DATAGRAM_BYTES)
+        self._delivery: TelemetryDelivery | None = None
         self.closed = ClosedPorts((*table.gcs, *self._clients("sdk").values()))
 
     def hold_for_sleepers(self, programs: Mapping[str, str], asleep: Collection[str]) -> None:
@@ -112,13 +118,48 @@ class FusedRouter:
         serve = {v.name: self.sockets.index(v.serve) for v in self._router.table.vehicles}
         ports = self._clients("program")
         named = {(serve[v], ports[v]): client for v, client in programs.items() if v in ports}
-        self.held = HeldTelemetry(named, asleep, self._send_to_socket)
+        self.held = HeldTelemetry(named, asleep, self._send_to_socket, MAX_DATAGRAM_BYTES)
+        self._paths.clear()
+
+    def record_in(self, link: RecorderLink, on_copy: Callable[[int, bytes], None] | None = None) -> None:
+        """Give copies of all datagrams to the recorder.
+
+        Call `hold_for_sleepers` before, if telemetry is to be held.
+        on_copy: function that also gets each copy, with the index of the socket from which it is sent.
+        """
+        self._record_link, self._on_copy = link, on_copy
+        if not self._router.use_shortcut or on_copy is not None:
+            return
+        vehicles = range(len(self._router.table.vehicles))
+        self._delivery = TelemetryDelivery(
+            self._router.shortcut.ordinary,
+            {name: [self._end(i, name) for i in vehicles] for name in ("router", "ground")},
+            self.held,
+            link.copies,
+            self._telemetry_path,
+        )
+
+    def _end(self, vehicle: int, link: str) -> tuple[int, int]:
+        """Return the socket of a link, and the number of its autopilot's address; (-1, -1) if this link is not in memory."""
+        socket, remote = self._ends.get((vehicle, link), (-1, ("", 0)))
+        return (socket, address_number(*remote)) if socket in self._link_of else (-1, -1)
 
     def _clients(self, name: str) -> dict[str, Address]:
         """Return {vehicle name: address of its client with this name}, such as `program`."""
         vehicles = self._process.settings["vehicles"]
         found = ((v["name"], client) for v in vehicles for client in v["clients"])
         return {vehicle: address(client, "address") for vehicle, client in found if client["name"] == name}
+
+    def deliver(self, messages: list[tuple[int, str, bytes]], begin: int, now: float) -> int:
+        """Deliver the ordinary telemetry of the autopilots in this process, in compiled code.
+
+        Return the index of the first message that is not ordinary; the number of messages if there is none. The caller passes that
+        message to `from_vehicle` or to another link, and calls again.
+        messages: (vehicle, name of the link, datagram) of each.  begin: index of the first message to deliver.
+        """
+        if self._delivery is None or self._impaired.active:
+            return begin
+        return self._delivery.deliver(messages, begin, self.closed.now, now)
 
     def from_vehicle(self, vehicle: int, data: bytes, now: float, link: str = "router") -> None:
         """Route a datagram that an autopilot in this process has sent.
@@ -170,7 +211,10 @@ class FusedRouter:
         self._router.commands.on_request(request, now)
 
     def stats(self) -> dict[str, Any]:
-        return self._router.stats()
+        found = self._router.stats()
+        if self._delivery is not None:
+            found["bytes_out"] += self._delivery.bytes_out
+        return found
 
     def close(self) -> None:
         self.held.close()
@@ -203,10 +247,16 @@ class FusedRouter:
                 for vehicle, link in paths.links:
                     self._inbox.append((vehicle, link, copy))
                 for key in paths.records:
-                    self.record(key, copy)
-            for place in paths.places:
-                if not self.held.hold(place, data, now, join=join):
+                    self._record(key, copy, now)
+            for place, program in paths.places:
+                if program is None or not self.held.hold(program, data, now, join):
                     self._send_to_socket(place[0], data, place[1])
+
+    def _record(self, key: int, data: bytes, now: float) -> None:
+        if self._record_link is not None:
+            self._record_link.add(key, data, now)
+        if self._on_copy is not None:
+            self._on_copy(key, data)
 
     def _find_paths(self, destinations: Destinations) -> _Paths:
         """Sort the receivers of a datagram by the way to them, and keep the result. Receivers with a closed port are left out."""
@@ -219,9 +269,15 @@ class FusedRouter:
             elif to == self._recorder:
                 records.append(key)
             elif to not in closed:
-                places.append((key, to))
+                places.append(((key, to), self.held.place(key, to)))
         found = self._paths[id(destinations)] = _Paths(destinations, closed, links, records, places)
         return found
+
+    def _telemetry_path(self, destinations: Destinations) -> TelemetryPath:
+        paths = self._find_paths(destinations)
+        owners = [self._record_link.owner(key) for key in paths.records] if self._record_link else []
+        vehicle = next((owner[0] for owner in owners if owner is not None), None)
+        return TelemetryPath(destinations, paths.closed, vehicle, paths.places)
 
     def _send_to_socket(self, key: int, data: Buffer, to: Address) -> None:
         try:

@@ -7,8 +7,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from arena.kernels.viewer_meters import nanoseconds
+
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
+
+    Datagram = tuple[str, bool, bytes, float]
+    Log = Callable[[bytes, int], None]
 
     from arena.kernels.arrays import Integers
 
@@ -80,6 +85,17 @@ class MessageChannel:
         """Send a message of this channel to the buffer. log_time: time of the message [ns]."""
         self.count += 1
         self._buffer.add(self.number, self.count, data, log_time)
+
+
+def log_datagrams(datagrams: Sequence[Datagram], down: Mapping[str, Log], up: Mapping[str, Log]) -> None:
+    """Log datagrams unchanged.
+
+    datagrams: (vehicle, up, data, time of reception [s]) of each.
+    down, up: function that logs a datagram from a vehicle, or to a vehicle, at a log time [ns], by the vehicle's name.
+    """
+    for vehicle, is_up, data, time_s in datagrams:
+        log = up[vehicle] if is_up else down[vehicle]
+        log(data, nanoseconds(time_s))
 
 
 def message_index(records: bytes, channels: int) -> list[bytes]:

@@ -16,15 +16,20 @@ cdef class PoseSelection:
     cdef object _last
     cdef FrameOrder _order
     cdef readonly object counts
+    cdef public bint flying
     cdef readonly Lateness lateness
     cdef readonly double late_s
     cdef readonly long resets
     @cython.locals(place=str, reason=str, slot=cython.longlong)
-    cpdef object take(self, object frame, double now, bint flying)
+    cpdef object take(self, object frame, double now)
+    cpdef object newest(self, object frames, double now)
     @cython.locals(place=Py_ssize_t)
     cdef object _own_pose(self, object poses)
     cdef str _drop_reason(self, object frame, object pose)
     cdef void _restart(self) except *
+
+@cython.locals(k=Py_ssize_t, selection=PoseSelection)
+cpdef list newest_poses(list selections, object frames, double now)
 
 @cython.locals(x=double, y=double, z=double, a=double, b=double, c=double, d=double)
 cpdef bint is_pose(object pose) except -1

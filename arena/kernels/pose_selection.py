@@ -27,6 +27,7 @@ class PoseSelection:
     noisy: True if measured poses have noise. Without noise a body at rest repeats its pose exactly, so a repeated pose is
         then not frozen.
     counts: counter of the dropped poses, by reason
+    flying: input: True if the vehicle is armed
     lateness: delay of the frames compared with the fastest frames
     late_s: delay of the last frame [s]
     resets: number of restarts of the motion capture, modulo 256
@@ -35,6 +36,7 @@ class PoseSelection:
     def __init__(self, body: str, every: int, stale_s: float, noisy: bool, counts: Counter[str]) -> None:
         self._body, self._every, self._stale_s, self._noisy = body, every, stale_s, noisy
         self.counts = counts
+        self.flying = False
         self._order, self.lateness = FrameOrder(), Lateness(stale_s)
         self.late_s = 0.0
         self.resets = 0
@@ -42,12 +44,27 @@ class PoseSelection:
         self._sent_slot, self._slot = False, 0
         self._last: Pose | None = None
 
-    def take(self, frame: CapturedFrame, now: float, flying: bool) -> Pose | None:
+    def newest(self, frames: Sequence[CapturedFrame], now: float) -> Pose | None:
+        """Return the newest pose to forward in several frames, or None if no pose must be forwarded.
+
+        Older poses are counted as superseded, because the autopilot uses the arrival time as the time of the pose.
+        frames: oldest first. now: time of arrival [s]
+        """
+        newest: Pose | None = None
+        for frame in frames:
+            pose = self.take(frame, now)
+            if pose is not None:
+                if newest is not None:
+                    self.counts["superseded"] += 1
+                newest = pose
+        return newest
+
+    def take(self, frame: CapturedFrame, now: float) -> Pose | None:
         """Return the body's pose in a frame, or None if the pose must not be forwarded.
 
         Dropped poses are counted by reason.
 
-        now: time of arrival [s]. flying: true if the vehicle is armed.
+        now: time of arrival [s]
         """
         place = self._order.place(frame.number)
         if place == "repeated":
@@ -55,7 +72,7 @@ class PoseSelection:
             return None
         if place == "restarted":
             self._restart()
-        self.late_s = self.lateness.measure_frame(frame, now, flying)
+        self.late_s = self.lateness.measure_frame(frame, now, self.flying)
         pose = self._own_pose(frame.poses)
         reason = self._drop_reason(frame, pose)
         if reason:
@@ -102,6 +119,19 @@ class PoseSelection:
         self.lateness.reset()
         self._sent_slot, self._last = False, None
         self.resets = (self.resets + 1) % 256
+
+
+def newest_poses(
+    selections: list[PoseSelection], frames: Sequence[CapturedFrame], now: float
+) -> list[tuple[int, Pose]]:
+    """Return (index of the selection, pose) of each pose to forward, as from `PoseSelection.newest`."""
+    found = []
+    for k in range(len(selections)):
+        selection = selections[k]
+        pose = selection.newest(frames, now)
+        if pose is not None:
+            found.append((k, pose))
+    return found
 
 
 def is_pose(pose: Pose) -> bool:

@@ -35,6 +35,9 @@ cdef class DatagramCounter:
     cdef readonly double first_s
     cpdef bint count(self, bint up, bytes data, double time_s) except -1
 
+@cython.locals(counter=DatagramCounter, vehicle=str, up=bint, data=bytes, time_s=double, found=list)
+cpdef list count_datagrams(list datagrams, dict counters)
+
 cdef class GapMeter:
     cdef readonly double newest_s
     cdef readonly long count

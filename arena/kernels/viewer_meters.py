@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from arena.kernels.mavlink_framing import may_contain
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
     from typing import Any
 
+    Datagram = tuple[str, bool, bytes, float]
     Triple = tuple[float, float, float]
 
 _NAN, _INFINITY = float("nan"), float("inf")
@@ -158,6 +159,21 @@ class DatagramCounter:
             self.first_s = time_s
         self.down += 1
         return may_contain(data, self._messages[0], self._messages[1])
+
+
+def count_datagrams(
+    datagrams: Sequence[Datagram], counters: Mapping[str, DatagramCounter]
+) -> list[tuple[str, bytes]]:
+    """Count datagrams. Return (vehicle, data) of those for which `DatagramCounter.count` returns True.
+
+    datagrams: (vehicle, up, data, time of reception [s]) of each.  counters: counter of each vehicle, by name.
+    """
+    found = []
+    for vehicle, up, data, time_s in datagrams:
+        counter = counters[vehicle]
+        if counter.count(up, data, time_s):
+            found.append((vehicle, data))
+    return found
 
 
 class GapMeter:

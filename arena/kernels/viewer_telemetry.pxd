@@ -5,7 +5,7 @@ from libc cimport math
 from arena.kernels cimport rotations
 from arena.kernels.mavlink_framing cimport FrameParser
 from arena.kernels.viewer_messages cimport NumberMessages, PoseMessages
-from arena.kernels.viewer_meters cimport PathPieces, Throttle, TrafficMeter, nanoseconds
+from arena.kernels.viewer_meters cimport PathPieces, Period, Throttle, TrafficMeter, nanoseconds
 
 cdef long _UINT8, _INT8, _UINT16, _INT16, _UINT32, _INT32, _UINT64, _INT64
 cdef long _LOCAL, _ATTITUDE, _POSITION_TARGET, _ATTITUDE_TARGET, _SERVOS, _CONTROLS, _IMU, _RARE, _IGNORED
@@ -52,13 +52,16 @@ cdef class ViewerTelemetry:
     cdef long[::1] _kinds
     cdef NumberOutput _local, _attitude, _position_setpoint, _program, _attitude_setpoint, _actuators, _imu
     cdef PoseOutput _pose, _setpoint_pose
-    cdef object _on_rare, _pressure_pa
+    cdef object _on_rare, _pressure_pa, _on_up
+    cdef frozenset _up_messages
     cdef bint _has_position
     cdef (double, double, double) _position
     cdef (double, double, double, double) _q_nb
     @cython.locals(size=Py_ssize_t, at=Py_ssize_t, last=Py_ssize_t, end=Py_ssize_t, wanted=bint, number=long)
     cpdef void on_datagram(self, bytes data, double time_s) except *
-    cpdef void count_up(self, bytes data) except *
+    cpdef void on_datagram_up(self, bytes data, double time_s) except *
+    @cython.locals(size=Py_ssize_t, number=long)
+    cdef bint _may_be_for_viewers(self, bytes data) except -1
     cpdef void on_reference(self, bytes data, Py_ssize_t at, Py_ssize_t size, double time_s) except *
     @cython.locals(end=Py_ssize_t)
     cdef Py_ssize_t _end(self, bytes data, Py_ssize_t at, Py_ssize_t size) except -2
@@ -81,6 +84,9 @@ cdef class ViewerTelemetry:
     cdef void _store_attitude(self, NumberOutput output, double[::1] values) except *
     @cython.locals(reader=PayloadReader, values=double[::1], mask=long, log_time=long, k=Py_ssize_t, yaw=double, north=double, east=double, down=double)
     cdef void _send_target(self, NumberOutput output, bytes data, Py_ssize_t at, Py_ssize_t size, double time_s) except *
+
+@cython.locals(telemetry=ViewerTelemetry, up=bint, data=bytes, time_s=double)
+cpdef void publish_datagrams(list datagrams, dict vehicles, Period period, object on_period) except *
 
 cdef double _motor_output(double pwm_us) except? -1.0
 cdef long _sequence(bytes data, Py_ssize_t start) except -1

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from arena.kernels import rotations
 from arena.kernels.viewer_messages import NumberMessages, PoseMessages
-from arena.kernels.viewer_meters import PathPieces, Throttle, TrafficMeter, nanoseconds
+from arena.kernels.viewer_meters import PathPieces, Period, Throttle, TrafficMeter, nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     Log = Callable[..., None]
     OnRare = Callable[[bytes, Any, float], None]
+    OnUp = Callable[[bytes, float], None]
+    Datagram = tuple[str, bool, bytes, float]
     Position = tuple[float, float, float]
     Quaternion = tuple[float, float, float, float]
 
@@ -165,6 +167,8 @@ class ViewerTelemetry:
         rare: Sequence[int],
         on_rare: OnRare,
         pressure_pa: Callable[[float], float],
+        up: Sequence[int],
+        on_up: OnUp,
     ) -> None:
         """Create the converter of one vehicle.
 
@@ -173,6 +177,7 @@ class ViewerTelemetry:
         numbers, poses: outputs by names of topics.
         rare, on_rare: ids of other messages, and the function that gets them: datagram, frame (fields of `Frame`), time [s].
         pressure_pa: converts `abs_pressure` of HIGHRES_IMU to pascal.
+        up, on_up: ids of the messages to the vehicle that viewers may see, and the function that gets such datagrams: data, time [s].
         """
         self._system, self._component = sender
         self._frames, self._readers = frames, list(readers)
@@ -189,6 +194,7 @@ class ViewerTelemetry:
         self._imu = numbers["imu"]
         self._pose, self._setpoint_pose = poses["estimate/pose"], poses["setpoint/pose"]
         self._on_rare, self._pressure_pa = on_rare, pressure_pa
+        self._up_messages, self._on_up = frozenset(up), on_up
         self.traffic, self.flown, self.desired = TrafficMeter(), PathPieces(), PathPieces()
         self._has_position = False
         self._position = (0.0, 0.0, 0.0)
@@ -220,9 +226,22 @@ class ViewerTelemetry:
                 self._publish(data, at, at + _HEAD, data[at + 1], number, time_s)
             at = end
 
-    def count_up(self, data: bytes) -> None:
-        """Count a datagram that was sent to the vehicle."""
+    def on_datagram_up(self, data: bytes, time_s: float) -> None:
+        """Count a datagram that was sent to the vehicle, and pass it to `on_up` if it may contain anything for viewers.
+
+        time_s: time of reception [s].
+        """
         self.traffic.count(True, len(data))
+        if self._may_be_for_viewers(data):
+            self._on_up(data, time_s)
+
+    def _may_be_for_viewers(self, data: bytes) -> bool:
+        """Return False for a single MAVLink 2 frame of a message that is not for viewers, such as a setpoint."""
+        size = len(data)
+        if self._end(data, 0, size) != size or data[2]:
+            return True
+        number = data[7] + (data[8] << 8) + (data[9] << 16)
+        return number in self._up_messages
 
     def on_reference(self, data: bytes, at: int, size: int, time_s: float) -> None:
         """Publish a POSITION_TARGET_LOCAL_NED of a user program, which describes the reference that the program follows.
@@ -370,6 +389,27 @@ class ViewerTelemetry:
             (north, east, down), (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)), log_time
         )
         self.desired.add(north, east, down, time_s)
+
+
+def publish_datagrams(
+    datagrams: Sequence[Datagram],
+    vehicles: Mapping[str, ViewerTelemetry],
+    period: Period,
+    on_period: Callable[[float], None],
+) -> None:
+    """Publish the content of datagrams to viewers.
+
+    datagrams: (vehicle, up, data, time of reception [s]) of each.  vehicles: converter of each vehicle, by name.
+    on_period: function that publishes the periodic messages at a time [s]; it is called when `period` has ended.
+    """
+    for vehicle, up, data, time_s in datagrams:
+        if period.ended(time_s):
+            on_period(time_s)
+        telemetry = vehicles[vehicle]
+        if up:
+            telemetry.on_datagram_up(data, time_s)
+        else:
+            telemetry.on_datagram(data, time_s)
 
 
 def _motor_output(pwm_us: float) -> float:

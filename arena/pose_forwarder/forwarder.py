@@ -80,6 +80,7 @@ class Forwarder:
 
     settings: configuration (slice) of the process `forward.<vehicle>`.
     wait_s: longest time for which the first pose is held back if the autopilot has sent no message [s].
+    selection: selects the poses to forward.
     """
 
     def __init__(self, settings: Mapping[str, Any], wait_s: float = 0.0) -> None:
@@ -99,14 +100,14 @@ class Forwarder:
         self.garbled = self._codec.counts
         self.poses = 0
         self.last_pose = -math.inf
-        self._selection = PoseSelection(
+        self.selection = PoseSelection(
             str(settings["body"]),
             round(float(settings["frame_rate_hz"]) / float(settings["rate_hz"])),
             float(settings["stale_s"]),
             var_p > 0.0 or var_a > 0.0,
             self.counts,
         )
-        self.lateness = self._selection.lateness
+        self.lateness = self.selection.lateness
         self._newest: Pose | None = None
         self._beat = self._heartbeat_requested = -math.inf
         self._origin_sent, self._origin_tries = -math.inf, 0
@@ -118,7 +119,7 @@ class Forwarder:
     @property
     def late_s(self) -> float:
         """Delay of the last frame compared with the fastest frames [s]."""
-        return self._selection.late_s
+        return self.selection.late_s
 
     def on_frame(self, frame: CapturedFrame, now: float) -> bytes | None:
         """Return the ODOMETRY message for a new motion-capture frame, or None if no pose is forwarded.
@@ -133,22 +134,21 @@ class Forwarder:
         Only the newest pose of the vehicle is sent, because the autopilot uses the arrival time as the time of the pose.
         frames: oldest first. now: [s].
         """
-        best: Pose | None = None
-        for frame in frames:
-            pose = self._selection.take(frame, now, self.autopilot.armed)
-            if pose is not None:
-                if best is not None:
-                    self.counts["superseded"] += 1
-                best = pose
-        if best is None:
-            return None
-        self._newest = best
+        pose = self.selection.newest(frames, now)
+        return None if pose is None else self.on_pose(pose, now)
+
+    def on_pose(self, pose: Pose, now: float) -> bytes | None:
+        """Return the ODOMETRY message for a selected pose, or None if it must wait for the origin.
+
+        now: time of arrival [s].
+        """
+        self._newest = pose
         if self._waits_for_origin(now):
             self.counts["held for the origin"] += 1
             return None
         self.poses, self.last_pose = self.poses + 1, now
         sequence = self._codec.take_sequence(1)
-        return self._odometry.frame(sequence, int(now * 1e6), best.p_n, best.q_nb, self._selection.resets)
+        return self._odometry.frame(sequence, int(now * 1e6), pose.p_n, pose.q_nb, self.selection.resets)
 
     # -- the autopilot -------------------------------------------------------------------------------------------------
 
@@ -201,7 +201,7 @@ class Forwarder:
         a.since = min(a.since, now)
         if msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             a.last_heartbeat, a.armed = now, bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            a.mode = mode_words(m.custom_mode)
+            a.mode, self.selection.flying = mode_words(m.custom_mode), a.armed
             self._restarted &= not a.armed
         elif msgid == mavlink.MAVLINK_MSG_ID_SYS_STATUS:
             bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK

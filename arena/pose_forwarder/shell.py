@@ -19,6 +19,7 @@ from arena.mocap.client import (
     LateFrames,
     Lateness,
     MocapClient,
+    Pose,
     open_client,
 )
 from arena.pose_forwarder.forwarder import Forwarder
@@ -88,11 +89,20 @@ class ForwarderShell:
 
         frames: oldest first.  now: time of `clock` [s].
         """
-        pose = self.core.on_frames(frames, now)
-        if pose is None:
+        data = self.core.on_frames(frames, now)
+        if data is None:
             return False
-        self._send(pose)
+        self._send(data)
         return True
+
+    def send_pose(self, pose: Pose, now: float) -> None:
+        """Send a pose that was selected to be forwarded.
+
+        now: time of `clock` [s].
+        """
+        data = self.core.on_pose(pose, now)
+        if data is not None:
+            self._send(data)
 
     def read_link(self, now: float) -> None:
         """Read the MAVLink messages that have arrived from the autopilot.

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from arena.kernels.mcap_messages import log_datagrams
 from arena.kernels.viewer_meters import nanoseconds
 from arena.mocap.client import CapturedFrame
 from arena.recorder.mcap_file import MakeChannel
@@ -30,6 +31,10 @@ from arena.wire.flight_record import (
 )
 from arena.wire.truth_rows import TrueStates, as_lists
 
+Datagram = tuple[str, bool, bytes, float]
+"""(vehicle, up, data, time_s) of a MAVLink datagram: the name of its vehicle, True if it was sent to the vehicle, its bytes, and its
+time of reception by the run's clock [s]."""
+
 
 class RecordChannels(Protocol):
     """Interface of one set of the recorder's output channels, such as the channels for Foxglove.
@@ -37,15 +42,13 @@ class RecordChannels(Protocol):
     The recorder calls the methods for all data that it receives, in the order of reception.
 
     The methods run in the recorder's loop, in the fused arena in the step of the world: they must not block.
-    time_s, in every method: time of reception by the run's clock [s]; the log time of the message.
+    time_s: time of reception by the run's clock [s]; the log time of the message.
     """
 
-    def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
-        """Log a MAVLink datagram that a vehicle has sent or received.
+    def on_datagrams(self, datagrams: Sequence[Datagram]) -> None:
+        """Log MAVLink datagrams that vehicles have sent or received, oldest first.
 
-        up: True if the datagram was sent to the vehicle. It contains one or more complete MAVLink frames.
-
-        References that the vehicle's program publishes are `up`, too.
+        Each contains one or more complete MAVLink frames. References that the vehicle's program publishes are `up`, too.
         """
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
@@ -89,9 +92,8 @@ class RawChannels:
 
     def __init__(self, vehicles: Sequence[Recorded], channel: MakeChannel) -> None:
         names = [v.name for v in vehicles]
-        down = {name: channel(down_topic(name), MAVLINK_ENCODING, DATAGRAM) for name in names}
-        up = {name: channel(up_topic(name), MAVLINK_ENCODING, DATAGRAM) for name in names}
-        self._datagrams = down, up
+        self._down = {name: channel(down_topic(name), MAVLINK_ENCODING, DATAGRAM) for name in names}
+        self._up = {name: channel(up_topic(name), MAVLINK_ENCODING, DATAGRAM) for name in names}
         self._truth = [
             (v.index, channel(truth_topic(v.name), CDR_ENCODING, TRUE_STATE))
             for v in vehicles
@@ -100,8 +102,8 @@ class RawChannels:
         self._log_frame = channel(FRAMES_TOPIC, CDR_ENCODING, CAPTURED_FRAME)
         self._log_event = channel(EVENTS_TOPIC, JSON_ENCODING, EVENT)
 
-    def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
-        self._datagrams[up][vehicle](data, nanoseconds(time_s))
+    def on_datagrams(self, datagrams: Sequence[Datagram]) -> None:
+        log_datagrams(datagrams, self._down, self._up)
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
         sent_s = float("nan") if frame.sent_s is None else frame.sent_s

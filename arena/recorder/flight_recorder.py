@@ -13,11 +13,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from arena.kernels.viewer_meters import count_poses
+from arena.kernels.viewer_meters import count_datagrams, count_poses
 from arena.mocap.client import CapturedFrame
 from arena.process_context import ProcessContext
 from arena.recorder.channel_sets import make_channels
-from arena.recorder.channels import RawChannels, RecordChannels, Recorded
+from arena.recorder.channels import Datagram, RawChannels, RecordChannels, Recorded
 from arena.recorder.event_tail import EventTail
 from arena.recorder.mcap_file import Log, MakeChannel, McapFile
 from arena.recorder.mcap_records import SchemaData
@@ -73,7 +73,7 @@ class FlightRecorder:
         self._process = process
         self._vehicles = [_recorded(v) for v in settings["vehicles"]]
         self._watches = {v.name: VehicleWatch(v.id) for v in self._vehicles}
-        self._count = {name: watch.datagrams.count for name, watch in self._watches.items()}
+        self._counters = {name: watch.datagrams for name, watch in self._watches.items()}
         self._pose_counters = {
             v.body: self._watches[v.name].poses for v in self._vehicles if v.body is not None
         }
@@ -105,20 +105,16 @@ class FlightRecorder:
             return []
         return [name for name, watch in self._watches.items() if watch.armed]
 
-    def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
-        """Record a MAVLink datagram that a vehicle has sent or received.
-
-        up: True if the datagram was sent to the vehicle.
-
-        time_s: time of reception by the run's clock [s].
-        """
+    def on_datagrams(self, datagrams: Sequence[Datagram]) -> None:
+        """Record MAVLink datagrams that vehicles have sent or received, oldest first."""
         self._has_received = True
-        if self._count[vehicle](up, data, time_s) and self._watches[vehicle].on_status(data):
-            self._report_airborne(vehicle)
-        self._left_out += self.behind
+        for vehicle, data in count_datagrams(datagrams, self._counters):
+            if self._watches[vehicle].on_status(data):
+                self._report_airborne(vehicle)
+        self._left_out += len(datagrams) * self.behind
         for channels in self._channels[:1] if self.behind else self._channels:
             try:
-                channels.on_datagram(vehicle, up, data, time_s)
+                channels.on_datagrams(datagrams)
             except Exception as error:
                 self._remove(channels, error)
 
@@ -126,7 +122,7 @@ class FlightRecorder:
         """Record one motion capture frame: the poses of all bodies at one instant.
 
         simulated: the motion-capture emulator sent it.
-        time_s: as in `on_datagram`.
+        time_s: time of reception by the run's clock [s].
         """
         count_poses(frame.poses, self._pose_counters, time_s)
         for channels in self._channels:
@@ -246,7 +242,7 @@ class FlightRecorder:
 
         line: the JSON object as bytes.
         fields: its content.
-        time_s: as in `on_datagram`.
+        time_s: as in `on_frame`.
         """
         for channels in self._channels:
             try:

@@ -14,8 +14,10 @@ from typing import Any
 from foxglove.messages import Log
 
 from arena.kernels.viewer_meters import GapMeter, Period, Throttle, count_poses, nanoseconds
+from arena.kernels.viewer_telemetry import publish_datagrams
 from arena.mocap.client import CapturedFrame
 from arena.obstacles import Obstacle
+from arena.recorder.channels import Datagram
 from arena.recorder.mcap_file import MakeChannel
 from arena.recorder.viewer_log import fault_of_event, log_of_event
 from arena.recorder.viewer_output import Output
@@ -72,9 +74,7 @@ class FoxgloveChannels:
             )
             for v in vehicles
         }
-        down = {name: v.on_datagram_down for name, v in self._vehicles.items()}
-        up = {name: v.on_datagram_up for name, v in self._vehicles.items()}
-        self._on_datagram = down, up
+        self._telemetry = {name: v.telemetry for name, v in self._vehicles.items()}
         self._meters = {v.body: self._vehicles[v.name].poses for v in vehicles if v.body is not None}
         self._by_body = {v.body: self._vehicles[v.name] for v in vehicles if v.body is not None}
         self._by_index = [(v.index, self._vehicles[v.name]) for v in vehicles if v.index is not None]
@@ -85,10 +85,8 @@ class FoxgloveChannels:
         self._period = Period(_PERIOD_S)
         self._next_scene_s = 0.0
 
-    def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
-        if self._period.ended(time_s):
-            self._send_periodic(time_s)
-        self._on_datagram[up][vehicle](data, time_s)
+    def on_datagrams(self, datagrams: Sequence[Datagram]) -> None:
+        publish_datagrams(datagrams, self._telemetry, self._period, self._send_periodic)
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
         if self._period.ended(time_s):

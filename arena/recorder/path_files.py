@@ -8,12 +8,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from arena.background_writer import BackgroundWriter
 from arena.mocap.client import CapturedFrame
-from arena.recorder.channels import Recorded
+from arena.recorder.channels import Datagram, Recorded
 from arena.wire.planned_path import PathAssembler, may_contain_path
 from arena.wire.truth_rows import TrueStates
 
@@ -31,12 +32,11 @@ class PathFiles:
         self._paths = {v.name: PathAssembler(v.id) for v in vehicles}
         self._writer = BackgroundWriter("planned-paths", limit=len(self._paths) + 1)
 
-    def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
-        if not up or not may_contain_path(data):
-            return
-        path = self._paths[vehicle]
-        if path.on_datagram(data):
-            self._writer.submit(lambda: self._write(vehicle, tuple(path.points)), replaces=vehicle)
+    def on_datagrams(self, datagrams: Sequence[Datagram]) -> None:
+        for vehicle, up, data, _ in datagrams:
+            if up and may_contain_path(data) and self._paths[vehicle].on_datagram(data):
+                points = tuple(self._paths[vehicle].points)
+                self._writer.submit(partial(self._write, vehicle, points), replaces=vehicle)
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:
         return

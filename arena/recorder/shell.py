@@ -14,6 +14,7 @@ from arena.clock_reading import read_together
 from arena.errors import ArenaError, RunError
 from arena.mocap.client import CapturedFrame, ChangeReport, open_client
 from arena.process_context import ProcessContext, ShutdownPolicy
+from arena.recorder.channels import Datagram
 from arena.recorder.flight_recorder import FlightRecorder
 from arena.recorder.router_copies import RouterCopies
 from arena.recorder.run_clock import RunClock
@@ -85,10 +86,16 @@ class RecorderShell:
         waiting = list(self._copies.receive())
         recorder.behind = bool(waiting) and monotonic_s - waiting[0][3] > _MAX_LAG_S
         frames = self._received_frames(now_s, monotonic_s)
+        datagrams: list[Datagram] = []
         for vehicle, up, data, at in waiting:
+            if frames and frames[0][0] <= at:
+                recorder.on_datagrams(datagrams)
+                datagrams = []
             while frames and frames[0][0] <= at:
                 self._record_frame(*frames.popleft())
-            recorder.on_datagram(vehicle, up, data, self._run_clock.at(at))
+            datagrams.append((vehicle, up, data, self._run_clock.at(at)))
+        if datagrams:
+            recorder.on_datagrams(datagrams)
         for received in frames:
             self._record_frame(*received)
         if self._truth is not None:

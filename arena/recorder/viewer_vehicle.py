@@ -28,7 +28,7 @@ from arena.wire.mavlink_frame import AUTOPILOT, PARSER, Frame, parse_frames
 from arena.wire.mavlink_ids import PROGRAM_COMPONENT
 from arena.wire.mavlink_layout import decoder, layout, payload_bytes
 from arena.wire.mavlink_pressure import pressure_pa
-from arena.wire.planned_path import PathAssembler, may_contain_path
+from arena.wire.planned_path import PATH_MESSAGE, PathAssembler, may_contain_path
 from arena.wire.px4_mode import mode_words
 from arena.wire.viewer_messages import pack_state
 from arena.wire.viewer_topics import VEHICLE_TOPICS, Content
@@ -36,7 +36,6 @@ from arena.wire.viewer_topics import VEHICLE_TOPICS, Content
 if TYPE_CHECKING:
     from arena.kernels.mavlink_framing import Fields
 
-_MAGIC, _SHORTEST = 0xFD, 12  # bytes of a frame without payload
 _REFERENCE = mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
 _NAN = math.nan
 _HEALTH = {
@@ -73,7 +72,7 @@ class VehicleChannels:
     shape: its dimensions; None without a model.
     transforms: channel for frames of all vehicles.  send_log: function that sends a log line at a time [s].
     poses: counter of the captured poses.
-    on_datagram_down: publishes the content of a datagram from the vehicle: data, time of reception [s].
+    telemetry: publishes the content of the vehicle's datagrams.
     on_pose, on_truth: publish a captured or a true pose: position [m] [NED] (3,), attitude [-] wxyz (4,), log time [ns].
     """
 
@@ -99,7 +98,7 @@ class VehicleChannels:
         }
         self.on_pose = self._poses[Content.CAPTURED_POSE].send
         self.on_truth = self._poses[Content.TRUE_POSE].send
-        self._telemetry = ViewerTelemetry(
+        self.telemetry = ViewerTelemetry(
             (system_id, AUTOPILOT),
             PARSER,
             _readers(),
@@ -108,8 +107,9 @@ class VehicleChannels:
             list(self._handlers),
             self._on_rare,
             pressure_pa,
+            (_REFERENCE, PATH_MESSAGE),
+            self._on_up,
         )
-        self.on_datagram_down = self._telemetry.on_datagram
         self._mode, self._health = "", ""
         self._armed = self._landed = False
         self._sent_state: tuple[object, ...] = ()
@@ -122,20 +122,17 @@ class VehicleChannels:
 
     # -- received data
 
-    def on_datagram_up(self, data: bytes, time_s: float) -> None:
+    def _on_up(self, data: bytes, time_s: float) -> None:
         """Publish the reference state or the planned path in a datagram of a user program, to show it in viewers.
 
         time_s: time of reception [s].
         """
-        self._telemetry.count_up(data)
         if may_contain_path(data):
             self._plan_changed |= self._plan.on_datagram(data)
             return
-        if only_message(data) not in (None, _REFERENCE):
-            return
         for frame in parse_frames(data).frames:
             if (frame.msgid, frame.compid, frame.sysid) == (_REFERENCE, PROGRAM_COMPONENT, self._system):
-                self._telemetry.on_reference(data, frame.payload, frame.size, time_s)
+                self.telemetry.on_reference(data, frame.payload, frame.size, time_s)
 
     def output(self, content: Content) -> Output:
         """Return the output channel for one kind of content, such as the attitude."""
@@ -157,13 +154,13 @@ class VehicleChannels:
 
         period_s: time since the last call [s].
         """
-        self._out[Content.LINK].send_numbers(time_s, *self._telemetry.traffic.take(period_s))
+        self._out[Content.LINK].send_numbers(time_s, *self.telemetry.traffic.take(period_s))
         poses = self.poses
         if not math.isnan(poses.newest_s):
             age = time_s - poses.newest_s
             rate, gap = poses.take(period_s)
             self._out[Content.BODY_HEALTH].send_numbers(time_s, rate, age, max(gap, age))
-        for path, desired in ((self._telemetry.flown, False), (self._telemetry.desired, True)):
+        for path, desired in ((self.telemetry.flown, False), (self.telemetry.desired, True)):
             if len(points := path.take()) > 1:
                 piece = path_piece(self._name, path.pieces, points, time_s, desired=desired)
                 self._out[Content.PATH].send(piece.encode(), time_s)
@@ -226,13 +223,6 @@ class VehicleChannels:
         state = self._mode, self._armed, self._landed, self._health
         self._sent_state = state
         self._out[Content.STATE].send(pack_state(*state), time_s)
-
-
-def only_message(data: bytes) -> int | None:
-    """Return the message id of a datagram that contains a single unsigned MAVLink 2 frame, else None."""
-    if len(data) < _SHORTEST or data[0] != _MAGIC or len(data) != _SHORTEST + data[1] or data[2]:
-        return None
-    return data[7] | data[8] << 8 | data[9] << 16
 
 
 @cache

@@ -75,7 +75,7 @@ class Outputs:
         )
         settings = self._contexts["recorder"].settings
         self._copies = RecorderLink(address(settings, "listen"), self._router.sockets, settings["vehicles"])
-        self._router.record = self._copies.add
+        self._router.record_in(self._copies)
         mocap.ready()
         self._contexts["recorder"].ready()
 
@@ -134,7 +134,7 @@ class Outputs:
             case Kind.DOWN if isinstance(payload, bytes):
                 self._router.from_vehicle(item.vehicle, payload, self._now_s)
             case Kind.UP if isinstance(payload, bytes):
-                self._recorder.on_datagram(self._names[item.vehicle], True, payload, self._now_s)
+                self._recorder.on_datagrams([(self._names[item.vehicle], True, payload, self._now_s)])
             case Kind.FRAME if isinstance(payload, RecordedFrame):
                 measured = self._frames.measured(payload, shift_s, jumped=jumped)
                 self._server.send(measured, sent_s(payload, shift_s), time.monotonic())
@@ -155,5 +155,5 @@ class Outputs:
 
     def _record_copies(self) -> None:
         """Record the datagrams that the router has passed on, and the references of running user programs."""
-        for vehicle, up, data in self._copies.receive():
-            self._recorder.on_datagram(vehicle, up, data, self._now_s)
+        if datagrams := self._copies.receive(self._now_s):
+            self._recorder.on_datagrams(datagrams)

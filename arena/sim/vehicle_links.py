@@ -49,7 +49,7 @@ class LinkInterface(Protocol):
         datagram had arrived.
         """
 
-    def send(self, messages: Sequence[tuple[int, str, bytes]], now: float) -> None:
+    def send(self, messages: list[tuple[int, str, bytes]], now: float) -> None:
         """Send the MAVLink datagrams of this step, given as (vehicle, link, datagram).
 
         now: simulation time [s].

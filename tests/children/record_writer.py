@@ -10,7 +10,7 @@ record = RecordFile(Path(sys.argv[1]) / "flight.mcap")
 count = 0
 while True:
     for _ in range(100):
-        record.channels.on_datagram("uav1", count % 2 == 1, count.to_bytes(4, "big"), 0.001 * count)
+        record.channels.on_datagrams([("uav1", count % 2 == 1, count.to_bytes(4, "big"), 0.001 * count)])
         count += 1
     record.file.flush()
     while record.file.busy:

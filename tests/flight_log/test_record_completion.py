@@ -14,7 +14,7 @@ from arena.flight_log.recording import Recording
 def record(path, numbers, close=True):
     made = RecordFile(path)
     for number in numbers:
-        made.channels.on_datagram("uav1", number % 2 == 0, b"%d" % number, 0.1 * number)
+        made.channels.on_datagrams([("uav1", number % 2 == 0, b"%d" % number, 0.1 * number)])
         made.channels.on_event(b'{"event": "x"}', {}, 0.1 * number)
         made.file.flush()
     made.close()
@@ -86,7 +86,7 @@ def test_data_after_a_damaged_chunk_are_kept(tmp_path):
     path = tmp_path / "flight.mcap"
     file = RecordFile(path)
     for number in range(5000):
-        file.channels.on_datagram("uav1", False, b"datagram %d" % number, 0.001 * number)
+        file.channels.on_datagrams([("uav1", False, b"datagram %d" % number, 0.001 * number)])
         if number % 500 == 499:
             file.end_chunk()
     file.close()

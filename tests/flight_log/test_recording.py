@@ -32,8 +32,8 @@ def truth(value: float) -> Truth:
 def made(path: Path) -> Path:
     record = RecordFile(path)
     for i in range(2000):
-        record.channels.on_datagram("uav1", i % 3 == 0, b"datagram %d" % i, 0.001 * i)
-        record.channels.on_datagram("uav2", False, b"other %d" % i, 0.001 * i)
+        record.channels.on_datagrams([("uav1", i % 3 == 0, b"datagram %d" % i, 0.001 * i)])
+        record.channels.on_datagrams([("uav2", False, b"other %d" % i, 0.001 * i)])
         if i % 500 == 0:
             record.end_chunk()
     frame = CapturedFrame(number=5, time_s=1.25, poses=(POSE,), untracked=("body2",), sent_s=None)
@@ -169,7 +169,7 @@ def killed(folder: Path, flushes: int) -> tuple[bytes, list[int]]:
     """Make the files of a recorder that was killed after some flushes. Return the tail, and the numbers of the datagrams."""
     record = RecordFile(folder / "flight.mcap")
     for number in range(10 * flushes):
-        record.channels.on_datagram("uav1", False, b"%d" % number, 0.1 * number)
+        record.channels.on_datagrams([("uav1", False, b"%d" % number, 0.1 * number)])
         if number % 10 == 9:
             record.file.flush()
     wait_for(lambda: not record.file.busy)
@@ -194,7 +194,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
 def test_parts_of_a_restarted_recorder_are_one_record(tmp_path):
     for number in range(3):
         record = RecordFile(tmp_path / "flight.mcap")
-        record.channels.on_datagram("uav1", False, bytes([number]), float(number))
+        record.channels.on_datagrams([("uav1", False, bytes([number]), float(number))])
         record.close()
     assert {p.name for p in tmp_path.iterdir()} == {"flight.mcap", "flight.2.mcap", "flight.3.mcap"}
     assert [d.data for d in Recording(tmp_path / "flight.mcap").datagrams("uav1")] == [b"\0", b"\1", b"\2"]

@@ -77,7 +77,8 @@ def selected(
     selection = modules["pose_selection"].PoseSelection("uav1", 3, STALE_S, noisy, counts)
     found = []
     for frame, now, flying in frames:
-        pose = selection.take(frame, now, flying)
+        selection.flying = flying
+        pose = selection.take(frame, now)
         late = selection.lateness
         found.append(
             repr((pose, selection.late_s, late.latency_s, late.clock_error_s, late.shifts, selection.resets))

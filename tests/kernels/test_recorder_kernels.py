@@ -128,6 +128,8 @@ class Recorded:
             [0, 1, 253],
             lambda data, fields, time_s: self.calls.append(repr((data, tuple(fields), time_s))),
             lambda pressure: 100.0 * pressure,
+            [85],
+            lambda data, time_s: self.calls.append(f"up {data.hex()} {time_s}"),
         )
 
     def log(self, topic: str) -> Any:
@@ -185,10 +187,23 @@ def test_compiled_and_interpreted_converter_publish_the_same() -> None:
         data, time_s = datagram(rng), 0.02 * k if k % 500 else 0.0
         for each in both:
             each.converter.on_datagram(data, time_s)
+            each.converter.on_datagram_up(data, time_s)
         assert both[0].calls == both[1].calls, data.hex()
     assert len(both[0].calls) > 2000
     assert both[0].converter.traffic.take(1.0) == both[1].converter.traffic.take(1.0)
     assert both[0].converter.flown.take() == both[1].converter.flown.take()
+
+
+@pytest.mark.parametrize("modules", VERSIONS)
+def test_setpoint_of_a_program_is_counted_only(modules: dict[str, ModuleType]) -> None:
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
+    setpoint = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0, *[1.0] * 11).pack(sender)
+    wanted = mavlink.MAVLink_position_target_local_ned_message(0, 1, 0, *[1.0] * 11).pack(sender)
+    recorded = Recorded(modules)
+    for data in (setpoint, wanted, setpoint + wanted):
+        recorded.converter.on_datagram_up(bytes(data), 1.0)
+    assert recorded.calls == [f"up {bytes(data).hex()} 1.0" for data in (wanted, setpoint + wanted)]
+    assert recorded.converter.traffic.take(1.0)[1] == 3
 
 
 @pytest.mark.parametrize("modules", VERSIONS)

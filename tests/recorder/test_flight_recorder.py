@@ -15,7 +15,7 @@ from arena.flight_log.recording import Recording
 from arena.mocap.client import CapturedFrame, Pose
 from arena.process_context import ProcessContext
 from arena.recorder import mcap_file
-from arena.recorder.channels import RawChannels
+from arena.recorder.channels import Datagram, RawChannels
 from arena.recorder.flight_recorder import SILENT_S, FlightRecorder
 
 SETTINGS: dict[str, Any] = {
@@ -62,8 +62,8 @@ def message(armed: bool = True, landed: bool = True) -> bytes:
 
 def test_metadata_and_all_data_are_in_the_file(tmp_path):
     recorder = FlightRecorder(Process(tmp_path), 2.5)
-    recorder.on_datagram("uav1", False, message(), 3.0)
-    recorder.on_datagram("uav2", True, b"up", 3.1)
+    recorder.on_datagrams([("uav1", False, message(), 3.0)])
+    recorder.on_datagrams([("uav2", True, b"up", 3.1)])
     pose = Pose("b1", (1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0))
     recorder.on_frame(CapturedFrame(number=1, time_s=2.9, poses=(pose,), untracked=("b2",)), True, 3.2)
     recorder.on_truth(truth_at(np.array([0.0, 0.0, -0.05]), np.zeros(3)), 3.3)
@@ -86,13 +86,13 @@ def test_metadata_and_all_data_are_in_the_file(tmp_path):
 def test_no_vehicle_counts_as_armed_after_a_minute_without_a_datagram(tmp_path):
     """The router may have died with its supervisor: then nobody reports the disarming, and the recorder must end."""
     recorder = FlightRecorder(Process(tmp_path), 0.0)
-    recorder.on_datagram("uav1", False, message(armed=True), 1.0)
+    recorder.on_datagrams([("uav1", False, message(armed=True), 1.0)])
     found = []
     for at in (100.0, 100.0 + SILENT_S - 1.0, 100.0 + SILENT_S + 1.0):
         recorder.tick(1.0, at)
         found.append(recorder.armed)
     assert found == [["uav1"], ["uav1"], []]
-    recorder.on_datagram("uav1", False, message(armed=True), 2.0)
+    recorder.on_datagrams([("uav1", False, message(armed=True), 2.0)])
     recorder.tick(2.0, 100.0 + SILENT_S + 2.0)
     assert recorder.armed == ["uav1"]
     recorder.close(3.0)
@@ -136,9 +136,9 @@ def test_take_off_is_reported_once_by_the_true_height(tmp_path):
 def test_armed_vehicles_are_those_of_the_last_heartbeats(tmp_path):
     recorder = FlightRecorder(Process(tmp_path), 0.0)
     assert recorder.armed == []
-    recorder.on_datagram("uav1", False, message(armed=True), 1.0)
+    recorder.on_datagrams([("uav1", False, message(armed=True), 1.0)])
     assert recorder.armed == ["uav1"]
-    recorder.on_datagram("uav1", False, message(armed=False), 2.0)
+    recorder.on_datagrams([("uav1", False, message(armed=False), 2.0)])
     assert recorder.armed == []
     recorder.close(3.0)
 
@@ -151,7 +151,7 @@ def test_full_disk_is_reported_once_and_ends_only_the_record(tmp_path, monkeypat
     recorder = FlightRecorder(process, 0.0)
     monkeypatch.setattr(mcap_file, "write_all", full)
     for i in range(5):
-        recorder.on_datagram("uav1", False, message(), 1.0 * i)
+        recorder.on_datagrams([("uav1", False, message(), 1.0 * i)])
         recorder.tick(1.0 * i, 1.0 * i)
         wait_for(lambda: not recorder._file.busy)
     recorder.close(6.0)
@@ -169,9 +169,9 @@ def test_error_of_the_mcap_writer_ends_the_record_not_the_flight(tmp_path, monke
     monkeypatch.setattr(mcap_file, "plain_chunk", broken)
     process = Process(tmp_path)
     recorder = FlightRecorder(process, 0.0)
-    recorder.on_datagram("uav1", False, message(), 0.5)
+    recorder.on_datagrams([("uav1", False, message(), 0.5)])
     recorder.tick(1.0, 1.0)
-    recorder.on_datagram("uav1", False, message(), 1.5)
+    recorder.on_datagrams([("uav1", False, message(), 1.5)])
     recorder.close(2.0)
     (event,) = process.events
     assert "the record of the flight has ended" in event and "broken" in event
@@ -180,8 +180,8 @@ def test_error_of_the_mcap_writer_ends_the_record_not_the_flight(tmp_path, monke
 def test_record_whose_raw_channels_have_failed_is_not_called_complete(tmp_path):
     process = Process(tmp_path)
     recorder = FlightRecorder(process, 0.0)
-    recorder.on_datagram("uav1", False, b"x", float("nan"))  # no time
-    recorder.on_datagram("uav1", False, b"x", 1.0)
+    recorder.on_datagrams([("uav1", False, b"x", float("nan"))])  # no time
+    recorder.on_datagrams([("uav1", False, b"x", 1.0)])
     recorder.close(2.0)
     assert process.last_stats["record"] != "complete"
     assert any("RawChannels has failed" in event for event in process.events)
@@ -191,8 +191,8 @@ def test_raw_channels_only_get_datagrams_while_the_recorder_is_behind(tmp_path):
     class Viewers:
         count = 0
 
-        def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
-            self.count += 1
+        def on_datagrams(self, datagrams: list[Datagram]) -> None:
+            self.count += len(datagrams)
 
     process, viewers = Process(tmp_path), Viewers()
     recorder = FlightRecorder(
@@ -200,7 +200,7 @@ def test_raw_channels_only_get_datagrams_while_the_recorder_is_behind(tmp_path):
     )
     for i in range(6):
         recorder.behind = i in (1, 2, 3, 4)
-        recorder.on_datagram("uav1", False, b"x", 1.0 * i)
+        recorder.on_datagrams([("uav1", False, b"x", 1.0 * i)])
     recorder.close(6.0)
     assert viewers.count == 2
     assert process.last_stats["not_for_viewers"] == 4
@@ -209,17 +209,17 @@ def test_raw_channels_only_get_datagrams_while_the_recorder_is_behind(tmp_path):
 
 def test_failure_of_other_channels_does_not_end_the_record(tmp_path):
     class Broken:
-        def on_datagram(self, vehicle: str, up: bool, data: bytes, time_s: float) -> None:
+        def on_datagrams(self, datagrams: list[Datagram]) -> None:
             raise ValueError("broken")
 
-        on_frame = on_truth = on_event = on_datagram
+        on_frame = on_truth = on_event = on_datagrams
 
     process = Process(tmp_path)
     recorder = FlightRecorder(
         process, 0.0, lambda settings, vehicles, channel: [Broken(), RawChannels(vehicles, channel)]
     )
     for i in range(3):
-        recorder.on_datagram("uav1", False, b"x", 1.0 * i)
+        recorder.on_datagrams([("uav1", False, b"x", 1.0 * i)])
     recorder.close(3.0)
     assert process.events == [
         "recorder: the output Broken has failed and writes no more data: ValueError('broken')",

@@ -167,8 +167,8 @@ def test_reference_of_the_program_has_its_own_topic():
 
 def test_commands_of_other_senders_are_not_shown_as_telemetry():
     record = ViewerRecord()
-    record.channels.on_datagram("uav1", True, position(P_N).pack(sender(190)), 1.0)
-    record.channels.on_datagram("uav1", False, position(P_N).pack(mavlink.MAVLink(None, 2, 1)), 1.0)
+    record.channels.on_datagrams([("uav1", True, position(P_N).pack(sender(190)), 1.0)])
+    record.channels.on_datagrams([("uav1", False, position(P_N).pack(mavlink.MAVLink(None, 2, 1)), 1.0)])
     assert "/uav1/local_position" not in record.messages()
 
 
@@ -184,7 +184,7 @@ def test_no_content_of_a_message_is_an_error(message, payload, component, up):
     size = payload_bytes(message)
     data = pack_frame(message, payload[:size].ljust(size, b"\x7f"), sender(component), SEEDS[message])
     for time_s in (1.0, 2.5):
-        record.channels.on_datagram("uav1", up, data, time_s)
+        record.channels.on_datagrams([("uav1", up, data, time_s)])
         sent(record, attitude(Q_NB), time_s)
     record.messages()
 
@@ -284,7 +284,7 @@ def test_link_counts_datagrams_bytes_and_lost_messages():
         out.seq = 250 + k & 0xFF
         data = position(P_N).pack(out)
         if k != 4:
-            record.channels.on_datagram("uav1", False, data, 0.1 * k)
+            record.channels.on_datagrams([("uav1", False, data, 0.1 * k)])
     ((_, link),) = record.messages()["/uav1/link"]
     assert (link.down, link.up, link.lost) == pytest.approx((9, 0, 1))
     assert link.down_bytes == pytest.approx(9 * len(data))
@@ -343,7 +343,7 @@ def test_planned_path_is_drawn_until_it_is_replaced():
     planned = np.array([(1.0, -2.0, -0.7), (2.0, 0.0, -1.0), (3.0, 1.0, -2.0)])
     for time_s, points in ((1.0, planned), (8.0, planned[:0])):
         for message in path_messages(points, int(1e6 * time_s)):
-            record.channels.on_datagram("uav1", True, message.pack(program), time_s)
+            record.channels.on_datagrams([("uav1", True, message.pack(program), time_s)])
         for k in range(5):
             record.channels.on_truth(truth(P_N, Q_NB, time_s), time_s + 0.4 * k)
     found = [e for _, s in record.messages()["/uav1/path"] for e in s.entities if e.id == "uav1/planned"]

@@ -41,7 +41,7 @@ class Live:
             self.sent += 1
             time_s = 0.1 * self.sent
             data = position((0.001 * self.sent, 0.0, -1.0)).pack(out) + attitude(Q_NB).pack(out)
-            self.channels.on_datagram("uav1", False, data, time_s)
+            self.channels.on_datagrams([("uav1", False, data, time_s)])
             self.server.pass_time(time_s)
 
     @property

@@ -32,7 +32,7 @@ def datagrams(path: Path) -> list[bytes]:
 
 
 def log(record: RecordFile, number: int) -> None:
-    record.channels.on_datagram("uav1", False, b"%d" % number * 100, float(number))
+    record.channels.on_datagrams([("uav1", False, b"%d" % number * 100, float(number))])
     record.file.flush()
 
 

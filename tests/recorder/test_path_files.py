@@ -33,7 +33,7 @@ def test_viewer_reads_the_newest_path_of_each_vehicle(tmp_path):
     before = paths.newest
     points = np.linspace((0, 0, -1), (3, 2, -1), 13)
     for data in datagrams(points, 5, 2):
-        files.on_datagram("uav2", True, data, 1.0)
+        files.on_datagrams([("uav2", True, data, 1.0)])
     assert files._writer.flush(30)
     paths.poll()
     assert paths.newest[1] == pytest.approx(points, abs=1e-6) and len(paths.newest[0]) == 0
@@ -42,7 +42,7 @@ def test_viewer_reads_the_newest_path_of_each_vehicle(tmp_path):
     paths.poll()
     assert paths.newest is again, "unchanged"
     for data in datagrams([], 6, 2):
-        files.on_datagram("uav2", True, data, 2.0)
+        files.on_datagrams([("uav2", True, data, 2.0)])
     assert files._writer.flush(30)
     paths.poll()
     assert len(paths.newest[1]) == 0
@@ -61,7 +61,7 @@ def test_folder_that_cannot_be_written_raises_nothing(tmp_path):
     (tmp_path / "paths").write_text("a file, no folder")
     files = PathFiles(VEHICLES, tmp_path / "paths")
     for data in datagrams([(1, 2, -3)], 5, 1):
-        files.on_datagram("uav1", True, data, 1.0)
+        files.on_datagrams([("uav1", True, data, 1.0)])
     assert files._writer.flush(30)
 
 

@@ -48,12 +48,12 @@ def record(tmp_path: Path) -> Path:
     file = McapFile(tmp_path / "flight.mcap", METADATA, metadata)
     known = [Recorded(name=v.name, id=v.id, body=v.body, index=0 if v.simulated else None) for v in VEHICLES]
     channels = RawChannels(known, file.channel)
-    channels.on_datagram("uav1", False, heartbeat(1), 7.0)
-    channels.on_datagram("uav2", True, b"up", 7.02)
+    channels.on_datagrams([("uav1", False, heartbeat(1), 7.0)])
+    channels.on_datagrams([("uav2", True, b"up", 7.02)])
     pose = Pose("uav1", (1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0))
     channels.on_frame(CapturedFrame(41, 7.03, (pose,), ("wand",), 7.035), True, 7.04)
     channels.on_truth(truth(1.0), 7.05)
-    channels.on_datagram("uav2", False, heartbeat(2), 7.1)
+    channels.on_datagrams([("uav2", False, heartbeat(2), 7.1)])
     line = {"process": "uav1", "event": "took off"}
     channels.on_event(json.dumps(line).encode(), line, 7.03)
     assert file.close()
@@ -96,7 +96,7 @@ def test_event_at_the_end_of_the_file_is_sent_at_its_time(tmp_path: Path) -> Non
     known = [Recorded(name=v.name, id=v.id, body=v.body, index=0 if v.simulated else None) for v in VEHICLES]
     channels = RawChannels(known, file.channel)
     for second in range(20):
-        channels.on_datagram("uav1", False, heartbeat(1), float(second))
+        channels.on_datagrams([("uav1", False, heartbeat(1), float(second))])
     line = {"process": "uav1", "event": "took off"}
     channels.on_event(json.dumps(line).encode(), line, 2.5)
     assert file.close()

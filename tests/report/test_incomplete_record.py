@@ -64,7 +64,7 @@ def test_damaged_part_of_the_record_is_named(tmp_path, killed):
     path = folder / "flight.mcap"
     made = RecordFile(path, [UAV1])
     for k in range(4000):
-        made.channels.on_datagram("uav1", False, b"datagram %d" % k, 0.001 * k)
+        made.channels.on_datagrams([("uav1", False, b"datagram %d" % k, 0.001 * k)])
         if k % 500 == 499:
             made.end_chunk()
     made.close()

@@ -2,31 +2,40 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.fused.held_telemetry import MAX_HELD_S, HeldTelemetry
 from arena.mavlink_router.datagrams import MAX_DATAGRAM_BYTES
+from tests.kernels.kernel_versions import compiled_modules, interpreted_modules, needs_compiled
 
+NAME = "held_telemetry"
+VERSIONS = [
+    pytest.param(interpreted_modules(NAME)[NAME], id="interpreted"),
+    pytest.param(compiled_modules(NAME)[NAME], id="compiled", marks=needs_compiled),
+]
+MAX_HELD_S = 0.1
 ONE, TWO, TOOL = (3, ("127.0.0.1", 16001)), (7, ("127.0.0.1", 16002)), (3, ("127.0.0.1", 40000))
 
 
 class Held:
-    def __init__(self, asleep=("uav1",)):
+    def __init__(self, kernel, asleep=("uav1",)):
         self.asleep, self.sent = set(asleep), []
         programs = {ONE: "uav1", TWO: "uav2"}
-        self.held = HeldTelemetry(
-            programs, self.asleep, lambda key, data, to: self.sent.append((key, data, to))
+        self.held = kernel.HeldTelemetry(
+            programs, self.asleep, lambda key, data, to: self.sent.append((key, data, to)), MAX_DATAGRAM_BYTES
         )
 
     def pass_on(self, place, data, now=0.0, *, join=True):
         """Give a datagram to the store, and send it as the router does if it is not held."""
-        if not self.held.hold(place, data, now, join=join):
+        program = self.held.place(*place)
+        if program is None or not self.held.hold(program, data, now, join):
             self.sent.append((place[0], data, place[1]))
 
 
-def test_datagrams_for_a_sleeping_program_leave_as_one_before_it_wakes():
-    it = Held()
+@pytest.mark.parametrize("kernel", VERSIONS)
+def test_datagrams_for_a_sleeping_program_leave_as_one_before_it_wakes(kernel):
+    it = Held(kernel)
     for data in (b"one", b"two", b"three"):
         it.pass_on(ONE, data)
     assert it.sent == []
@@ -38,20 +47,23 @@ def test_datagrams_for_a_sleeping_program_leave_as_one_before_it_wakes():
     assert len(it.sent) == 1
 
 
-def test_program_that_is_awake_receives_each_datagram_at_once():
-    it = Held(asleep=())
+@pytest.mark.parametrize("kernel", VERSIONS)
+def test_program_that_is_awake_receives_each_datagram_at_once(kernel):
+    it = Held(kernel, asleep=())
     it.pass_on(ONE, b"one")
     assert it.sent == [(3, b"one", ONE[1])]
 
 
-def test_other_receivers_are_never_held():
-    it = Held(asleep=("uav1", "uav2", "smoke"))
+@pytest.mark.parametrize("kernel", VERSIONS)
+def test_other_receivers_are_never_held(kernel):
+    it = Held(kernel, asleep=("uav1", "uav2", "smoke"))
     it.pass_on(TOOL, b"one")
     assert it.sent == [(3, b"one", TOOL[1])]
 
 
-def test_held_datagrams_leave_before_one_that_is_not_held():
-    it = Held()
+@pytest.mark.parametrize("kernel", VERSIONS)
+def test_held_datagrams_leave_before_one_that_is_not_held(kernel):
+    it = Held(kernel)
     it.pass_on(ONE, b"held")
     it.pass_on(ONE, b"measurement", join=False)
     it.pass_on(ONE, b"held again")
@@ -60,8 +72,9 @@ def test_held_datagrams_leave_before_one_that_is_not_held():
     assert [data for _, data, _ in it.sent] == [b"held", b"measurement", b"held again", b"awake"]
 
 
-def test_no_datagram_is_held_for_longer_than_the_limit():
-    it = Held()
+@pytest.mark.parametrize("kernel", VERSIONS)
+def test_no_datagram_is_held_for_longer_than_the_limit(kernel):
+    it = Held(kernel)
     it.pass_on(ONE, b"old", 1.0)
     it.pass_on(ONE, b"new", 1.0 + MAX_HELD_S / 2)
     it.held.step(1.0 + MAX_HELD_S / 2)
@@ -70,6 +83,7 @@ def test_no_datagram_is_held_for_longer_than_the_limit():
     assert it.sent == [(3, b"oldnew", ONE[1])]
 
 
+@pytest.mark.parametrize("kernel", VERSIONS)
 @given(
     st.lists(
         st.tuples(
@@ -81,8 +95,8 @@ def test_no_datagram_is_held_for_longer_than_the_limit():
         max_size=40,
     )
 )
-def test_each_receiver_gets_the_same_bytes_in_the_same_order(actions):
-    it, wanted = Held(asleep=()), {}
+def test_each_receiver_gets_the_same_bytes_in_the_same_order(kernel, actions):
+    it, wanted = Held(kernel, asleep=()), {}
     for k, (place, data, change, join) in enumerate(actions):
         verb, _, name = change.partition(" ")
         if verb == "sleep":
