@@ -15,7 +15,6 @@ the end of a payload, so a byte beyond the end of the payload is 0. The work per
 from __future__ import annotations
 
 import re
-from collections.abc import Container
 from typing import Protocol
 
 from arena.kernels.mavlink_frame_types import Frame, ParsedFrames
@@ -35,7 +34,6 @@ __all__ = [
     "byte_at",
     "pack_frame",
     "parse_frames",
-    "search_frames",
     "uint_at",
 ]
 AUTOPILOT = 1
@@ -77,14 +75,6 @@ _parse = PARSER.parse
 def parse_frames(data: Buffer) -> ParsedFrames:
     """Return every frame of a datagram, in order. Never raises."""
     return _parse(data if type(data) is bytes else bytes(data))
-
-
-def search_frames(data: Buffer, wanted: Container[int], sysid: int, compid: int) -> ParsedFrames:
-    """Return the frames of one sender in a datagram, in order. All frames are checked and counted. Never raises.
-
-    wanted: message ids of the frames to return.  sysid, compid: system and component of the sender
-    """
-    return PARSER.search(data if type(data) is bytes else bytes(data), wanted, sysid, compid)
 
 
 class Stream:

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavlink_frame import AUTOPILOT, Frame, search_frames, uint_at
+from arena.kernels.newest_frames import NewestFrames
+from arena.wire.mavlink_frame import AUTOPILOT, PARSER, Frame
 from arena.wire.mavlink_layout import decoder
 from arena.wire.mavlink_pressure import HIGHEST_HPA, HPA_PA, pressure_pa
 from arena.wire.px4_mode import mode_words
@@ -112,7 +113,6 @@ class Telemetry:
     waiting: slot -> the newest frames that are not decoded yet, with their time of arrival [s]; see `_SLOTS`
     system_id, component_id: ids of the autopilot; messages of other senders are ignored
     only: message ids to decode; None decodes all messages in `_HANDLERS`
-    refused: number of frames with a wrong checksum
     outside_offboard_at: time of the last heartbeat that was disarmed or not in OFFBOARD [s]
     """
 
@@ -128,7 +128,6 @@ class Telemetry:
     def __init__(
         self, system_id: int, only: Collection[int] | None = None, component_id: int = AUTOPILOT
     ) -> None:
-        self._system, self._component = system_id, component_id
         self._handlers = {
             number: handler for number, handler in _HANDLERS.items() if only is None or number in only
         }
@@ -139,11 +138,18 @@ class Telemetry:
         self.received_at: float | None = None
         self.outside_offboard_at = -math.inf
         self.waiting: dict[int, dict[int, tuple[bytes, Frame, float]]] = {}
+        self._newest = NewestFrames(
+            PARSER,
+            (system_id, component_id),
+            self._handlers,
+            _SLOTS,
+            (_HIGHRES, _FIELDS_UPDATED, HIGHRES_MAG | HIGHRES_BARO),
+            self.waiting,
+        )
         self._lock = threading.RLock()  # a background thread may receive while the program reads
         self.version: tuple[int, int, int] | None = None
         self.texts: deque[Text] = deque(maxlen=32)
         self.acks: deque[Ack] = deque(maxlen=32)
-        self.refused = 0
         self._text_id = 0
 
     def on_datagram(self, datagram: bytes, now: float) -> bool:
@@ -151,25 +157,12 @@ class Telemetry:
 
         now: time of arrival [s], by any clock.
         """
-        frames, _, bad_crc, _ = search_frames(datagram, self._handlers, self._system, self._component)
-        self.refused += bad_crc
-        if not frames:
-            return False
         with self._lock:
+            frames = self._newest.receive(datagram, now)
+            if frames is None:
+                return False
             for frame in frames:
-                slot = _SLOTS.get(frame.msgid)
-                if slot is None:
-                    self._decode(datagram, frame, now)
-                    continue
-                key = 0
-                if slot == _HIGHRES:
-                    key = uint_at(datagram, frame, _FIELDS_UPDATED, 2) & (HIGHRES_MAG | HIGHRES_BARO)
-                waiting = self.waiting.get(slot)
-                if waiting is None:
-                    self.waiting[slot] = {key: (datagram, frame, now)}
-                else:
-                    waiting.pop(key, None)  # so that the frames stay in the order of arrival
-                    waiting[key] = datagram, frame, now
+                self._decode(datagram, frame, now)
         self.received_at = now
         return True
 
