@@ -23,6 +23,9 @@ RUN_FOLDER, RUNTIME_FOLDER, OPEN_BRACE = "{run}", "{rt}", "{brace}"
 REPORT_PROGRESS = "progress: "
 """Beginning of an output line of the report task that names its present step. `arena up` shows the step."""
 
+PX4_HOME = "PX4_HOME"
+"""Environment variable of the user with the folder of PX4. PX4 itself does not get it."""
+
 POSE_PAGE = "page"
 """`kind` of a program's settings for motion capture if it reads the pose page (`arena.wire.pose_page`) instead of a vendor's server."""
 

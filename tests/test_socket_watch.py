@@ -31,25 +31,28 @@ def test_data_is_found(watched: tuple[SocketWatch, int, socket.socket]) -> None:
     assert watch.has_data(fd)
 
 
-def test_after_a_program_was_awake_data_is_found_at_once(
-    watched: tuple[SocketWatch, int, socket.socket],
+@pytest.mark.parametrize(
+    ("later_s", "wakes", "found"),
+    [
+        pytest.param(0.0, 8, True, id="a program was awake"),
+        pytest.param(0.9 * POLL_S, 7, False, id="all programs sleep"),
+        pytest.param(1.1 * POLL_S, 7, True, id="all programs sleep, half a millisecond later"),
+    ],
+)
+def test_search_is_due_after_a_wake_up_or_half_a_millisecond(
+    watched: tuple[SocketWatch, int, socket.socket], later_s: float, wakes: int, found: bool
 ) -> None:
     watch, fd, sender = watched
     watch.poll_if_due(5.0, 7)
     sender.send(b"x")
-    watch.poll_if_due(5.0, 8)
-    assert watch.has_data(fd)
+    watch.poll_if_due(5.0 + later_s, wakes)
+    assert watch.has_data(fd) is found
 
 
-def test_while_all_programs_sleep_data_waits_for_half_a_millisecond(
-    watched: tuple[SocketWatch, int, socket.socket],
-) -> None:
+def test_step_without_a_search_finds_no_data(watched: tuple[SocketWatch, int, socket.socket]) -> None:
     watch, fd, sender = watched
-    watch.poll_if_due(5.0, 7)
     sender.send(b"x")
-    watch.poll_if_due(5.0 + 0.9 * POLL_S, 7)
-    assert not watch.has_data(fd)
-    watch.poll_if_due(5.0 + 1.1 * POLL_S, 7)
+    watch.poll_if_due(5.0, 7)
     assert watch.has_data(fd)
-    watch.poll_if_due(5.0 + 1.2 * POLL_S, 7)
-    assert not watch.has_data(fd), "it has been read: the next search is later"
+    watch.poll_if_due(5.0, 7)
+    assert not watch.has_data(fd), "the data were reported: the next search is later"

@@ -338,12 +338,15 @@ class Authority:
         The supervisor requests this after it has restarted the process.
 
         standing: last value of `standing` that was reported before the restart, by this process or by another process that
-        passes commands to the vehicle.
+        passes commands to the vehicle. A pilot who already has control keeps it.
         """
+        pilot = self.holder is Role.PILOT
         if taken := standing.get("taken"):
             self._set_taken(str(taken), until_disarmed=standing.get("until_disarmed") is True)
         if latch := standing.get("latch"):
             self._set_latch(Role(latch[0]), int(latch[1]), now)
+            if pilot:
+                self._change(Role.PILOT, "still, with a landing latched", now)
         if standing.get("pilot") is True:  # until the first heartbeats show the flight mode
             self._input_at, self._heartbeats_since = now, 0
             self._change(Role.PILOT, "as before a restart", now)

@@ -13,12 +13,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from arena.constants import PX4_HOME
 from arena.errors import NotInstalledError
 from arena.kernels import INTERPRETED
 from arena.plan.machine import Machine, Probe
 from arena.schema.models import ArenaFile, VehicleKeys
 from arena.schema.ports import GROUND_STATION, LINK_BASE, PORTS, vehicle_ports
-from arena.schema.px4 import HOME, need_px4
+from arena.schema.px4 import need_px4
 from arena.supervisor import active_runs
 
 LEAST_PYTHON = (3, 11)
@@ -117,7 +118,7 @@ def _px4() -> Finding:
         return Finding(sign="note", what=f"{error}")
     said = f"{px4.words}, by {px4.source}: {' '.join(px4.argv)}"
     if px4.stand_in:
-        return Finding(sign="note", what=f"{said} (unset {HOME} to fly the real one)")
+        return Finding(sign="note", what=f"{said} (unset {PX4_HOME} to fly the real one)")
     return Finding(sign="ok", what=said)
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import fcntl
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any, TextIO
 
 from arena.errors import InputError, RunError
 from arena.live_view.settings import Settings, VehicleSettings
+from arena.simulation_speed import speed_of
 from arena.supervisor import Control, RunState, active_runs, open_run
 
 
@@ -53,10 +53,9 @@ class RunningVehicle:
             return 1.0
         path = Path(self.run.run) / "slices" / "world.json"
         try:
-            given = json.loads(path.read_text())["speed"]
+            return speed_of(json.loads(path.read_text())["speed"])
         except (OSError, ValueError, KeyError) as error:
             raise RunError(f"{path}: cannot read the speed of the simulation: {error}") from error
-        return math.inf if given == "max" else float(given)
 
     def facts(self) -> Mapping[str, Any]:
         """Return what the supervisor reports about the vehicle, such as `armed`, `mode` and `control`.

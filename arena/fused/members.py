@@ -26,8 +26,8 @@ from arena.pose_forwarder.shell import TICK_S
 from arena.process_context import ProcessContext
 from arena.recorder.flight_recorder import REPORT_PERIOD_S, FlightRecorder
 from arena.recorder.truth_sampler import TruthSampler
-from arena.sim.pacing import speed_of
 from arena.sim.vehicle_links import Receive, VehicleLinks
+from arena.simulation_speed import slowdown
 from arena.socket_watch import SocketWatch
 from arena.transport import Address
 from arena.wire.pose_page import PosePageWriter
@@ -76,7 +76,7 @@ class Members:
         }
         truth = TruthReader(world["truth"])
         self._capture = MemoryCapture()
-        ready_limit_s = READY_TIMEOUT_S * max(1.0, 1.0 / speed_of(world.get("speed", 1.0)))
+        ready_limit_s = READY_TIMEOUT_S * slowdown(world.get("speed", 1.0))
         self._forwarders = {
             i: ForwarderMember(
                 self._contexts[name],

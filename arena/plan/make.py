@@ -15,12 +15,13 @@ from arena.plan.checks import check_arena
 from arena.plan.firmware import all_firmware
 from arena.plan.fused import fuse, fused_slices, is_fused
 from arena.plan.job import Job, link_of
-from arena.plan.model import Plan, ProcessSpec, VehiclePlan, slowdown
+from arena.plan.model import Plan, ProcessSpec, VehiclePlan
 from arena.plan.process_table import TABLE, jobs, listens, process_spec
 from arena.plan.resolved_yaml import arena_yaml
 from arena.plan.tools import named_tools, tool_slices, tools
 from arena.plan.view_slice import NAME, view
 from arena.schema import Arena, Vehicle
+from arena.simulation_speed import slowdown
 
 
 def make_plan(arena: Arena, python: str = sys.executable) -> Plan:

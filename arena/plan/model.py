@@ -14,6 +14,8 @@ import json
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from arena.simulation_speed import slowdown
+
 PROGRAMS = ("program", "group")
 """Kinds of processes that run user programs."""
 
@@ -209,11 +211,6 @@ class Plan:
             _process(raw.pop(key)) if raw.get(key) else raw.pop(key) for key in ("land", "report")
         )
         return cls(vehicles=vehicles, processes=processes, land=land, report=report, **raw)
-
-
-def slowdown(speed: float | str) -> float:
-    """Return `Plan.slowdown` for a speed of the simulation: a number, or "max"."""
-    return 1.0 if speed == "max" else max(1.0, 1.0 / float(speed))
 
 
 def _without_removed_keys(vehicle: dict[str, Any]) -> dict[str, Any]:

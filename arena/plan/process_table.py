@@ -16,11 +16,12 @@ from arena.mocap.vendors import vendor_settings
 from arena.plan import slices
 from arena.plan.copilot_slice import copilot
 from arena.plan.job import Job, Json, flies_px4_sitl, program_args
-from arena.plan.model import Listen, Member, ProcessSpec, Restart, slowdown
+from arena.plan.model import Listen, Member, ProcessSpec, Restart
 from arena.plan.sensors_slice import sensors
 from arena.schema import Arena, Vehicle
 from arena.schema.placeholders import variables
 from arena.schema.ports import PORTS
+from arena.simulation_speed import slowdown
 
 NICE_PROGRAM, NICE_RECORDER = 2, 1
 NICE_WORLD_REALTIME, NICE_COPILOT_FIRST = -10, -5

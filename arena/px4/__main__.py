@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from arena.clock import SimClock
+from arena.constants import PX4_HOME
 from arena.errors import RunError
 from arena.process_context import ProcessContext, run_process
 from arena.process_ties import set_death_signal
@@ -56,9 +57,7 @@ def serve(context: ProcessContext) -> int:
         leave_core_of(world.server_pid)
     argv = [*s["argv"], "-d", "-i", str(s["instance"]), "-w", str(folder), str(folder / "etc")]
     env = environment(s, os.environ)
-    ignored = sorted(
-        name for name in os.environ.keys() - env.keys() - {"PX4_HOME"} if name.startswith(_PREFIX)
-    )
+    ignored = sorted(name for name in os.environ.keys() - env.keys() - {PX4_HOME} if name.startswith(_PREFIX))
     if ignored:
         print(f"px4: environment variables that PX4 does not get: {', '.join(ignored)}", flush=True)
     print(" ".join(argv), flush=True)

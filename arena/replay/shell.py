@@ -13,6 +13,7 @@ from arena.process_context import ProcessContext
 from arena.replay.outputs import Outputs
 from arena.replay.playback import Playback
 from arena.replay.script import NS, Kind, Script
+from arena.simulation_speed import speed_of
 
 _MILLI_S = 1e-3
 _MAX_WAIT_S = 0.02
@@ -32,7 +33,7 @@ class ReplayLoop:
     ) -> None:
         settings, wall = process.settings, time.monotonic()
         self._process, self._script = process, script
-        speed = _speed(settings["speed"])
+        speed = speed_of(settings["speed"])
         self._stay = bool(settings["stay"])
         self._lockstep = speed != 1.0
         self.playback = Playback(
@@ -130,7 +131,7 @@ class ReplayLoop:
         """Carry out a request to pause, continue, jump or change the speed."""
         playback = self.playback
         if "speed" in request:
-            playback.set_speed(_speed(request["speed"]), wall)
+            playback.set_speed(speed_of(request["speed"]), wall)
         if "pause" in request:
             playback.pause(request["pause"] is True, wall)
         if "seek_s" in request:
@@ -153,7 +154,3 @@ class ReplayLoop:
             "sent": {kind.name.lower(): sent[kind] for kind in Kind},
             "refused": dict(self._outputs.refusals.counts),
         }
-
-
-def _speed(value: float | str) -> float:
-    return math.inf if value == "max" else float(value)

@@ -98,13 +98,13 @@ def write_summary(folder: Path, progress: Callable[[str], None] = lambda _: None
     _write_logs(run, progress)
     summary = {
         **summarise(
-            run.names,
-            run.flights,
-            run.outcome,
-            run.missing,
-            disarmed_vehicles(run),
-            run.origin_s,
-            crashes(run),
+            names=run.names,
+            flights=run.flights,
+            outcome=run.outcome,
+            missing=run.missing,
+            disarmed=disarmed_vehicles(run),
+            origin_s=run.origin_s,
+            crashed=crashes(run),
         ),
         "px4": _px4(folder, run.plan, run.outcome),
     }
@@ -184,6 +184,7 @@ def crashes(run: RunData) -> dict[str, str]:
 
 
 def summarise(
+    *,
     names: Sequence[str],
     flights: Mapping[str, Flight],
     outcome: Mapping[str, Any],

@@ -15,10 +15,10 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from arena.constants import PX4_HOME
 from arena.errors import NotInstalledError
 from arena.schema.arena import Px4
 
-HOME = "PX4_HOME"
 STAND_IN = "stand-in"
 _BUILDS = ("", "build/px4_sitl_default", "build/px4_sitl")
 _DATA = ("etc", "../etc", "../share/px4/etc", "share/px4/etc", "../lib/px4/etc")
@@ -62,8 +62,8 @@ def _candidates(home: str | None, env: Mapping[str, str]) -> Iterator[tuple[Path
     if home:
         yield Path(home).expanduser(), "px4.home of the YAML"
         return  # no other PX4 than the one that the YAML names
-    if env.get(HOME):
-        yield Path(env[HOME]).expanduser(), f"${HOME}"
+    if env.get(PX4_HOME):
+        yield Path(env[PX4_HOME]).expanduser(), f"${PX4_HOME}"
     on_path = shutil.which("px4", path=env.get("PATH"))
     if on_path:
         yield Path(on_path).resolve().parent.parent, "px4 on PATH"

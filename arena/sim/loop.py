@@ -32,9 +32,10 @@ from arena.fault_injection import FaultReceiver
 from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
 from arena.sim.autopilot_interface import ExternalAutopilots, MakeAutopilots
 from arena.sim.fault_injection import inject_fault
-from arena.sim.pacing import Pacer, own_core, speed_of
+from arena.sim.pacing import Pacer, own_core
 from arena.sim.vehicle_links import LinkInterface
 from arena.sim.world import World
+from arena.simulation_speed import speed_of
 from arena.socket_watch import SocketWatch
 from arena.wire.truth_page import TruthWriter
 

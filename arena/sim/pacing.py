@@ -127,11 +127,6 @@ class Pacer:
         }
 
 
-def speed_of(value: float | str) -> float:
-    """Return the configured simulation speed as a number. "max" gives inf."""
-    return math.inf if value == "max" else float(value)
-
-
 def own_core(cores: Sequence[int], *, speed: float, external: int, pid: int) -> int | None:
     """Return the CPU core to which the world process is pinned, or None if it may use any core.
 

@@ -32,6 +32,7 @@ from arena.supervisor.axes_check import body_requests
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
 from arena.supervisor.fork_client import ForkClient
+from arena.supervisor.landing_record import LandingRecord
 from arena.supervisor.load_log import FILE_NAME as LOADS_FILE
 from arena.supervisor.load_log import LoadLog
 from arena.supervisor.messages import Level, Message, no_such_process
@@ -90,6 +91,7 @@ class Supervisor:
         self._orders = Orders()
         self._shutdown = Shutdown(plan, folder, self._processes, self._orders, self._log)
         self._release = ReleaseTask(plan, self._processes)
+        self._landings = LandingRecord(folder.path, self._processes, self._release.released, self._files)
         self._result = RunResult(plan, folder, self._processes, self._log, self._real_time, self._files)
         self._operator = OperatorPresence()
         self._end: End | None = None
@@ -97,11 +99,10 @@ class Supervisor:
         confirmation = Confirmation(options.permit_by, self._began)
         self._permits = Permits(plan, self._processes, confirmation, self._show_line)
         self._quiet_since: float | None = None
-        self._has_reported_idle = False
+        self._has_reported_idle = self._all_started = False
         self._next_round = self._next_sample = 0.0
         self._recorded: set[int] | None = None
         self._state_error, self._state_error_reported = "", False
-        self._all_started = False
 
     def run(self) -> int:
         """Run the plan to its end and return the exit code. Call it in the main thread, because it handles signals and forks."""
@@ -226,6 +227,7 @@ class Supervisor:
         self._shutdown.update_hold()
         self._processes.reconcile(self._orders, now)
         self._release.step(now)
+        self._landings.step(now)
         self._processes.cut_logs(now)
         if self.options.adopt:
             self._end_runaways(now)

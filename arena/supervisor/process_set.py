@@ -24,21 +24,13 @@ from arena.supervisor.meters import Meter
 from arena.supervisor.packets import program_ended, reporter, within_limit
 from arena.supervisor.process_state import ALIVE, ENDED, Action, Exit, Observation, ProcessStatus, State, step
 from arena.supervisor.readiness import proof_of
-from arena.supervisor.release import restore_requests
+from arena.supervisor.release import LANDING_RECORDED, restore_requests
 from arena.supervisor.run_folder import Member, RunFolder
 from arena.supervisor.start_limit import StartLimit
 
 VEHICLE_FACTS = (
-    ".armed",
-    ".landed",
-    ".connected",
-    ".mode",
-    ".airborne_s",
-    ".control",
-    ".blocked",
-    ".blocked_at_link",
-    ".standing",
-    ".standing_at_link",
+    *(".armed", ".landed", ".connected", ".mode", ".airborne_s"),
+    *(".control", ".blocked", ".blocked_at_link", ".standing", ".standing_at_link", LANDING_RECORDED),
 )
 """Ends of the names of facts about a vehicle. User programs and tools may not send these facts."""
 

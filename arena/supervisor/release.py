@@ -14,6 +14,10 @@ from arena.plan.model import Plan, ProcessSpec
 GUARDS = ("world", "link", "router")
 """Kinds of the processes that pass commands to a vehicle."""
 
+LANDING_RECORDED = ".standing_in_record"
+"""End of the name of the fact that `land-all` has commanded a vehicle, as its file in the run folder says (`landing_record.py`)."""
+_STANDING = (".standing", ".standing_at_link", LANDING_RECORDED)
+
 
 def guards(plan: Plan, vehicle: str = "") -> set[str]:
     """Return the processes that can block commands to a vehicle: world, router and link process.
@@ -57,7 +61,7 @@ def restore_requests(plan: Plan, spec: ProcessSpec, facts: Mapping[str, Any]) ->
     if spec.kind not in GUARDS:
         return []
     names = [v.name for v in plan.vehicles if spec.vehicle in (None, v.name)]
-    found = [(name, facts.get(f"{name}.standing{place}")) for name in names for place in ("", "_at_link")]
+    found = [(name, facts.get(f"{name}{place}")) for name in names for place in _STANDING]
     armed = [name for name in names if spec.kind == "link" and facts.get(f"{name}.armed") is True]
     return [
         *({"do": "restore", "vehicle": name, "standing": value} for name, value in found if value),

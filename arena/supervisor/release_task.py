@@ -15,7 +15,7 @@ from typing import Any
 
 from arena.plan.model import Plan
 from arena.supervisor.process_set import ProcessSet
-from arena.supervisor.release import check_release, guards
+from arena.supervisor.release import LANDING_RECORDED, check_release, guards
 
 CONFIRM_S = 3.0
 """Time within which a process must confirm a request [s]."""
@@ -26,6 +26,7 @@ class _Release:
     """State of one vehicle's release (`arena release`): which processes have received and confirmed the request.
 
     packet: the request to the processes.
+    began: time of `arena release`, monotonic [s].
     expires: time at which the release fails if a process has not confirmed it, monotonic [s].
     unsent: processes to which the request has not been sent yet.
     sent: process -> id of the request that was sent to this process.
@@ -33,6 +34,7 @@ class _Release:
     """
 
     packet: dict[str, Any]
+    began: float
     expires: float
     unsent: set[str]
     sent: dict[str, int] = field(default_factory=dict)
@@ -40,12 +42,16 @@ class _Release:
 
 
 class ReleaseTask:
-    """Sender of releases (`arena release`), which also keeps the result of each vehicle's last release."""
+    """Sender of releases (`arena release`), which also keeps the result of each vehicle's last release.
+
+    released: vehicle -> time of its last `arena release` that all processes have confirmed, monotonic [s].
+    """
 
     def __init__(self, plan: Plan, processes: ProcessSet) -> None:
         self._plan, self._processes = plan, processes
         self._ids = itertools.count(1)
         self._releases: dict[str, _Release] = {}
+        self.released: dict[str, float] = {}
 
     @property
     def results(self) -> dict[str, Any]:
@@ -69,7 +75,9 @@ class ReleaseTask:
             )
         for vehicle in vehicles:
             packet = {"do": "release", "vehicle": vehicle, "by": by}
-            release = _Release(packet=packet, expires=now + CONFIRM_S, unsent=guards(self._plan, vehicle))
+            release = _Release(
+                packet=packet, began=now, expires=now + CONFIRM_S, unsent=guards(self._plan, vehicle)
+            )
             self._releases[vehicle] = release
             self._ask(release, {name for name in release.unsent if p.specs[name].kind != "router"})
         self.step(now)
@@ -80,13 +88,16 @@ class ReleaseTask:
         End the releases that all processes
         have confirmed, and those that were not confirmed within CONFIRM_S. now: monotonic [s].
         """
-        for release in self._releases.values():
+        for vehicle, release in self._releases.items():
             if release.failed is not None:
                 continue
             if not self._unconfirmed(release) and release.unsent:
                 self._ask(release, set(release.unsent))
             if now >= release.expires or not (self._unconfirmed(release) or release.unsent):
                 release.failed = sorted({*self._unconfirmed(release), *release.unsent})
+                if not release.failed:
+                    self.released[vehicle] = release.began
+                    self._processes.last_facts.pop(f"{vehicle}{LANDING_RECORDED}", None)
 
     def _unconfirmed(self, release: _Release) -> list[str]:
         """Return the names of the processes that have received the request but not confirmed it yet."""

@@ -234,6 +234,13 @@ def test_weaker_standing_state_does_not_replace_a_stronger_latch():
     assert a.standing == {"latch": [int(Role.EMERGENCY), 3]}
 
 
+def test_pilot_keeps_control_when_a_landing_is_restored():
+    a = taken_by_pilot()
+    a.restore({"latch": [int(Role.EMERGENCY), 3]}, 20.0)
+    assert a.holder is Role.PILOT and a.latched
+    assert a.refusal(Role.EMERGENCY, LAND, 21.0) == "pilot has control"
+
+
 def test_program_cannot_retake_offboard_after_a_restart():
     before = taken_by_pilot()
     before.on_state(True, "AUTO.LOITER", 12.0)

@@ -9,20 +9,25 @@ import contextlib
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from arena.fault_injection import inject
 from arena.plan import make_plan
+from arena.process_ties import set_death_signal
 from arena.schema import load_arena
 from arena.wire.truth_page import Truth, TruthReader
 
+_end_with_us = partial(set_death_signal, signal.SIGKILL)
+"""Lets the kernel kill this child process when the test process dies, because no supervisor ends it."""
 NO_RADIO = {"COM_RC_IN_MODE": 4.0, "COM_RCL_EXCEPT": 4.0}
 """Parameters that a hardware vehicle without a radio must have, and a simulated one has not."""
 
@@ -44,7 +49,7 @@ class PosingVehicle:
 
 
 class PosingRoom:
-    """A world whose vehicles pose as real ones.
+    """A world whose vehicles pose as real ones. Make it in the main thread: its processes end with the thread that started them.
 
     links: name -> address at which the vehicle receives MAVLink.
     """
@@ -104,7 +109,12 @@ class PosingRoom:
         with (self._folder / f"{name}.log").open("wb") as log:
             argv = [sys.executable, "-m", module, str(self._slices[name])]
             ends = {"stdout": log, "stderr": subprocess.STDOUT, "stdin": subprocess.DEVNULL}
-            process = subprocess.Popen(argv, start_new_session=True, **ends)
+            process = subprocess.Popen(
+                argv,
+                start_new_session=True,
+                preexec_fn=_end_with_us,  # noqa: PLW1509  nothing else is done in it
+                **ends,
+            )
         self.processes[name] = process
         with contextlib.suppress(OSError):  # reality does not slow down when this computer is busy
             os.setpriority(os.PRIO_PROCESS, process.pid, -10)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import signal
 import socket
 import threading
 from collections.abc import Iterator
@@ -21,7 +22,7 @@ from arena.schema.px4 import find_px4
 from arena.supervisor import open_run
 from arena.wire.mavlink_codec import Codec
 
-from .flight import ROOT, Flight, Hangar, eventually
+from .flight import ROOT, STANDS_M, Flight, Hangar, eventually
 
 pytestmark = pytest.mark.flight
 REPORT = True  # with the figures of PX4
@@ -203,6 +204,29 @@ def test_killed_px4_falls_and_stopped_px4_recovers(hangar: Hangar, px4: list[str
     third = summary["vehicles"]["uav3"]
     assert third["landing"]["landed"] and third["crashed"] == "" and third["verdict"]["max_height_m"] > 1.2
     assert summary["processes"]["program.uav3"]["exit_code"] == 0
+    flight.assert_nothing_left()
+
+
+@pytest.mark.parametrize("px4", BOTH, indirect=True)
+def test_program_cannot_arm_after_a_land_all_without_router(hangar: Hangar, px4: list[str]) -> None:
+    flight = hangar.fly({"uav1": "hovers"}, *px4, *flown_by_px4("uav1"))
+    router = eventually(lambda: flight.state.processes.get("router"), 20, "a router", flight.said)
+    supervisor = flight.state.supervisor.pid
+    os.kill(supervisor, signal.SIGSTOP)  # it would restart the router at once
+    os.kill(router.pid, signal.SIGKILL)
+    try:
+        told = flight.cli("land-all")
+    finally:
+        os.kill(supervisor, signal.SIGCONT)
+    assert told.returncode == 0 and "uav1: already on the ground" in told.stdout, told.stdout + told.stderr
+    flight.until_event("program.uav1", "EXITED", 60)
+    assert "land-all has control: run `arena release`" in flight.log("program.uav1"), flight.said()
+    assert flight.fact("uav1.armed") is False and flight.heights().max() < STANDS_M
+    assert flight.cli("release", "uav1").returncode == 0
+    assert flight.cli("restart", "program.uav1").returncode == 0
+    flight.until_up()
+    assert flight.cli("down").returncode == 0
+    flight.wait()
     flight.assert_nothing_left()
 
 

@@ -147,7 +147,9 @@ def test_disarming_that_only_a_text_reports_counts(run):
     off = disarming_of("uav1", early)
     assert off is not None and (off.at_s, off.in_log) == (14.98, False)
     assert (15.0, "disarmed") in texts_of(early, "flight")
-    found = summarise(run.names, early.flights, {}, [], disarmed_vehicles(early))
+    found = summarise(
+        names=run.names, flights=early.flights, outcome={}, missing=[], disarmed=disarmed_vehicles(early)
+    )
     assert found["vehicles"]["uav1"]["landing"]["landed"]
 
 
@@ -163,14 +165,16 @@ def test_vehicle_without_a_newer_disarming_stayed_armed(run, texts):
     late = armed_to_the_end(run, *texts)
     assert disarming_of("uav1", late) is None
     assert fate_of("uav1", late, happenings(late)).end == "landed but stayed armed"
-    assert not summarise(run.names, late.flights, {}, [], disarmed_vehicles(late))["vehicles"]["uav1"][
-        "landing"
-    ]["landed"]
+    assert not summarise(
+        names=run.names, flights=late.flights, outcome={}, missing=[], disarmed=disarmed_vehicles(late)
+    )["vehicles"]["uav1"]["landing"]["landed"]
 
 
 def test_landing_error_is_known_before_the_disarming(run):
     late = armed_to_the_end(run)
-    landing = summarise(run.names, late.flights, {}, [])["vehicles"]["uav1"]["landing"]
+    landing = summarise(names=run.names, flights=late.flights, outcome={}, missing=[])["vehicles"]["uav1"][
+        "landing"
+    ]
     assert (landing["landed"], landing["error_m"]) == (False, pytest.approx(0.12, abs=1e-3))
 
 
@@ -271,8 +275,10 @@ def test_failsafe_and_its_change_of_mode_are_one_entry(run):
 
 def test_summary_has_the_times_of_the_report(run):
     late = {name: replace(flight, t0=run.origin_s + 0.4) for name, flight in run.flights.items()}
-    first_row = summarise(run.names, late, {}, [])["vehicles"]["uav1"]
-    found = summarise(run.names, late, {}, [], (), run.origin_s)["vehicles"]["uav1"]
+    first_row = summarise(names=run.names, flights=late, outcome={}, missing=[])["vehicles"]["uav1"]
+    found = summarise(
+        names=run.names, flights=late, outcome={}, missing=[], disarmed=(), origin_s=run.origin_s
+    )["vehicles"]["uav1"]
     assert found["modes"][-1]["t_s"] == pytest.approx(first_row["modes"][-1]["t_s"] + 0.4)
     assert found["landing"]["touchdown_s"] == pytest.approx(first_row["landing"]["touchdown_s"] + 0.4)
     assert found["setpoints"]["each"][0]["at_s"] == pytest.approx(

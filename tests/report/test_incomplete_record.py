@@ -107,7 +107,7 @@ def test_flight_after_the_end_of_the_record_has_taken_place(
     found = happenings(run)
     assert fate_of("uav1", run, found).end == end
     assert clause in verdict(run, found).text
-    made = summarise(run.names, run.flights, run.outcome, run.missing)
+    made = summarise(names=run.names, flights=run.flights, outcome=run.outcome, missing=run.missing)
     (row,) = [text for text in as_text(made).splitlines() if text.startswith("uav1")]
     assert row.endswith(summary)
     (run.folder / "summary.json").write_text(json.dumps(made))

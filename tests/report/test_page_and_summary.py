@@ -50,7 +50,14 @@ class Said:
 
 
 def said(run: RunData) -> Said:
-    made = summarise(run.names, run.flights, run.outcome, run.missing, disarmed_vehicles(run), run.origin_s)
+    made = summarise(
+        names=run.names,
+        flights=run.flights,
+        outcome=run.outcome,
+        missing=run.missing,
+        disarmed=disarmed_vehicles(run),
+        origin_s=run.origin_s,
+    )
     (text,) = [row for row in as_text(made).splitlines() if row.startswith("uav1")]
     (run.folder / "summary.json").write_text(json.dumps(made))
     return Said(

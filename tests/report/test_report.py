@@ -114,7 +114,7 @@ def test_crash_of_a_replayed_flight_is_in_the_summary(tmp_path):
 def test_flight_below_real_time_is_in_the_text(factor, asked, slow):
     outcome = {"real_time": {"factor": factor, "asked": asked}}
     expected = "SLOWER THAN REQUESTED: 0.65 simulated seconds per second, 1 was requested"
-    assert (expected in as_text(summarise([], {}, outcome, []))) is slow
+    assert (expected in as_text(summarise(names=[], flights={}, outcome=outcome, missing=[]))) is slow
 
 
 @pytest.mark.parametrize("asked", [None, 1.0])
@@ -183,4 +183,4 @@ def test_vehicle_that_was_never_armed_has_not_flown(tmp_path):
     )
     flight = read_flight(file)
     assert flight is not None
-    assert "not flown" in as_text(summarise(["uav1"], {"uav1": flight}, {}, []))
+    assert "not flown" in as_text(summarise(names=["uav1"], flights={"uav1": flight}, outcome={}, missing=[]))

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from arena.sim.pacing import Lateness, Pacer, own_core, speed_of
+from arena.sim.pacing import Lateness, Pacer, own_core
+from arena.simulation_speed import speed_of
 
 P = 0.004
 
