@@ -34,9 +34,9 @@ from arena.cli._params_push import (
     interrupted_record,
     new_record,
     only_push,
-    reboot_vehicles,
     refuse_beyond_limits,
 )
+from arena.cli._params_reboot import reboot_vehicles
 from arena.errors import EXIT_FAILED
 from arena.whole_file import replace_file
 
@@ -134,7 +134,8 @@ def push(
     """Write the parameters that the YAML requires into the autopilots of vehicles.
 
     Reads all parameters, writes those that differ, and reads these again. Refuses armed vehicles.
-    Exit code 1 if a vehicle does not have all values, or needs a reboot before they take effect.
+    After a reboot it finds real vehicles again, and reads all values again.
+    Exit code 1 if a vehicle does not have all values, needs a reboot before they take effect, or is not found after the reboot.
     """
     from arena.params.facts.parameter_table import parameters
     from arena.params.transfer.session import push as push_now
@@ -166,7 +167,8 @@ def push(
         held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
         if record.unfinished and not dry_run:
             print(f"The push was interrupted. Continue it with `arena params push --resume` ({record.path})")
-        held &= dry_run or reboot_vehicles(targets, reports, without_asking=reboot)
+        real = [v.name for v in chosen if v.autopilot in ("hardware", "hitl")]
+        held &= dry_run or reboot_vehicles(targets, reports, real=real, without_asking=reboot)
     if not held:
         raise typer.Exit(EXIT_FAILED)
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import io
 import itertools
+import math
 import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from fake_autopilot import INT32, REAL32, FakeAutopilot
+from fake_autopilot import DENIED, INT32, REAL32, REBOOT, FakeAutopilot
+from rebooting_autopilot import RebootingAutopilot, rebooting
 from served import Connection, Served, UdpPort, let_pass
 
 import arena.cli as cli
-from arena.cli import _params_push
+from arena.cli import _params_reboot
 from arena.cli._params import address_text
 from arena.cli._params_push import only_push
 from arena.params.transfer.push_record import PushRecord
@@ -26,10 +28,10 @@ HELD = {"EKF2_HGT_REF": (1.0, INT32), "MPC_XY_P": (0.95, REAL32)}
 
 
 @pytest.fixture
-def board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeAutopilot]:
+def board(tmp_path: Path, runtime_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RebootingAutopilot]:
     """Serve a real vehicle uav1, whose EKF2_HGT_REF takes effect after a reboot only."""
     host = f"127.28.{os.getpid() % 250 + 1}.{next(_count)}"
-    autopilot = FakeAutopilot(params=dict(HELD), telemetry=("HEARTBEAT",))
+    autopilot = rebooting(params=dict(HELD))
     connection = Connection(autopilot=autopilot, port=UdpPort((host, 24016)))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "stdin", io.StringIO())
@@ -59,14 +61,68 @@ def test_push_fails_while_a_reboot_is_missing(
     assert board.rebooted == 0 and not Path("push.json").exists()
 
 
-def test_push_with_reboot_succeeds(
-    board: FakeAutopilot, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def waited(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Shorten the waits around a reboot, and collect them [s]."""
     waited: list[float] = []
-    monkeypatch.setattr(_params_push.time, "sleep", waited.append)
-    code, out, err = run(capsys, "push", "--file", "new.params", "--reboot")
+    monkeypatch.setattr(_params_reboot.time, "sleep", waited.append)
+    return waited
+
+
+REBOOTED = ("push", "--file", "new.params", "--reboot")
+
+
+def test_push_with_reboot_reads_the_values_again(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], waited: list[float]
+) -> None:
+    code, out, err = run(capsys, *REBOOTED)
     assert code == 0 and "uav1: rebooting" in out and NEEDS not in out, out + err
-    assert board.rebooted == 1 and _params_push.SAVE_S in waited, "PX4 saves the values first"
+    assert board.rebooted == 1 and _params_reboot.SAVE_S in waited, "PX4 saves the values first"
+    assert board.boots == 1 and "uav1: has rebooted, and has kept all 2 values" in out
+
+
+def test_values_lost_in_the_reboot_are_reported(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], waited: list[float]
+) -> None:
+    board.reset, board.dropped = {"MPC_XY_P": (0.95, REAL32)}, {"EKF2_HGT_REF"}
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 1, out + err
+    assert "uav1: MPC_XY_P: after the reboot the vehicle has 0.95, wanted 0.9" in out
+    assert "uav1: EKF2_HGT_REF: after the reboot the vehicle has no such parameter, wanted 3" in out
+    assert "uav1: has lost 2 of 2 values in the reboot" in out
+
+
+def test_vehicle_that_does_not_come_back_is_reported(
+    board: RebootingAutopilot,
+    capsys: pytest.CaptureFixture[str],
+    waited: list[float],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(_params_reboot, "RETURN_LIMIT_S", 4.0)
+    board.off_s = math.inf
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 1 and "uav1: not found again within 4 s after the reboot" in out, out + err
+
+
+def test_vehicle_that_does_not_reboot_is_reported(
+    board: RebootingAutopilot,
+    capsys: pytest.CaptureFixture[str],
+    waited: list[float],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(_params_reboot, "RETURN_LIMIT_S", 4.0)
+    board.ack_only_s = math.inf
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 1 and "uav1: has accepted the reboot, but has not rebooted within 4 s" in out, out + err
+
+
+def test_refused_reboot_is_reported_and_not_waited_for(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], waited: list[float]
+) -> None:
+    board.refuse = {REBOOT: (DENIED, b"")}
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 1 and "uav1: the autopilot did not reboot: refused: denied" in out, out + err
+    assert _params_reboot.REBOOT_BEGINS_S not in waited
 
 
 def test_two_pushes_at_once_are_refused(board: FakeAutopilot, capsys: pytest.CaptureFixture[str]) -> None:

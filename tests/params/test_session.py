@@ -20,14 +20,16 @@ from typing import Any
 
 import pytest
 from fake_autopilot import INT32, REQUEST, FakeAutopilot
+from rebooting_autopilot import rebooting
 from served import Connection, LossyLink, SerialDevice, Served, UdpPort, let_pass
 from signing_autopilot import SigningAutopilot
 
 from arena.builtin_parameters import SPECS
 from arena.errors import InputError
 from arena.params.transfer.push_record import PushRecord
-from arena.params.transfer.session import PushReport, pull, push, reboot
+from arena.params.transfer.session import PushReport, pull, push, read_after_reboot, reboot
 from arena.params.transfer.transfer import Progress
+from arena.params.transfer.transfer_loop import Connection as Transfers
 from arena.params.transfer.transports import ParamTarget, SerialParamTransport
 from arena.signing_key import TimestampFile, read_key, write_new_key
 from arena.wire.mavlink_frame import parse_frames
@@ -153,6 +155,8 @@ def test_unplugged_device_ends_as_connection_lost(
     monkeypatch.setattr("arena.params.transfer.transfer.VEHICLE_TIMEOUT_S", 1.0)
     reads, read = [], SerialParamTransport.read
     monkeypatch.setattr(SerialParamTransport, "read", lambda wire: reads.append(1) or read(wire))
+    over_at_close, close = [], Transfers.close
+    monkeypatch.setattr(Transfers, "close", lambda c: over_at_close.append(c.transfer.done) or close(c))
     board, device = pty.openpty()
     tty.setraw(device)
     name = os.ttyname(device)
@@ -172,6 +176,33 @@ def test_unplugged_device_ends_as_connection_lost(
     os.close(device)
     assert report.ending == "connection lost" and report.with_outcome("unread") == ["P_03"]
     assert len(reads) < 1000
+    assert over_at_close == [False, True], "the device is closed at once, so that it can get its name again"
+
+
+def test_device_that_disappears_in_the_reboot_is_opened_again(
+    serial_cable: tuple[str, str], tmp_path: Path
+) -> None:
+    near, far = serial_cable
+    device, began = tmp_path / "ttyACM0", time.monotonic()
+    board, slave = pty.openpty()
+    device.symlink_to(os.ttyname(slave))
+    os.close(slave)
+    autopilot = rebooting(params=sixty_params())
+
+    def come_back() -> None:
+        device.unlink()
+        os.close(board)  # the device hangs up
+        time.sleep(1.0)
+        device.symlink_to(near)
+
+    timer = threading.Timer(0.5, come_back)
+    timer.start()
+    with Served([Connection(autopilot=autopilot, port=SerialDevice(far))]):
+        targets = {"uav1": ParamTarget(system=1, device=str(device))}
+        names = {"uav1": ["P_03"]}
+        found = read_after_reboot(targets, names, requested_at=began, limit_s=30.0)["uav1"]
+    timer.join()
+    assert found.complete and found.values["P_03"].value == 3
 
 
 def test_missing_device_is_reported() -> None:

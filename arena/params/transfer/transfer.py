@@ -15,7 +15,13 @@ from arena.params.transfer.uid_check import UidCheck
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, byte_at, uint_at
 from arena.wire.mavlink_ids import PARAMETER_TOOL
-from arena.wire.mavlink_minimal import AUTOPILOT_VERSION, parse_hardware_uid, result_words
+from arena.wire.mavlink_minimal import (
+    AUTOPILOT_VERSION,
+    SYSTEM_TIME,
+    parse_boot_ms,
+    parse_hardware_uid,
+    result_words,
+)
 from arena.wire.mavlink_params import (
     ERROR,
     REBOOT,
@@ -37,7 +43,9 @@ _ARMED_BIT, _BASE_MODE_OFFSET = 128, 6
 _REBOOT_TIMEOUT_S = 2.5
 PROBE = 0  # index of a parameter that every vehicle has
 
-Ending = Literal["", "done", "armed", "no connection", "connection lost", "interrupted", "wrong vehicle"]
+Ending = Literal[
+    "", "done", "armed", "no connection", "connection lost", "interrupted", "wrong vehicle", "not rebooted"
+]
 """Why a transfer ended; "" while it runs."""
 Outcome = Literal["same", "written", "refused", "unknown", "unanswered", "differs", "unread"]
 
@@ -88,12 +96,14 @@ class Transfer:
     component: MAVLink component id of this program.
     now: monotonic time [s].
     uid: check of the vehicle's hardware uid, which must pass before the first request; None: not checked.
+    booted_at: monotonic time at which the vehicle booted [s], from SYSTEM_TIME; None before the first SYSTEM_TIME.
     """
 
     def __init__(self, *, system: int, component: int, now: float, uid: UidCheck | None = None) -> None:
         self.system, self.uid = system, uid
         self.ending: Ending = ""
         self.armed: bool | None = None
+        self.booted_at: float | None = None
         self._codec = Codec(PARAMETER_TOOL.system, component)
         self._component = component
         self._began = self._next_heartbeat = now
@@ -141,6 +151,8 @@ class Transfer:
             self._on_uid(data, frame)
         elif self.uid is not None and not self.uid.passed and frame.msgid == VALUE:
             return  # perhaps of another vehicle
+        if frame.msgid == SYSTEM_TIME:
+            self.booted_at = now - parse_boot_ms(data, frame) * 1e-3
         if frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             self._heartbeat_at = now
             self.armed = bool(byte_at(data, frame, _BASE_MODE_OFFSET) & _ARMED_BIT)
