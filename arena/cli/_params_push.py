@@ -29,14 +29,15 @@ _RESUME_OR_DELETE = (
 def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str) -> PushRecord:
     """Create the record of a new parameter push, so that the push can be resumed after an interruption.
 
-    Raises InputError if an earlier push was interrupted and not resumed.
+    Raises InputError if an earlier push is not complete.
     """
     from arena.params.transfer.push_record import PushRecord
 
     path = Path(arena.folder) / RECORD
     if path.exists() and PushRecord.read(path).unfinished:
         raise InputError(
-            f"{path}: an earlier push was interrupted. Continue it with --resume, or delete this file. "
+            f"{path}: an earlier push was interrupted, or a vehicle has not acknowledged all of its values. "
+            "Continue it with --resume, or delete this file. "
             "The file contains the values from before the push"
         )
     wanted = {v.name: _wanted(arena, v, file, version) for v in chosen}

@@ -166,7 +166,10 @@ def push(
             print("\n".join(push_report_lines(name, report)))
         held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
         if record.unfinished and not dry_run:
-            print(f"The push was interrupted. Continue it with `arena params push --resume` ({record.path})")
+            print(
+                "The push was interrupted, or a vehicle has not acknowledged all values. "
+                f"Continue it with `arena params push --resume` ({record.path})"
+            )
         real = [v.name for v in chosen if v.autopilot in ("hardware", "hitl")]
         held &= dry_run or reboot_vehicles(targets, reports, real=real, without_asking=reboot)
     if not held:

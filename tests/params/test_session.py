@@ -262,15 +262,26 @@ def test_interrupted_push_is_resumed_from_its_record(tmp_path: Path) -> None:
 def test_old_values_are_saved_before_the_first_write(tmp_path: Path) -> None:
     file = tmp_path / "push.json"
     seen: list[set[str]] = []
+    sent: list[set[str]] = []
 
     class Watched(FakeAutopilot):
         def write(self, name: str, raw: float) -> None:
-            seen.append(set(json.loads(file.read_text())["vehicles"]["uav1"]["before"]))
+            saved = json.loads(file.read_text())["vehicles"]["uav1"]
+            seen.append(set(saved["before"]))
+            sent.append(set(saved["unknown"]))
             super().write(name, raw)
 
-    with serve([Watched(params=sixty_params(), telemetry=("HEARTBEAT",))]) as targets:
+        def receive(self, data: bytes, now: float) -> list[bytes]:
+            answers = super().receive(data, now)
+            reads = sum(m.get_type() == "PARAM_REQUEST_READ" for m in self.received)
+            # The old values are saved then, and the next save that can wait is due in 0.5 s.
+            self.telemetry = ("ATTITUDE",) if reads < len(self.params) else ("HEARTBEAT",)
+            return answers
+
+    with serve([Watched(params=sixty_params(), telemetry=("ATTITUDE",))]) as targets:
         push(targets, {"uav1": new_values()}, record=PushRecord.begin(file, {"uav1": new_values()}))
     assert seen and all(names == set(new_values()) for names in seen)
+    assert sent[0], "the record also says that a value was sent"
 
 
 def test_resumed_record_keeps_the_oldest_values(tmp_path: Path) -> None:

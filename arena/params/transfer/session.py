@@ -112,7 +112,7 @@ def push(
         )
 
     earlier = {
-        name: frozenset(record.vehicles[name].written) if record is not None else frozenset()
+        name: frozenset(record.vehicles[name].before) if record is not None else frozenset()
         for name in wanted
     }
     keeper = None if record is None or dry_run else _RecordKeeper(record)
@@ -215,7 +215,11 @@ def _component(target: ParamTarget) -> int:
 def _push_report(
     connection: Connection[ParamWriter], reboot_names: frozenset[str], earlier: frozenset[str]
 ) -> PushReport:
-    """Return the result of a push to one vehicle. earlier: parameters that the resumed push has already written."""
+    """Return the result of a push to one vehicle.
+
+    earlier: parameters that differed when the resumed push began. If such a value is right now, that push has written it,
+        perhaps without an acknowledgement.
+    """
     results = connection.transfer.result
     needs = tuple(
         name
@@ -256,8 +260,8 @@ def _pull_report(connection: Connection[ParamReader]) -> PullReport:
 class _RecordKeeper:
     """Writer that saves the record of a push to its file while the push runs.
 
-    It saves immediately after old values were read, because they may be needed to undo the push.
-    Otherwise it saves at most twice per second.
+    It saves immediately after old values were read, because they may be needed to undo the push, and before the first value is
+    sent, because the push must be resumed from then on. Otherwise it saves at most twice per second.
     """
 
     def __init__(self, record: PushRecord) -> None:
@@ -268,15 +272,19 @@ class _RecordKeeper:
     def update(self, connections: Mapping[str, Connection[ParamWriter]], *, always: bool = False) -> None:
         now, urgent, changed = time.monotonic(), always, False
         for name, connection in connections.items():
-            known = len(self.record.vehicles[name].before)
+            old = self.record.vehicles[name]
             changed |= self.record.update(
                 name,
                 connection.transfer.before,
                 connection.transfer.written,
                 connection.transfer.ending,
                 connection.uid,
+                unknown=connection.transfer.unknown,
+                known=connection.transfer.known,
             )
-            urgent |= len(self.record.vehicles[name].before) > known
+            new = self.record.vehicles[name]
+            urgent |= len(new.before) > len(old.before)
+            urgent |= bool(new.unknown) and not (old.written or old.unknown)
         if urgent or (changed and now >= self._next):
             self._next = now + _SAVE_PERIOD_S
             self.record.save()

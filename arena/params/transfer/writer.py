@@ -138,6 +138,29 @@ class ParamWriter(Transfer):
         }
 
     @property
+    def unknown(self) -> dict[str, float]:
+        """Return {parameter: new value} of the values that were sent, and which the vehicle may or may not have.
+
+        The vehicle has not acknowledged them, or has not answered when they were read back.
+        """
+        return {
+            n: p.wanted
+            for n, p in self._params.items()
+            if (p.step == "sent" and not p.outcome)
+            or (p.step in ("sent", "acknowledged") and p.outcome == "unanswered")
+        }
+
+    @property
+    def known(self) -> frozenset[str]:
+        """Return the parameters whose present value was read since the last attempt to write them."""
+        return frozenset(
+            n
+            for n, p in self._params.items()
+            if p.outcome in ("same", "written", "refused", "unknown")
+            or (not p.outcome and p.step in ("differs", "acknowledged"))
+        )
+
+    @property
     def progress(self) -> Progress:
         """Progress of the push. Each parameter has three steps: read, write, read back."""
         closed = [
