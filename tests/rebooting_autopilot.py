@@ -13,6 +13,7 @@ from fake_autopilot import REBOOT, FakeAutopilot
 class RebootingAutopilot(FakeAutopilot):
     """An autopilot that reboots some time after it has acknowledged the command, and is silent until it has booted.
 
+    age_s: time since its boot at its first telemetry [s]; 0 after a reboot
     ack_only_s: time from the acknowledgement to the reboot [s]; infinite: it never reboots
     off_s: duration of the reboot [s]; infinite: it does not come back
     reset: name -> (value, type) of the parameters that have another value after the reboot
@@ -21,6 +22,7 @@ class RebootingAutopilot(FakeAutopilot):
     goes_at: time at which it reboots [s]; infinite: no reboot is requested
     """
 
+    age_s: float = 60.0
     ack_only_s: float = 0.3
     off_s: float = 0.5
     reset: dict[str, tuple[float, int]] = field(default_factory=dict)
@@ -46,9 +48,12 @@ class RebootingAutopilot(FakeAutopilot):
             self._boot()
         return super().step(now)
 
+    def boot_s(self, now: float) -> float:
+        return self.age_s + super().boot_s(now)
+
     def _boot(self) -> None:
         self.alive, self._back_at = True, math.inf
-        self._began, self.next_telemetry_s = None, 0.0
+        self._began, self.age_s, self.next_telemetry_s = None, 0.0, 0.0
         self.params |= self.reset
         self.params = {name: value for name, value in self.params.items() if name not in self.dropped}
         self.boots += 1

@@ -1,4 +1,4 @@
-"""Reboot of vehicles after `arena params push`, and the check that they have kept the written values."""
+"""Reboot of vehicles after `arena params push`, the check that they have kept their values, and reboots that are missing."""
 
 from __future__ import annotations
 
@@ -6,13 +6,17 @@ import sys
 import time
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from arena.cli._params import writable
 from arena.cli._params_output import ending_text
 
 if TYPE_CHECKING:
+    from arena.params.transfer.missing_reboots import MissingReboot
     from arena.params.transfer.session import PullReport, PushReport
     from arena.params.transfer.transfer import ParamResult
     from arena.params.transfer.transports import ParamTarget
@@ -25,18 +29,84 @@ RETURN_LIMIT_S = 60.0
 """Time in which a rebooted vehicle must be found again [s]."""
 
 
+class RebootsOfPush:
+    """Missing reboots of the vehicles of one push: those of this push, and those of earlier pushes.
+
+    folder: folder of the YAML, in which the missing reboots are kept.
+    addresses: vehicle -> address as text, for the vehicles with a real autopilot. A simulated autopilot starts with the
+        right values and does not boot again.
+    Raises InputError if the file of the missing reboots is wrong.
+    """
+
+    def __init__(self, folder: Path, addresses: Mapping[str, str]) -> None:
+        from arena.params.transfer.missing_reboots import MissingReboots
+
+        self._missing, self._addresses = MissingReboots.read(folder), addresses
+        self._keys: dict[str, str] = {}
+
+    @property
+    def real(self) -> Collection[str]:
+        """Names of the vehicles with a real autopilot."""
+        return self._addresses
+
+    def after_push(
+        self, reports: Mapping[str, PushReport], *, dry_run: bool = False
+    ) -> dict[str, PushReport]:
+        """Add the missing reboots of earlier pushes to the reports. Print and save the missing reboots.
+
+        A missing reboot ends if the vehicle has booted since. dry_run: the file is not changed.
+        """
+        from arena.params.transfer.missing_reboots import autopilot_key
+
+        found = dict(reports)
+        for name in self._addresses:
+            report = reports[name]
+            if report.ending in ("no connection", "wrong vehicle"):
+                continue
+            key = self._keys[name] = autopilot_key(report.uid, self._addresses[name])
+            self._missing.remove_if_booted(key, report.booted_at)
+            earlier = self._missing.autopilots.get(key)
+            if earlier is not None:
+                print(_earlier_text(name, earlier, report, self._missing.path))
+            if report.needs_reboot:
+                self._missing.add(key, name, report.needs_reboot, time.time())
+            if key in self._missing.autopilots:
+                found[name] = replace(report, needs_reboot=self._missing.autopilots[key].parameters)
+        if not dry_run:
+            self._save()
+        return found
+
+    def on_rebooted(self, vehicle: str) -> None:
+        """Remove the missing reboot of a vehicle that has rebooted."""
+        self._missing.remove(self._keys[vehicle])
+        self._save()
+
+    def _save(self) -> None:
+        with writable(self._missing.path):
+            self._missing.save()
+
+
+def _earlier_text(name: str, earlier: MissingReboot, report: PushReport, file: Path) -> str:
+    """Return the line about the missing reboot of an earlier push."""
+    when = datetime.fromtimestamp(earlier.written_at).strftime("%Y-%m-%d %H:%M")
+    written = f"{name} still needs a reboot: a push has written {', '.join(earlier.parameters)} on {when}"
+    if report.booted_at is not None:
+        return f"{written}, and the autopilot has not booted since"
+    return f"{written}, and the autopilot does not report when it booted. If it has rebooted since, delete {file}"
+
+
 def reboot_vehicles(
     targets: Mapping[str, ParamTarget],
     reports: Mapping[str, PushReport],
+    reboots: RebootsOfPush,
     *,
-    real: Collection[str],
     without_asking: bool,
 ) -> bool:
     """Reboot the autopilots whose new values need a reboot; on a terminal, ask the user first.
 
     It waits until PX4 has saved the values. After the reboot it reads the values of real autopilots again.
 
-    real: vehicles with a real autopilot. A simulated autopilot does not boot again.
+    reboots: missing reboots of these vehicles, from which a vehicle that has rebooted is removed.
     Return False if an autopilot still needs a reboot (it refuses, or the user did not agree), was not found again, or has lost
     a value.
     """
@@ -65,12 +135,16 @@ def reboot_vehicles(
             print(f"{name}: the autopilot did not reboot: {refusal}")
         else:
             print(f"{name}: rebooting", flush=True)
-    rebooting = {name: wanted[name] for name in real if refusals.get(name) == ""}
-    return _have_kept_values(rebooting, reports, requested_at) and not any(refusals.values())
+    rebooting = {name: wanted[name] for name in reboots.real if refusals.get(name) == ""}
+    kept = _have_kept_values(rebooting, reports, requested_at, reboots)
+    return kept and not any(refusals.values())
 
 
 def _have_kept_values(
-    targets: Mapping[str, ParamTarget], reports: Mapping[str, PushReport], requested_at: float
+    targets: Mapping[str, ParamTarget],
+    reports: Mapping[str, PushReport],
+    requested_at: float,
+    reboots: RebootsOfPush,
 ) -> bool:
     """Find the rebooted vehicles again, and read the values that they had before the reboot. Print the result.
 
@@ -91,6 +165,8 @@ def _have_kept_values(
     )
     problems = {name: list(_problems(name, held[name], report)) for name, report in found.items()}
     for name, lines in problems.items():
+        if found[name].ending == "done":
+            reboots.on_rebooted(name)
         all_kept = f"{name}: has rebooted, and has kept all {len(held[name])} values"
         print("\n".join(lines) or all_kept)
     return not any(problems.values())

@@ -12,6 +12,7 @@ from arena.cli._options import File, Set
 from arena.cli._params import (
     YAML,
     ParamSources,
+    address_text,
     not_applicable,
     params_file_text,
     refuse_existing,
@@ -36,7 +37,7 @@ from arena.cli._params_push import (
     only_push,
     refuse_beyond_limits,
 )
-from arena.cli._params_reboot import reboot_vehicles
+from arena.cli._params_reboot import RebootsOfPush, reboot_vehicles
 from arena.errors import EXIT_FAILED
 from arena.whole_file import replace_file
 
@@ -152,6 +153,8 @@ def push(
         tables = {v.name: parameters(version_for(v, px4_version)) for v in chosen}
         refuse_beyond_limits(wanted, tables)
         needs_reboot = frozenset(name for table in tables.values() for name, p in table.items() if p.reboot)
+        real = {v.name: address_text(lab, v) for v in chosen if v.autopilot in ("hardware", "hitl")}
+        reboots = RebootsOfPush(Path(lab.folder), real)
         targets = targets_of(lab, chosen)
         with ProgressBars(wanted) as bars, writable(record.path):
             reports = push_now(
@@ -170,8 +173,8 @@ def push(
                 "The push was interrupted, or a vehicle has not acknowledged all values. "
                 f"Continue it with `arena params push --resume` ({record.path})"
             )
-        real = [v.name for v in chosen if v.autopilot in ("hardware", "hitl")]
-        held &= dry_run or reboot_vehicles(targets, reports, real=real, without_asking=reboot)
+        reports = reboots.after_push(reports, dry_run=dry_run)
+        held &= dry_run or reboot_vehicles(targets, reports, reboots, without_asking=reboot)
     if not held:
         raise typer.Exit(EXIT_FAILED)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from fake_autopilot import DENIED, INT32, REAL32, REBOOT, FakeAutopilot
 from rebooting_autopilot import RebootingAutopilot, rebooting
-from served import Connection, Served, UdpPort, let_pass
+from served import Connection, Served, UdpPort, let_pass, until
 
 import arena.cli as cli
 from arena.cli import _params_reboot
@@ -123,6 +123,57 @@ def test_refused_reboot_is_reported_and_not_waited_for(
     code, out, err = run(capsys, *REBOOTED)
     assert code == 1 and "uav1: the autopilot did not reboot: refused: denied" in out, out + err
     assert _params_reboot.REBOOT_BEGINS_S not in waited
+
+
+STILL = "uav1 still needs a reboot: a push has written EKF2_HGT_REF on "
+MISSING = Path("missing_reboots.json")
+
+
+def test_missing_reboot_is_reported_until_the_vehicle_has_booted(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(capsys, "push", "--file", "new.params")[0] == 1 and MISSING.exists()
+    for options in ((), ("--dry-run",), ()):
+        code, out, err = run(capsys, "push", "--file", "new.params", *options)
+        assert code == (0 if options else 1) and "2 same" in out, out + err
+        assert STILL in out and "and the autopilot has not booted since" in out
+        assert (NEEDS in out) == (not options)
+    board.goes_at = 0.0
+    until(lambda: board.boots == 1)
+    code, out, err = run(capsys, "push", "--file", "new.params", "--dry-run")
+    assert code == 0 and STILL not in out and MISSING.exists(), "a dry run changes no file"
+    code, out, err = run(capsys, "push", "--file", "new.params")
+    assert code == 0 and STILL not in out and NEEDS not in out, out + err
+    assert not MISSING.exists()
+
+
+def test_next_push_reboots_for_an_earlier_push(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], waited: list[float]
+) -> None:
+    assert run(capsys, "push", "--file", "new.params")[0] == 1
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 0 and STILL in out and "has kept all 2 values" in out, out + err
+    assert board.boots == 1 and not MISSING.exists()
+
+
+def test_reboot_that_nobody_has_seen_is_still_missing(
+    board: RebootingAutopilot,
+    capsys: pytest.CaptureFixture[str],
+    waited: list[float],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(_params_reboot, "RETURN_LIMIT_S", 4.0)
+    board.ack_only_s = math.inf
+    assert run(capsys, *REBOOTED)[0] == 1 and MISSING.exists()
+
+
+def test_unknown_boot_time_does_not_end_a_missing_reboot(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    board.telemetry = ("HEARTBEAT",)
+    assert run(capsys, "push", "--file", "new.params")[0] == 1
+    code, out, err = run(capsys, "push", "--file", "new.params")
+    assert code == 1 and STILL in out and "If it has rebooted since, delete " in out, out + err
 
 
 def test_two_pushes_at_once_are_refused(board: FakeAutopilot, capsys: pytest.CaptureFixture[str]) -> None:

@@ -187,7 +187,7 @@ def test_device_that_disappears_in_the_reboot_is_opened_again(
     board, slave = pty.openpty()
     device.symlink_to(os.ttyname(slave))
     os.close(slave)
-    autopilot = rebooting(params=sixty_params())
+    autopilot = rebooting(params=sixty_params(), age_s=0.0)
 
     def come_back() -> None:
         device.unlink()

@@ -10,7 +10,10 @@ from rebooting_autopilot import rebooting
 from served import LossyLink
 
 from arena.params.transfer.after_reboot import AfterRebootReader
+from arena.params.transfer.reader import ParamReader
 from arena.params.transfer.transfer import Rebooter, Transfer
+from arena.params.transfer.uid_check import UidCheck
+from arena.wire.mavlink_minimal import AUTOPILOT_VERSION, SYSTEM_TIME
 
 from .simulated_transfer import (
     ME,
@@ -178,6 +181,14 @@ def test_values_from_before_the_reboot_are_not_used(seed: int) -> None:
     run(core, autopilot, link, each=request)
     assert core.ending == "done" and core.values["P_03"].value == 99 and core.values["P_05"].value == 5
     assert not core.missing
+
+
+def test_only_a_push_requests_the_boot_time() -> None:
+    pushed, pulled = vehicle(), vehicle()
+    run(writer({"P_03": 9}, uid=UidCheck("")), pushed, LossyLink())
+    run(ParamReader(system=1, component=ME, now=0.0, names=["P_03"], uid=UidCheck("")), pulled, LossyLink())
+    requested = [{c.param1 for c in v.commands} for v in (pushed, pulled)]
+    assert requested == [{AUTOPILOT_VERSION, SYSTEM_TIME}, {AUTOPILOT_VERSION}]
 
 
 def test_vehicle_that_answers_without_a_reboot_is_not_read() -> None:

@@ -41,6 +41,7 @@ class PushReport:
         this push resumes.
     why: why the connection could not be opened, or why the vehicle is the wrong one; "" otherwise.
     uid: hardware uid of the vehicle; "" if it sends none.
+    booted_at: time at which the vehicle booted [s] (Unix time); None if it does not report it.
     """
 
     ending: Ending
@@ -49,6 +50,7 @@ class PushReport:
     why: str = ""
     traffic: Traffic = field(default_factory=Traffic)
     uid: str = ""
+    booted_at: float | None = None
 
     @property
     def holds(self) -> bool:
@@ -234,6 +236,7 @@ def _push_report(
         why=connection.why,
         traffic=connection.traffic,
         uid=connection.uid,
+        booted_at=connection.booted_at,
     )
 
 

@@ -31,6 +31,7 @@ from arena.wire.mavlink_params import (
     parse_error,
     parse_value,
     reboot,
+    request_boot_time,
     request_read,
     request_uid,
 )
@@ -97,7 +98,10 @@ class Transfer:
     now: monotonic time [s].
     uid: check of the vehicle's hardware uid, which must pass before the first request; None: not checked.
     booted_at: monotonic time at which the vehicle booted [s], from SYSTEM_TIME; None before the first SYSTEM_TIME.
+    requests_boot_time: SYSTEM_TIME is requested together with the uid.
     """
+
+    requests_boot_time = False
 
     def __init__(self, *, system: int, component: int, now: float, uid: UidCheck | None = None) -> None:
         self.system, self.uid = system, uid
@@ -133,7 +137,7 @@ class Transfer:
             self._next_heartbeat = now + _HEARTBEAT_PERIOD_S
             frames.append(self._codec.onboard_heartbeat())
         if self._received_at is not None and self.uid is not None and not self.uid.passed:
-            frames += [self._codec.frame(*request_uid(self.system))] if self.uid.is_due(now) else []
+            frames += [self._codec.frame(*message) for message in self._identity_requests(self.uid, now)]
         elif self._received_at is not None:
             frames += [self._codec.frame(*message) for message in (*self._requests(now), *self._probe(now))]
         return frames
@@ -167,6 +171,13 @@ class Transfer:
             self._on_error(*parse_error(data, frame))
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
             self._on_ack(data, frame)
+
+    def _identity_requests(self, uid: UidCheck, now: float) -> Iterable[Message]:
+        """Return the requests for the hardware uid and the boot time, if they are due."""
+        if not uid.is_due(now):
+            return []
+        boot_time = [request_boot_time(self.system)] if self.requests_boot_time else []
+        return [request_uid(self.system), *boot_time]
 
     def _on_uid(self, data: Buffer, frame: Frame) -> None:
         if self.uid is not None:

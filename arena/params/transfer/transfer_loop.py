@@ -63,6 +63,12 @@ class Connection(Generic[AnyTransfer]):
         return self.transfer.uid.found if self.transfer.uid is not None else ""
 
     @property
+    def booted_at(self) -> float | None:
+        """Time at which the vehicle booted [s] (Unix time); None if unknown."""
+        at = self.transfer.booted_at
+        return None if at is None else time.time() - (time.monotonic() - at)
+
+    @property
     def traffic(self) -> Traffic:
         return Traffic(seconds=self.ended - self.began, sent=self.sent, received=self.received)
 

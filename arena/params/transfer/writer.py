@@ -94,6 +94,8 @@ class ParamWriter(Transfer):
     dry_run: only read and compare; the vehicle may then be armed.
     """
 
+    requests_boot_time = True
+
     def __init__(
         self,
         *,
