@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from arena.cli._params import address_text, required_parameters, writable
+from arena.cli._params import address_text, has_board, required_parameters, version_for, writable
 from arena.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,7 +41,13 @@ def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, versi
             "The file contains the values from before the push"
         )
     wanted = {v.name: _wanted(arena, v, file, version) for v in chosen}
-    return PushRecord.begin(path, wanted, {v.name: address_text(arena, v) for v in chosen})
+    checked = [v for v in chosen if has_board(v) and file is None]
+    return PushRecord.begin(
+        path,
+        wanted,
+        {v.name: address_text(arena, v) for v in chosen},
+        {v.name: version_for(v, version) for v in checked},
+    )
 
 
 def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:

@@ -13,6 +13,7 @@ from arena.cli._params import (
     YAML,
     ParamSources,
     address_text,
+    has_board,
     not_applicable,
     params_file_text,
     refuse_existing,
@@ -134,7 +135,8 @@ def push(
 ) -> None:
     """Write the parameters that the YAML requires into the autopilots of vehicles.
 
-    Reads all parameters, writes those that differ, and reads these again. Refuses armed vehicles.
+    Reads all parameters, writes those that differ, and reads these again. Refuses armed vehicles, and real vehicles with
+    another PX4 version.
     After a reboot it finds real vehicles again, and reads all values again.
     Exit code 1 if a vehicle does not have all values, needs a reboot before they take effect, or is not found after the reboot.
     """
@@ -150,10 +152,13 @@ def push(
         )
         chosen = [v for v in chosen if v.name in record.wanted]
         wanted = {v.name: record.wanted[v.name] for v in chosen}
-        tables = {v.name: parameters(version_for(v, px4_version)) for v in chosen}
+        versions = {
+            v.name: record.vehicles[v.name].px4_version or version_for(v, px4_version) for v in chosen
+        }
+        tables = {name: parameters(version) for name, version in versions.items()}
         refuse_beyond_limits(wanted, tables)
         needs_reboot = frozenset(name for table in tables.values() for name, p in table.items() if p.reboot)
-        real = {v.name: address_text(lab, v) for v in chosen if v.autopilot in ("hardware", "hitl")}
+        real = {v.name: address_text(lab, v) for v in chosen if has_board(v)}
         reboots = RebootsOfPush(Path(lab.folder), real)
         targets = targets_of(lab, chosen)
         with ProgressBars(wanted) as bars, writable(record.path):
@@ -166,7 +171,7 @@ def push(
                 on_progress=bars.show,
             )
         for name, report in reports.items():
-            print("\n".join(push_report_lines(name, report)))
+            print("\n".join(push_report_lines(name, report, versions[name] if name in real else "")))
         held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
         if record.unfinished and not dry_run:
             print(

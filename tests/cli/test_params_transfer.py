@@ -17,8 +17,9 @@ from served import Connection, Served, UdpPort, let_pass, until
 
 import arena.cli as cli
 from arena.cli import _params_reboot
-from arena.cli._params import address_text
+from arena.cli._params import address_text, required_parameters
 from arena.cli._params_push import only_push
+from arena.params.facts.parameter_table import parameters
 from arena.params.transfer.push_record import PushRecord
 from arena.schema import load_arena
 from arena.wire.qgc_params import parse_params
@@ -174,6 +175,67 @@ def test_unknown_boot_time_does_not_end_a_missing_reboot(
     assert run(capsys, "push", "--file", "new.params")[0] == 1
     code, out, err = run(capsys, "push", "--file", "new.params")
     assert code == 1 and STILL in out and "If it has rebooted since, delete " in out, out + err
+
+
+PX4_1_15_4, UNKNOWN = 0x010F04FF, 0
+REFUSED = (
+    "uav1: nothing was written: the vehicle has firmware 1.15.4, but the values were generated for PX4 1.16, "
+    'which has other parameters. Write `px4_version: "1.15"` for the vehicle in the YAML, or use --px4-version 1.15'
+)
+
+
+def required(version: str) -> dict[str, tuple[float, int]]:
+    """Return the required parameters of uav1 with their values, except one value."""
+    arena, table = load_arena("arena.yaml"), parameters(version)
+    values = required_parameters(arena, arena.vehicles[0], version).values
+    kinds = {name: INT32 if table[name].type == "INT32" else REAL32 for name in values}
+    return {name: (value, kinds[name]) for name, value in values.items()} | {"EKF2_HGT_REF": (1.0, INT32)}
+
+
+@pytest.mark.parametrize("options", [(), ("--dry-run",)])
+def test_values_for_another_px4_version_are_not_written(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], options: tuple[str, ...]
+) -> None:
+    board.version = PX4_1_15_4
+    code, out, err = run(capsys, "push", *options)
+    assert code == 1 and REFUSED in out, out + err
+    let_pass(board, 3)
+    assert board.written_names == [] and not {m.get_type() for m in board.received} & {"PARAM_SET"}
+    if not options:
+        code, out, err = run(capsys, "push", "--resume")
+        assert code == 1 and REFUSED in out, "the record has the version"
+
+
+@pytest.mark.parametrize(
+    ("version", "options", "warning"),
+    [
+        (PX4_1_15_4, ("--px4-version", "1.15"), ""),
+        (0x011000FF, (), ""),
+        (0x011003C0, (), ""),
+        (
+            UNKNOWN,
+            (),
+            "does not report the version of its firmware; names and limits of the parameters are those",
+        ),
+        (
+            PX4_1_15_4,
+            ("--file", "new.params"),
+            "has firmware 1.15.4; names and limits of the parameters are those",
+        ),
+    ],
+)
+def test_values_for_the_right_or_an_unknown_px4_version_are_written(
+    board: RebootingAutopilot,
+    capsys: pytest.CaptureFixture[str],
+    version: int,
+    options: tuple[str, ...],
+    warning: str,
+) -> None:
+    board.version = version
+    board.params |= required(options[1] if options[:1] == ("--px4-version",) else "1.16")
+    _, out, err = run(capsys, "push", *options)
+    assert "nothing was written" not in out and board.written_names, out + err
+    assert f"warning: the vehicle {warning}" in out if warning else "warning: the vehicle" not in out
 
 
 def test_two_pushes_at_once_are_refused(board: FakeAutopilot, capsys: pytest.CaptureFixture[str]) -> None:

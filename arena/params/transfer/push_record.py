@@ -30,6 +30,7 @@ class VehicleRecord:
     ending: why the transfer ended; "" while it runs.
     at: address of the vehicle, as text.
     uid: hardware uid of the vehicle; "" before it is known, or if the vehicle sends none.
+    px4_version: PX4 version for which the values were generated; "" if the version of the vehicle does not matter.
     """
 
     wanted: dict[str, float]
@@ -39,6 +40,7 @@ class VehicleRecord:
     ending: str = ""
     at: str = ""
     uid: str = ""
+    px4_version: str = ""
 
     @property
     def complete(self) -> bool:
@@ -57,20 +59,24 @@ class PushRecord:
 
     @classmethod
     def begin(
-        cls, path: Path, wanted: Mapping[str, Mapping[str, float]], at: Mapping[str, str] | None = None
+        cls,
+        path: Path,
+        wanted: Mapping[str, Mapping[str, float]],
+        at: Mapping[str, str] | None = None,
+        px4_versions: Mapping[str, str] | None = None,
     ) -> PushRecord:
         """Return the record of a new push. The first `save` writes its file.
 
         wanted: vehicle -> {parameter: value}.
         at: vehicle -> address, as text.
+        px4_versions: vehicle -> PX4 version for which its values were generated. Without an entry, every version is right.
         """
-        return cls(
-            path,
-            {
-                name: VehicleRecord(wanted=dict(values), at=(at or {}).get(name, ""))
-                for name, values in wanted.items()
-            },
-        )
+        at, versions = at or {}, px4_versions or {}
+        vehicles = {
+            name: VehicleRecord(wanted=dict(values), at=at.get(name, ""), px4_version=versions.get(name, ""))
+            for name, values in wanted.items()
+        }
+        return cls(path, vehicles)
 
     @classmethod
     def read(cls, path: Path) -> PushRecord:
@@ -124,6 +130,7 @@ class PushRecord:
             ending=ending or old.ending,
             at=old.at,
             uid=old.uid or uid,
+            px4_version=old.px4_version,
         )
         self.vehicles[vehicle] = new
         return new != old
@@ -152,6 +159,7 @@ def _parse(raw: Any) -> VehicleRecord:
         ending=str(raw["ending"]),
         at=str(raw.get("at", "")),
         uid=str(raw.get("uid", "")),
+        px4_version=str(raw.get("px4_version", "")),
     )
 
 

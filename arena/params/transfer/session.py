@@ -42,6 +42,7 @@ class PushReport:
     why: why the connection could not be opened, or why the vehicle is the wrong one; "" otherwise.
     uid: hardware uid of the vehicle; "" if it sends none.
     booted_at: time at which the vehicle booted [s] (Unix time); None if it does not report it.
+    firmware: version of the vehicle's firmware, such as "1.16.0"; "" if it does not report it.
     """
 
     ending: Ending
@@ -51,6 +52,7 @@ class PushReport:
     traffic: Traffic = field(default_factory=Traffic)
     uid: str = ""
     booted_at: float | None = None
+    firmware: str = ""
 
     @property
     def holds(self) -> bool:
@@ -98,7 +100,8 @@ def push(
     wanted: vehicle -> {parameter: value}.
     dry_run: only read and compare.
     record: record of these vehicles, which is saved during the push and deleted when all its vehicles are done. To resume an
-        interrupted push, pass its record, and `record.wanted` as `wanted`, or only some of its vehicles.
+        interrupted push, pass its record, and `record.wanted` as `wanted`, or only some of its vehicles. Nothing is written to a
+        vehicle with another PX4 version than its `px4_version` in the record.
     reboot_names: parameters that take effect only after a reboot.
     Raises OSError if the record cannot be saved. No value is sent before its old value is saved.
     """
@@ -110,6 +113,7 @@ def push(
             now=now,
             wanted=wanted[name],
             dry_run=dry_run,
+            px4_version=record.vehicles[name].px4_version if record is not None else "",
             uid=UidCheck(_expected_uid(name, targets[name], record)),
         )
 
@@ -237,6 +241,7 @@ def _push_report(
         traffic=connection.traffic,
         uid=connection.uid,
         booted_at=connection.booted_at,
+        firmware=connection.transfer.firmware,
     )
 
 

@@ -19,6 +19,7 @@ from arena.wire.mavlink_minimal import (
     AUTOPILOT_VERSION,
     SYSTEM_TIME,
     parse_boot_ms,
+    parse_firmware_version,
     parse_hardware_uid,
     result_words,
 )
@@ -45,7 +46,15 @@ _REBOOT_TIMEOUT_S = 2.5
 PROBE = 0  # index of a parameter that every vehicle has
 
 Ending = Literal[
-    "", "done", "armed", "no connection", "connection lost", "interrupted", "wrong vehicle", "not rebooted"
+    "",
+    "done",
+    "armed",
+    "no connection",
+    "connection lost",
+    "interrupted",
+    "wrong vehicle",
+    "wrong version",
+    "not rebooted",
 ]
 """Why a transfer ended; "" while it runs."""
 Outcome = Literal["same", "written", "refused", "unknown", "unanswered", "differs", "unread"]
@@ -98,6 +107,7 @@ class Transfer:
     now: monotonic time [s].
     uid: check of the vehicle's hardware uid, which must pass before the first request; None: not checked.
     booted_at: monotonic time at which the vehicle booted [s], from SYSTEM_TIME; None before the first SYSTEM_TIME.
+    firmware: version of the vehicle's firmware, such as "1.16.0", from AUTOPILOT_VERSION; "" if it is not reported.
     requests_boot_time: SYSTEM_TIME is requested together with the uid.
     """
 
@@ -108,6 +118,7 @@ class Transfer:
         self.ending: Ending = ""
         self.armed: bool | None = None
         self.booted_at: float | None = None
+        self.firmware = ""
         self._codec = Codec(PARAMETER_TOOL.system, component)
         self._component = component
         self._began = self._next_heartbeat = now
@@ -152,7 +163,7 @@ class Transfer:
             return
         self._received_at = now
         if frame.msgid == AUTOPILOT_VERSION:
-            self._on_uid(data, frame)
+            self._on_version(data, frame)
         elif self.uid is not None and not self.uid.passed and frame.msgid == VALUE:
             return  # perhaps of another vehicle
         if frame.msgid == SYSTEM_TIME:
@@ -179,7 +190,10 @@ class Transfer:
         boot_time = [request_boot_time(self.system)] if self.requests_boot_time else []
         return [request_uid(self.system), *boot_time]
 
-    def _on_uid(self, data: Buffer, frame: Frame) -> None:
+    def _on_version(self, data: Buffer, frame: Frame) -> None:
+        """Process an AUTOPILOT_VERSION: hardware uid and version of the firmware."""
+        version = parse_firmware_version(data, frame)
+        self.firmware = ".".join(map(str, version)) if any(version) else ""
         if self.uid is not None:
             self.uid.receive(parse_hardware_uid(data, frame))
             self._check_uid()
