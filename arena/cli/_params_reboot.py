@@ -64,14 +64,17 @@ class RebootsOfPush:
             if report.ending in ("no connection", "wrong vehicle"):
                 continue
             key = self._keys[name] = autopilot_key(report.uid, self._addresses[name])
-            self._missing.remove_if_booted(key, report.booted_at)
+            effective = self._missing.remove_if_booted(key, report.booted_at)
+            needed = [
+                n for n in report.needs_reboot if n not in effective or report.results[n].outcome != "same"
+            ]
             earlier = self._missing.autopilots.get(key)
             if earlier is not None:
                 print(_earlier_text(name, earlier, report, self._missing.path))
-            if report.needs_reboot:
-                self._missing.add(key, name, report.needs_reboot, time.time())
-            if key in self._missing.autopilots:
-                found[name] = replace(report, needs_reboot=self._missing.autopilots[key].parameters)
+            if needed:
+                self._missing.add(key, name, needed, time.time())
+            missing = self._missing.autopilots.get(key)
+            found[name] = replace(report, needs_reboot=missing.parameters if missing is not None else ())
         if not dry_run:
             self._save()
         return found

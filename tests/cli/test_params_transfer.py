@@ -7,6 +7,7 @@ import itertools
 import math
 import os
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from arena.cli import _params_reboot
 from arena.cli._params import address_text, required_parameters
 from arena.cli._params_push import only_push
 from arena.params.facts.parameter_table import parameters
+from arena.params.transfer.missing_reboots import MissingReboots
 from arena.params.transfer.push_record import PushRecord
 from arena.schema import load_arena
 from arena.wire.qgc_params import parse_params
@@ -264,6 +266,23 @@ def test_resumed_push_still_needs_the_reboot(
     record.save()
     code, out, err = run(capsys, "push", "--resume")
     assert code == 1 and NEEDS in out, out + err
+
+
+def test_resumed_push_after_a_reboot_needs_no_reboot(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arena = load_arena("arena.yaml")
+    at = address_text(arena, arena.vehicles[0])
+    record = PushRecord.begin(
+        Path("push.json"), {"uav1": {"EKF2_HGT_REF": 1.0, "MPC_XY_P": 0.9}}, {"uav1": at}
+    )
+    record.update("uav1", {"EKF2_HGT_REF": 3.0, "MPC_XY_P": 0.95}, {"EKF2_HGT_REF": 1.0}, "interrupted")
+    record.save()
+    missing = MissingReboots.read(Path())
+    missing.add(at, "uav1", ["EKF2_HGT_REF"], time.time() - 2 * board.age_s)
+    missing.save()
+    code, out, err = run(capsys, "push", "--resume")
+    assert code == 0 and "1 same, 1 written" in out and NEEDS not in out, out + err
 
 
 def test_dry_run_never_reboots(board: FakeAutopilot, capsys: pytest.CaptureFixture[str]) -> None:

@@ -81,14 +81,17 @@ class MissingReboots:
         """Remove the missing reboot of an autopilot that has rebooted."""
         self.autopilots.pop(key, None)
 
-    def remove_if_booted(self, key: str, booted_at: float | None) -> None:
+    def remove_if_booted(self, key: str, booted_at: float | None) -> tuple[str, ...]:
         """Remove the missing reboot of an autopilot if it has booted since the values were written.
 
         booted_at: time of its last boot [s] (Unix time); None: unknown.
+        Return the parameters that have taken effect with this boot.
         """
         missing = self.autopilots.get(key)
-        if missing is not None and booted_at is not None and booted_at > missing.written_at:
-            self.remove(key)
+        if missing is None or booted_at is None or booted_at <= missing.written_at:
+            return ()
+        self.remove(key)
+        return missing.parameters
 
     def save(self) -> None:
         """Write the file, or delete it if no reboot is missing. Raises OSError if the file cannot be written."""
