@@ -50,6 +50,11 @@ def selected_vehicles(arena: Arena, names: Sequence[str] | None) -> list[Vehicle
     return [known[name] for name in dict.fromkeys(names)] if names else list(arena.vehicles)
 
 
+def has_board(v: Vehicle) -> bool:
+    """Return whether the autopilot of a vehicle is a real flight controller. Its body may be simulated (HITL)."""
+    return v.autopilot in ("hardware", "hitl")
+
+
 def address_text(arena: Arena, v: Vehicle) -> str:
     """Return the address of a vehicle as text, for the record of a parameter push.
 

@@ -65,11 +65,17 @@ def ending_text(ending: str, why: str) -> str:
     return why or _ENDINGS.get(ending, ending)
 
 
-def push_report_lines(name: str, report: PushReport) -> list[str]:
+def push_report_lines(name: str, report: PushReport, px4_version: str = "") -> list[str]:
     """Return the lines that report a parameter push to one vehicle.
 
     The first line has counts. Then there is one line per parameter that changed or failed.
+
+    px4_version: PX4 version whose parameter table was used; "" if it is not compared with the firmware of the vehicle.
     """
+    from arena.params.transfer.writer import same_table
+
+    if report.ending == "wrong version":
+        return [f"{name}: {_wrong_version_text(report.firmware, px4_version)}"]
     counts = Counter(r.outcome for r in report.results.values())
     summary = ", ".join(f"{n} {outcome}" for outcome, n in counts.items() if n) or "nothing to write"
     ending = "" if report.ending == "done" else f"{ending_text(report.ending, report.why)}; "
@@ -88,7 +94,27 @@ def push_report_lines(name: str, report: PushReport) -> list[str]:
         lines.append(f"  {parameter}: {r.outcome}: {detail}{f' ({r.why})' if r.why else ''}")
     if report.needs_reboot and report.ending != "done":
         lines.append(f"  {name} needs a reboot for {', '.join(report.needs_reboot)}")
+    identified = report.ending not in ("no connection", "wrong vehicle")
+    if identified and px4_version and not same_table(report.firmware, px4_version):
+        has = (
+            f"has firmware {report.firmware}"
+            if report.firmware
+            else "does not report the version of its firmware"
+        )
+        lines.append(
+            f"  warning: the vehicle {has}; names and limits of the parameters are those of PX4 {px4_version}"
+        )
     return lines
+
+
+def _wrong_version_text(firmware: str, px4_version: str) -> str:
+    """Return why nothing was written to a vehicle, and what to do. firmware: version that the vehicle reports."""
+    right = ".".join(firmware.split(".")[:2])
+    return (
+        f"nothing was written: the vehicle has firmware {firmware}, but the values were generated for PX4 {px4_version}, "
+        f'which has other parameters. Write `px4_version: "{right}"` for the vehicle in the YAML, '
+        f"or use --px4-version {right}"
+    )
 
 
 def measured_lines(vehicle: Vehicle, unmeasured: Mapping[str, float]) -> list[str]:

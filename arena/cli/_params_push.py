@@ -1,35 +1,25 @@
 """Functions of `arena params push`.
 
-They choose the values to write, keep the record of the push (the file from which an interrupted push can be resumed), and
-reboot vehicles after it.
+They choose the values to write, and keep the record of the push (the file from which an interrupted push can be resumed).
 """
 
 from __future__ import annotations
 
 import fcntl
-import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
-from arena.cli._params import address_text, required_parameters, writable
+from arena.cli._params import address_text, has_board, required_parameters, version_for, writable
 from arena.errors import InputError
 
 if TYPE_CHECKING:
     from arena.params.facts.parameter_table import Parameter
     from arena.params.transfer.push_record import PushRecord
-    from arena.params.transfer.session import PushReport
-    from arena.params.transfer.transports import ParamTarget
     from arena.schema import Arena, Vehicle
 
 RECORD, LOCK = "push.json", "push.lock"
-SAVE_S = 2.5
-"""Time in which PX4 saves written parameters: a delay of 0.3 s, and at most one save per 2 s [s]."""
 _RESUME_OR_DELETE = (
     "Resume the push with that vehicle, or delete the file to begin a new push. The file contains the values from before "
     "the push"
@@ -39,18 +29,25 @@ _RESUME_OR_DELETE = (
 def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str) -> PushRecord:
     """Create the record of a new parameter push, so that the push can be resumed after an interruption.
 
-    Raises InputError if an earlier push was interrupted and not resumed.
+    Raises InputError if an earlier push is not complete.
     """
     from arena.params.transfer.push_record import PushRecord
 
     path = Path(arena.folder) / RECORD
     if path.exists() and PushRecord.read(path).unfinished:
         raise InputError(
-            f"{path}: an earlier push was interrupted. Continue it with --resume, or delete this file. "
+            f"{path}: an earlier push was interrupted, or a vehicle has not acknowledged all of its values. "
+            "Continue it with --resume, or delete this file. "
             "The file contains the values from before the push"
         )
     wanted = {v.name: _wanted(arena, v, file, version) for v in chosen}
-    return PushRecord.begin(path, wanted, {v.name: address_text(arena, v) for v in chosen})
+    checked = [v for v in chosen if has_board(v) and file is None]
+    return PushRecord.begin(
+        path,
+        wanted,
+        {v.name: address_text(arena, v) for v in chosen},
+        {v.name: version_for(v, version) for v in checked},
+    )
 
 
 def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:
@@ -148,37 +145,3 @@ def only_push(folder: Path) -> Iterator[None]:
         except BlockingIOError:
             raise InputError(f"{folder}: another `arena params push` runs. Wait until it has ended") from None
         yield
-
-
-def reboot_vehicles(
-    targets: Mapping[str, ParamTarget], reports: Mapping[str, PushReport], *, without_asking: bool
-) -> bool:
-    """Reboot the autopilots whose new values need a reboot; on a terminal, ask the user first.
-
-    It waits until PX4 has saved the values. Return False if an autopilot still needs a reboot: it refuses, or the user did not agree.
-    """
-    wanted = {
-        name: replace(targets[name], uid=report.uid or targets[name].uid)
-        for name, report in reports.items()
-        if report.needs_reboot and report.ending == "done"
-    }
-    question = f"reboot {', '.join(wanted)}, so that the new values take effect?"
-    if not wanted:
-        return True
-    if not (without_asking or (sys.stdin.isatty() and typer.confirm(question))):
-        for name in wanted:
-            print(
-                f"{name} needs a reboot before the new values take effect: {', '.join(reports[name].needs_reboot)}. "
-                "Reboot it now. (A push with --reboot reboots it at the end)"
-            )
-        return False
-    from arena.params.transfer.session import reboot as reboot_now
-
-    time.sleep(SAVE_S)
-    refusals = reboot_now(wanted)
-    for name, refusal in refusals.items():
-        if refusal:
-            print(f"{name}: the autopilot did not reboot: {refusal}")
-        else:
-            print(f"{name}: rebooting")
-    return not any(refusals.values())

@@ -12,6 +12,8 @@ from arena.cli._options import File, Set
 from arena.cli._params import (
     YAML,
     ParamSources,
+    address_text,
+    has_board,
     not_applicable,
     params_file_text,
     refuse_existing,
@@ -34,9 +36,9 @@ from arena.cli._params_push import (
     interrupted_record,
     new_record,
     only_push,
-    reboot_vehicles,
     refuse_beyond_limits,
 )
+from arena.cli._params_reboot import RebootsOfPush, reboot_vehicles
 from arena.errors import EXIT_FAILED
 from arena.whole_file import replace_file
 
@@ -133,8 +135,10 @@ def push(
 ) -> None:
     """Write the parameters that the YAML requires into the autopilots of vehicles.
 
-    Reads all parameters, writes those that differ, and reads these again. Refuses armed vehicles.
-    Exit code 1 if a vehicle does not have all values, or needs a reboot before they take effect.
+    Reads all parameters, writes those that differ, and reads these again. Refuses armed vehicles, and real vehicles with
+    another PX4 version.
+    After a reboot it finds real vehicles again, and reads all values again.
+    Exit code 1 if a vehicle does not have all values, needs a reboot before they take effect, or is not found after the reboot.
     """
     from arena.params.facts.parameter_table import parameters
     from arena.params.transfer.session import push as push_now
@@ -148,9 +152,14 @@ def push(
         )
         chosen = [v for v in chosen if v.name in record.wanted]
         wanted = {v.name: record.wanted[v.name] for v in chosen}
-        tables = {v.name: parameters(version_for(v, px4_version)) for v in chosen}
+        versions = {
+            v.name: record.vehicles[v.name].px4_version or version_for(v, px4_version) for v in chosen
+        }
+        tables = {name: parameters(version) for name, version in versions.items()}
         refuse_beyond_limits(wanted, tables)
         needs_reboot = frozenset(name for table in tables.values() for name, p in table.items() if p.reboot)
+        real = {v.name: address_text(lab, v) for v in chosen if has_board(v)}
+        reboots = RebootsOfPush(Path(lab.folder), real)
         targets = targets_of(lab, chosen)
         with ProgressBars(wanted) as bars, writable(record.path):
             reports = push_now(
@@ -162,11 +171,15 @@ def push(
                 on_progress=bars.show,
             )
         for name, report in reports.items():
-            print("\n".join(push_report_lines(name, report)))
+            print("\n".join(push_report_lines(name, report, versions[name] if name in real else "")))
         held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
         if record.unfinished and not dry_run:
-            print(f"The push was interrupted. Continue it with `arena params push --resume` ({record.path})")
-        held &= dry_run or reboot_vehicles(targets, reports, without_asking=reboot)
+            print(
+                "The push was interrupted, or a vehicle has not acknowledged all values. "
+                f"Continue it with `arena params push --resume` ({record.path})"
+            )
+        reports = reboots.after_push(reports, dry_run=dry_run)
+        held &= dry_run or reboot_vehicles(targets, reports, reboots, without_asking=reboot)
     if not held:
         raise typer.Exit(EXIT_FAILED)
 

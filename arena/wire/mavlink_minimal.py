@@ -37,6 +37,7 @@ _HEARTBEAT, _COMMAND = struct.Struct("<IBBBBB"), struct.Struct("<7fHBBB")
 _ACK, _EXTENDED = struct.Struct("<HB"), struct.Struct("BB")
 _TEXT, _SYSTEM_TIME = struct.Struct("<B50s"), struct.Struct("<QI")
 _VERSION = struct.Struct("<8xQ44x18s")  # capabilities, uid, versions and ids, uid2
+_FIRMWARE_VERSION_OFFSET = 16  # flight_sw_version in AUTOPILOT_VERSION, after capabilities and uid
 _CHANNEL_COUNT_OFFSET = 40  # in RC_CHANNELS, after the time and 18 channels
 _ACK_BYTES = 10  # command, result, progress, result_param2 (4 bytes), target system, target component
 _ONBOARD_HEARTBEAT = _HEARTBEAT.pack(0, TYPE_ONBOARD, AUTOPILOT_INVALID, 0, STATE_ACTIVE, 3)
@@ -149,6 +150,12 @@ def parse_statustext(data: Buffer, at: Frame) -> tuple[int, str]:
 def parse_hardware_uid(data: Buffer, at: Frame) -> HardwareUid:
     """Decode an AUTOPILOT_VERSION and return its hardware uid."""
     return HardwareUid(*_VERSION.unpack(_payload(data, at, _VERSION.size)))
+
+
+def parse_firmware_version(data: Buffer, at: Frame) -> tuple[int, int, int]:
+    """Decode an AUTOPILOT_VERSION and return (major, minor, patch) of the firmware; zeros if it is not reported."""
+    number = uint_at(data, at, _FIRMWARE_VERSION_OFFSET, 4)
+    return number >> 24 & 0xFF, number >> 16 & 0xFF, number >> 8 & 0xFF
 
 
 def parse_boot_ms(data: Buffer, at: Frame) -> int:

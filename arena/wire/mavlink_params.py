@@ -18,7 +18,7 @@ import struct
 from typing import NamedTuple
 
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame
-from arena.wire.mavlink_minimal import AUTOPILOT_VERSION, REQUEST_MESSAGE
+from arena.wire.mavlink_minimal import AUTOPILOT_VERSION, REQUEST_MESSAGE, SYSTEM_TIME
 from arena.wire.qgc_params import INTEGERS
 
 REQUEST_READ, REQUEST_LIST, VALUE, SET, COMMAND_LONG, ERROR = 20, 21, 22, 23, 76, 345
@@ -134,7 +134,16 @@ def reboot(system: int) -> Message:
 
 def request_uid(system: int) -> Message:
     """Return a command that requests AUTOPILOT_VERSION, which contains the hardware uid: MAV_CMD_REQUEST_MESSAGE."""
-    params = (float(AUTOPILOT_VERSION), *(0.0,) * 6)
+    return _request_message(system, AUTOPILOT_VERSION)
+
+
+def request_boot_time(system: int) -> Message:
+    """Return a command that requests SYSTEM_TIME, which contains the time since the boot: MAV_CMD_REQUEST_MESSAGE."""
+    return _request_message(system, SYSTEM_TIME)
+
+
+def _request_message(system: int, msgid: int) -> Message:
+    params = (float(msgid), *(0.0,) * 6)
     return COMMAND_LONG, _COMMAND.pack(*params, REQUEST_MESSAGE, system, AUTOPILOT, 0)
 
 

@@ -225,7 +225,10 @@ def test_interrupted_push_is_resumed_to_the_same_vehicles_only(
     record.save()
     kept = (folder / "push.json").read_text()
     for arguments, words in (
-        ((), "an earlier push was interrupted. Continue it with --resume"),
+        (
+            (),
+            "an earlier push was interrupted, or a vehicle has not acknowledged all of its values. Continue it with --resume",
+        ),
         (
             ("--resume",),
             "the interrupted push was to uav1 at id 1, simulated on 127.0.0.9, "
@@ -254,7 +257,7 @@ def test_folder_that_cannot_be_written_is_an_error(folder: Path, capsys: pytest.
 
 
 def test_battery_thresholds_outside_px4s_limits_are_moved(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, runtime_dir: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "arena.yaml").write_text(
         "failsafe: {low_battery: {warn: 0.9, land: 0.02}}\nvehicles: {uav1: {}}\n"

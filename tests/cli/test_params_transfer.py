@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import io
 import itertools
+import math
 import os
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from fake_autopilot import INT32, REAL32, FakeAutopilot
-from served import Connection, Served, UdpPort, let_pass
+from fake_autopilot import DENIED, INT32, REAL32, REBOOT, FakeAutopilot
+from rebooting_autopilot import RebootingAutopilot, rebooting
+from served import Connection, Served, UdpPort, let_pass, until
 
 import arena.cli as cli
-from arena.cli import _params_push
-from arena.cli._params import address_text
+from arena.cli import _params_reboot
+from arena.cli._params import address_text, required_parameters
 from arena.cli._params_push import only_push
+from arena.params.facts.parameter_table import parameters
+from arena.params.transfer.missing_reboots import MissingReboots
 from arena.params.transfer.push_record import PushRecord
 from arena.schema import load_arena
 from arena.wire.qgc_params import parse_params
@@ -26,10 +31,10 @@ HELD = {"EKF2_HGT_REF": (1.0, INT32), "MPC_XY_P": (0.95, REAL32)}
 
 
 @pytest.fixture
-def board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeAutopilot]:
+def board(tmp_path: Path, runtime_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RebootingAutopilot]:
     """Serve a real vehicle uav1, whose EKF2_HGT_REF takes effect after a reboot only."""
     host = f"127.28.{os.getpid() % 250 + 1}.{next(_count)}"
-    autopilot = FakeAutopilot(params=dict(HELD), telemetry=("HEARTBEAT",))
+    autopilot = rebooting(params=dict(HELD))
     connection = Connection(autopilot=autopilot, port=UdpPort((host, 24016)))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "stdin", io.StringIO())
@@ -59,14 +64,180 @@ def test_push_fails_while_a_reboot_is_missing(
     assert board.rebooted == 0 and not Path("push.json").exists()
 
 
-def test_push_with_reboot_succeeds(
-    board: FakeAutopilot, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def waited(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Shorten the waits around a reboot, and collect them [s]."""
     waited: list[float] = []
-    monkeypatch.setattr(_params_push.time, "sleep", waited.append)
-    code, out, err = run(capsys, "push", "--file", "new.params", "--reboot")
+    monkeypatch.setattr(_params_reboot.time, "sleep", waited.append)
+    return waited
+
+
+REBOOTED = ("push", "--file", "new.params", "--reboot")
+
+
+def test_push_with_reboot_reads_the_values_again(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], waited: list[float]
+) -> None:
+    code, out, err = run(capsys, *REBOOTED)
     assert code == 0 and "uav1: rebooting" in out and NEEDS not in out, out + err
-    assert board.rebooted == 1 and _params_push.SAVE_S in waited, "PX4 saves the values first"
+    assert board.rebooted == 1 and _params_reboot.SAVE_S in waited, "PX4 saves the values first"
+    assert board.boots == 1 and "uav1: has rebooted, and has kept all 2 values" in out
+
+
+def test_values_lost_in_the_reboot_are_reported(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], waited: list[float]
+) -> None:
+    board.reset, board.dropped = {"MPC_XY_P": (0.95, REAL32)}, {"EKF2_HGT_REF"}
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 1, out + err
+    assert "uav1: MPC_XY_P: after the reboot the vehicle has 0.95, wanted 0.9" in out
+    assert "uav1: EKF2_HGT_REF: after the reboot the vehicle has no such parameter, wanted 3" in out
+    assert "uav1: has lost 2 of 2 values in the reboot" in out
+
+
+def test_vehicle_that_does_not_come_back_is_reported(
+    board: RebootingAutopilot,
+    capsys: pytest.CaptureFixture[str],
+    waited: list[float],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(_params_reboot, "RETURN_LIMIT_S", 4.0)
+    board.off_s = math.inf
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 1 and "uav1: not found again within 4 s after the reboot" in out, out + err
+
+
+def test_vehicle_that_does_not_reboot_is_reported(
+    board: RebootingAutopilot,
+    capsys: pytest.CaptureFixture[str],
+    waited: list[float],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(_params_reboot, "RETURN_LIMIT_S", 4.0)
+    board.ack_only_s = math.inf
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 1 and "uav1: has accepted the reboot, but has not rebooted within 4 s" in out, out + err
+
+
+def test_refused_reboot_is_reported_and_not_waited_for(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], waited: list[float]
+) -> None:
+    board.refuse = {REBOOT: (DENIED, b"")}
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 1 and "uav1: the autopilot did not reboot: refused: denied" in out, out + err
+    assert _params_reboot.REBOOT_BEGINS_S not in waited
+
+
+STILL = "uav1 still needs a reboot: a push has written EKF2_HGT_REF on "
+MISSING = Path("missing_reboots.json")
+
+
+def test_missing_reboot_is_reported_until_the_vehicle_has_booted(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(capsys, "push", "--file", "new.params")[0] == 1 and MISSING.exists()
+    for options in ((), ("--dry-run",), ()):
+        code, out, err = run(capsys, "push", "--file", "new.params", *options)
+        assert code == (0 if options else 1) and "2 same" in out, out + err
+        assert STILL in out and "and the autopilot has not booted since" in out
+        assert (NEEDS in out) == (not options)
+    board.goes_at = 0.0
+    until(lambda: board.boots == 1)
+    code, out, err = run(capsys, "push", "--file", "new.params", "--dry-run")
+    assert code == 0 and STILL not in out and MISSING.exists(), "a dry run changes no file"
+    code, out, err = run(capsys, "push", "--file", "new.params")
+    assert code == 0 and STILL not in out and NEEDS not in out, out + err
+    assert not MISSING.exists()
+
+
+def test_next_push_reboots_for_an_earlier_push(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], waited: list[float]
+) -> None:
+    assert run(capsys, "push", "--file", "new.params")[0] == 1
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 0 and STILL in out and "has kept all 2 values" in out, out + err
+    assert board.boots == 1 and not MISSING.exists()
+
+
+def test_reboot_that_nobody_has_seen_is_still_missing(
+    board: RebootingAutopilot,
+    capsys: pytest.CaptureFixture[str],
+    waited: list[float],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(_params_reboot, "RETURN_LIMIT_S", 4.0)
+    board.ack_only_s = math.inf
+    assert run(capsys, *REBOOTED)[0] == 1 and MISSING.exists()
+
+
+def test_unknown_boot_time_does_not_end_a_missing_reboot(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    board.telemetry = ("HEARTBEAT",)
+    assert run(capsys, "push", "--file", "new.params")[0] == 1
+    code, out, err = run(capsys, "push", "--file", "new.params")
+    assert code == 1 and STILL in out and "If it has rebooted since, delete " in out, out + err
+
+
+PX4_1_15_4, UNKNOWN = 0x010F04FF, 0
+REFUSED = (
+    "uav1: nothing was written: the vehicle has firmware 1.15.4, but the values were generated for PX4 1.16, "
+    'which has other parameters. Write `px4_version: "1.15"` for the vehicle in the YAML, or use --px4-version 1.15'
+)
+
+
+def required(version: str) -> dict[str, tuple[float, int]]:
+    """Return the required parameters of uav1 with their values, except one value."""
+    arena, table = load_arena("arena.yaml"), parameters(version)
+    values = required_parameters(arena, arena.vehicles[0], version).values
+    kinds = {name: INT32 if table[name].type == "INT32" else REAL32 for name in values}
+    return {name: (value, kinds[name]) for name, value in values.items()} | {"EKF2_HGT_REF": (1.0, INT32)}
+
+
+@pytest.mark.parametrize("options", [(), ("--dry-run",)])
+def test_values_for_another_px4_version_are_not_written(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], options: tuple[str, ...]
+) -> None:
+    board.version = PX4_1_15_4
+    code, out, err = run(capsys, "push", *options)
+    assert code == 1 and REFUSED in out, out + err
+    let_pass(board, 3)
+    assert board.written_names == [] and not {m.get_type() for m in board.received} & {"PARAM_SET"}
+    if not options:
+        code, out, err = run(capsys, "push", "--resume")
+        assert code == 1 and REFUSED in out, "the record has the version"
+
+
+@pytest.mark.parametrize(
+    ("version", "options", "warning"),
+    [
+        (PX4_1_15_4, ("--px4-version", "1.15"), ""),
+        (0x011000FF, (), ""),
+        (0x011003C0, (), ""),
+        (
+            UNKNOWN,
+            (),
+            "does not report the version of its firmware; names and limits of the parameters are those",
+        ),
+        (
+            PX4_1_15_4,
+            ("--file", "new.params"),
+            "has firmware 1.15.4; names and limits of the parameters are those",
+        ),
+    ],
+)
+def test_values_for_the_right_or_an_unknown_px4_version_are_written(
+    board: RebootingAutopilot,
+    capsys: pytest.CaptureFixture[str],
+    version: int,
+    options: tuple[str, ...],
+    warning: str,
+) -> None:
+    board.version = version
+    board.params |= required(options[1] if options[:1] == ("--px4-version",) else "1.16")
+    _, out, err = run(capsys, "push", *options)
+    assert "nothing was written" not in out and board.written_names, out + err
+    assert f"warning: the vehicle {warning}" in out if warning else "warning: the vehicle" not in out
 
 
 def test_two_pushes_at_once_are_refused(board: FakeAutopilot, capsys: pytest.CaptureFixture[str]) -> None:
@@ -95,6 +266,23 @@ def test_resumed_push_still_needs_the_reboot(
     record.save()
     code, out, err = run(capsys, "push", "--resume")
     assert code == 1 and NEEDS in out, out + err
+
+
+def test_resumed_push_after_a_reboot_needs_no_reboot(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arena = load_arena("arena.yaml")
+    at = address_text(arena, arena.vehicles[0])
+    record = PushRecord.begin(
+        Path("push.json"), {"uav1": {"EKF2_HGT_REF": 1.0, "MPC_XY_P": 0.9}}, {"uav1": at}
+    )
+    record.update("uav1", {"EKF2_HGT_REF": 3.0, "MPC_XY_P": 0.95}, {"EKF2_HGT_REF": 1.0}, "interrupted")
+    record.save()
+    missing = MissingReboots.read(Path())
+    missing.add(at, "uav1", ["EKF2_HGT_REF"], time.time() - 2 * board.age_s)
+    missing.save()
+    code, out, err = run(capsys, "push", "--resume")
+    assert code == 0 and "1 same, 1 written" in out and NEEDS not in out, out + err
 
 
 def test_dry_run_never_reboots(board: FakeAutopilot, capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,14 +20,16 @@ from typing import Any
 
 import pytest
 from fake_autopilot import INT32, REQUEST, FakeAutopilot
+from rebooting_autopilot import rebooting
 from served import Connection, LossyLink, SerialDevice, Served, UdpPort, let_pass
 from signing_autopilot import SigningAutopilot
 
 from arena.builtin_parameters import SPECS
 from arena.errors import InputError
 from arena.params.transfer.push_record import PushRecord
-from arena.params.transfer.session import PushReport, pull, push, reboot
+from arena.params.transfer.session import PushReport, pull, push, read_after_reboot, reboot
 from arena.params.transfer.transfer import Progress
+from arena.params.transfer.transfer_loop import Connection as Transfers
 from arena.params.transfer.transports import ParamTarget, SerialParamTransport
 from arena.signing_key import TimestampFile, read_key, write_new_key
 from arena.wire.mavlink_frame import parse_frames
@@ -153,6 +155,8 @@ def test_unplugged_device_ends_as_connection_lost(
     monkeypatch.setattr("arena.params.transfer.transfer.VEHICLE_TIMEOUT_S", 1.0)
     reads, read = [], SerialParamTransport.read
     monkeypatch.setattr(SerialParamTransport, "read", lambda wire: reads.append(1) or read(wire))
+    over_at_close, close = [], Transfers.close
+    monkeypatch.setattr(Transfers, "close", lambda c: over_at_close.append(c.transfer.done) or close(c))
     board, device = pty.openpty()
     tty.setraw(device)
     name = os.ttyname(device)
@@ -172,6 +176,33 @@ def test_unplugged_device_ends_as_connection_lost(
     os.close(device)
     assert report.ending == "connection lost" and report.with_outcome("unread") == ["P_03"]
     assert len(reads) < 1000
+    assert over_at_close == [False, True], "the device is closed at once, so that it can get its name again"
+
+
+def test_device_that_disappears_in_the_reboot_is_opened_again(
+    serial_cable: tuple[str, str], tmp_path: Path
+) -> None:
+    near, far = serial_cable
+    device, began = tmp_path / "ttyACM0", time.monotonic()
+    board, slave = pty.openpty()
+    device.symlink_to(os.ttyname(slave))
+    os.close(slave)
+    autopilot = rebooting(params=sixty_params(), age_s=0.0)
+
+    def come_back() -> None:
+        device.unlink()
+        os.close(board)  # the device hangs up
+        time.sleep(1.0)
+        device.symlink_to(near)
+
+    timer = threading.Timer(0.5, come_back)
+    timer.start()
+    with Served([Connection(autopilot=autopilot, port=SerialDevice(far))]):
+        targets = {"uav1": ParamTarget(system=1, device=str(device))}
+        names = {"uav1": ["P_03"]}
+        found = read_after_reboot(targets, names, requested_at=began, limit_s=30.0)["uav1"]
+    timer.join()
+    assert found.complete and found.values["P_03"].value == 3
 
 
 def test_missing_device_is_reported() -> None:
@@ -231,15 +262,26 @@ def test_interrupted_push_is_resumed_from_its_record(tmp_path: Path) -> None:
 def test_old_values_are_saved_before_the_first_write(tmp_path: Path) -> None:
     file = tmp_path / "push.json"
     seen: list[set[str]] = []
+    sent: list[set[str]] = []
 
     class Watched(FakeAutopilot):
         def write(self, name: str, raw: float) -> None:
-            seen.append(set(json.loads(file.read_text())["vehicles"]["uav1"]["before"]))
+            saved = json.loads(file.read_text())["vehicles"]["uav1"]
+            seen.append(set(saved["before"]))
+            sent.append(set(saved["unknown"]))
             super().write(name, raw)
 
-    with serve([Watched(params=sixty_params(), telemetry=("HEARTBEAT",))]) as targets:
+        def receive(self, data: bytes, now: float) -> list[bytes]:
+            answers = super().receive(data, now)
+            reads = sum(m.get_type() == "PARAM_REQUEST_READ" for m in self.received)
+            # The old values are saved then, and the next save that can wait is due in 0.5 s.
+            self.telemetry = ("ATTITUDE",) if reads < len(self.params) else ("HEARTBEAT",)
+            return answers
+
+    with serve([Watched(params=sixty_params(), telemetry=("ATTITUDE",))]) as targets:
         push(targets, {"uav1": new_values()}, record=PushRecord.begin(file, {"uav1": new_values()}))
     assert seen and all(names == set(new_values()) for names in seen)
+    assert sent[0], "the record also says that a value was sent"
 
 
 def test_resumed_record_keeps_the_oldest_values(tmp_path: Path) -> None:

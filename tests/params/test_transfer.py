@@ -5,12 +5,28 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fake_autopilot import REBOOT
+from fake_autopilot import INT32, REBOOT
+from rebooting_autopilot import rebooting
 from served import LossyLink
 
+from arena.params.transfer.after_reboot import AfterRebootReader
+from arena.params.transfer.reader import ParamReader
 from arena.params.transfer.transfer import Rebooter, Transfer
+from arena.params.transfer.uid_check import UidCheck
+from arena.wire.mavlink_minimal import AUTOPILOT_VERSION, SYSTEM_TIME
 
-from .simulated_transfer import ME, holds, new_values, outcomes, reader, run, vehicle, writer
+from .simulated_transfer import (
+    ME,
+    holds,
+    lossy_link,
+    new_values,
+    outcomes,
+    reader,
+    run,
+    sixty_params,
+    vehicle,
+    writer,
+)
 
 # -- endings --------------------------------------------------------------------------------------------------------------------
 
@@ -142,3 +158,46 @@ def test_armed_vehicle_is_not_rebooted() -> None:
     autopilot, core = vehicle(armed=True), Rebooter(system=1, component=ME, now=0.0)
     run(core, autopilot, LossyLink())
     assert core.ending == "armed" and autopilot.rebooted == 0
+
+
+# -- after a reboot -------------------------------------------------------------------------------------------------------------
+
+
+def after_reboot(*names: str) -> AfterRebootReader:
+    return AfterRebootReader(system=1, component=ME, now=0.0, names=names, requested_at=0.5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_values_from_before_the_reboot_are_not_used(seed: int) -> None:
+    autopilot = rebooting(params=sixty_params(), reset={"P_03": (99, INT32)}, goes_at=1.5)
+    core, other = after_reboot("P_03", "P_05"), reader(["P_03"])
+
+    def request(now: float) -> None:
+        if now < 1.4:  # another program reads the value before the reboot
+            for frame in other.due(now):
+                link.send("up", frame, now)
+
+    link = lossy_link(seed)
+    run(core, autopilot, link, each=request)
+    assert core.ending == "done" and core.values["P_03"].value == 99 and core.values["P_05"].value == 5
+    assert not core.missing
+
+
+def test_only_a_push_requests_the_boot_time() -> None:
+    pushed, pulled = vehicle(), vehicle()
+    run(writer({"P_03": 9}, uid=UidCheck("")), pushed, LossyLink())
+    run(ParamReader(system=1, component=ME, now=0.0, names=["P_03"], uid=UidCheck("")), pulled, LossyLink())
+    requested = [{c.param1 for c in v.commands} for v in (pushed, pulled)]
+    assert requested == [{AUTOPILOT_VERSION, SYSTEM_TIME}, {AUTOPILOT_VERSION}]
+
+
+def test_vehicle_that_answers_without_a_reboot_is_not_read() -> None:
+    autopilot, core = rebooting(params=sixty_params()), after_reboot("P_03")
+    assert 5.0 <= run(core, autopilot, LossyLink()) < 6.0
+    assert core.ending == "not rebooted" and not core.values
+
+
+def test_rebooted_vehicle_without_system_time_is_read() -> None:
+    core = after_reboot("P_03")
+    assert 3.0 <= run(core, vehicle(), LossyLink()) < 4.0
+    assert core.ending == "done" and core.values["P_03"].value == 3

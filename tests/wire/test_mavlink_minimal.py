@@ -101,12 +101,20 @@ def test_a_text_of_pymavlink_is_parsed(severity, text):
     assert mav.parse_statustext(*received(message)) == (severity, text.rstrip("\t"))
 
 
+@given(st.integers(0, 255), st.integers(0, 255), st.integers(0, 255), st.integers(0, 255))
+def test_the_firmware_version_of_pymavlink_is_parsed(major, minor, patch, kind):
+    number, none = major << 24 | minor << 16 | patch << 8 | kind, [0] * 8
+    message = mavlink.MAVLink_autopilot_version_message(0, number, 0, 0, 0, none, none, none, 0, 0, 0)
+    assert mav.parse_firmware_version(*received(message)) == (major, minor, patch)
+
+
 @given(st.integers(0, 2**64 - 1), st.binary(min_size=18, max_size=18))
 def test_the_hardware_uid_of_pymavlink_is_parsed(uid, uid2):
     eight = [7] * 8
     message = mavlink.MAVLink_autopilot_version_message(1, 2, 3, 4, 5, eight, eight, eight, 6, 7, uid, uid2)
     found = mav.parse_hardware_uid(*received(message))
     assert found == (uid, uid2)
+    assert mav.parse_firmware_version(*received(message)) == (0, 0, 0)
     assert found.matches(f"{uid:016X}") is (uid != 0) and found.matches(uid2.hex()) is any(uid2)
     assert not found.matches("") and not found.matches("11" * 8 if uid != 0x1111111111111111 else "22" * 8)
     assert str(found) == (uid2.hex() if any(uid2) else f"{uid:016x}" if uid else "")

@@ -3,11 +3,14 @@
 request_window   repeats requests until they are answered; decides when a missing answer means "no such parameter"
 transfer         transfer with one vehicle: heartbeats, time-outs, reboot; base class of reader and writer
 reader           reads some parameters or the whole list
+after_reboot     waits until the vehicle has rebooted, then reads parameters
 writer           writes the parameters that differ and reads them back
 push_record      the file push.json, from which an interrupted push is resumed
+missing_reboots  the file missing_reboots.json, with the reboots that vehicles still need
 transports       connection to one vehicle: UDP socket or serial device
-session          transfers with many vehicles at the same time
+transfer_loop    loop that runs transfers with many vehicles at the same time
+session          pull, push and reboot, with many vehicles at the same time
 
-`transports` and `session` use sockets, devices and clocks, and `push_record` a file. The others are pure: they take received
-frames and the time, and return the frames to send.
+`transports`, `transfer_loop` and `session` use sockets, devices and clocks, `push_record` and `missing_reboots`
+files. The others are pure: they take received frames and the time, and return the frames to send.
 """

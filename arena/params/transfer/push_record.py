@@ -1,14 +1,14 @@
 """Record of a push (writing parameters to vehicles) in push.json, to resume the push after an interruption.
 
-It contains the wanted values, the old values, and the values written so far. The record is saved before the
-first value of a vehicle is written, and repeatedly during the push. A resumed push writes `wanted` again,
-except values that the vehicle already has. `before` keeps the values from before the first attempt.
+It contains the wanted values, the old values, the values written so far, and the values that were sent but not acknowledged.
+The record is saved before the first value of a vehicle is written, and repeatedly during the push. A resumed push writes
+`wanted` again, except values that the vehicle already has. `before` keeps the values from before the first attempt.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,22 +21,31 @@ _FORMAT = "arena params push 1"
 
 @dataclass(kw_only=True)
 class VehicleRecord:
-    """Values of one vehicle in the record of a parameter push: wanted, old and written values.
+    """Values of one vehicle in the record of a parameter push: wanted, old, written and unknown values.
 
     wanted: parameter -> value that the user wants.
     before: parameter -> old value, for parameters that differed.
     written: parameter -> value that the vehicle acknowledged.
+    unknown: parameter -> value that was sent, but which the vehicle may or may not have.
     ending: why the transfer ended; "" while it runs.
     at: address of the vehicle, as text.
     uid: hardware uid of the vehicle; "" before it is known, or if the vehicle sends none.
+    px4_version: PX4 version for which the values were generated; "" if the version of the vehicle does not matter.
     """
 
     wanted: dict[str, float]
     before: dict[str, float] = field(default_factory=dict)
     written: dict[str, float] = field(default_factory=dict)
+    unknown: dict[str, float] = field(default_factory=dict)
     ending: str = ""
     at: str = ""
     uid: str = ""
+    px4_version: str = ""
+
+    @property
+    def complete(self) -> bool:
+        """True if the push to this vehicle has ended and no value is unknown."""
+        return self.ending == "done" and not self.unknown
 
 
 class PushRecord:
@@ -50,20 +59,24 @@ class PushRecord:
 
     @classmethod
     def begin(
-        cls, path: Path, wanted: Mapping[str, Mapping[str, float]], at: Mapping[str, str] | None = None
+        cls,
+        path: Path,
+        wanted: Mapping[str, Mapping[str, float]],
+        at: Mapping[str, str] | None = None,
+        px4_versions: Mapping[str, str] | None = None,
     ) -> PushRecord:
         """Return the record of a new push. The first `save` writes its file.
 
         wanted: vehicle -> {parameter: value}.
         at: vehicle -> address, as text.
+        px4_versions: vehicle -> PX4 version for which its values were generated. Without an entry, every version is right.
         """
-        return cls(
-            path,
-            {
-                name: VehicleRecord(wanted=dict(values), at=(at or {}).get(name, ""))
-                for name, values in wanted.items()
-            },
-        )
+        at, versions = at or {}, px4_versions or {}
+        vehicles = {
+            name: VehicleRecord(wanted=dict(values), at=at.get(name, ""), px4_version=versions.get(name, ""))
+            for name, values in wanted.items()
+        }
+        return cls(path, vehicles)
 
     @classmethod
     def read(cls, path: Path) -> PushRecord:
@@ -83,13 +96,13 @@ class PushRecord:
 
     @property
     def unfinished(self) -> bool:
-        """True if at least one vehicle has received new values, but its push is not complete."""
-        return any(vehicle.written and vehicle.ending != "done" for vehicle in self.vehicles.values())
+        """True if at least one vehicle may have received new values, but its push is not complete."""
+        return any((v.written or v.unknown) and not v.complete for v in self.vehicles.values())
 
     @property
     def wanted(self) -> dict[str, dict[str, float]]:
         """Wanted parameters {name: value} of each vehicle whose push is not complete, to resume the push."""
-        return {name: dict(v.wanted) for name, v in self.vehicles.items() if v.ending != "done"}
+        return {name: dict(v.wanted) for name, v in self.vehicles.items() if not v.complete}
 
     def update(
         self,
@@ -98,19 +111,26 @@ class PushRecord:
         written: Mapping[str, float],
         ending: str,
         uid: str = "",
+        *,
+        unknown: Mapping[str, float] | None = None,
+        known: Collection[str] = (),
     ) -> bool:
         """Add new values of one vehicle to the record. Return whether the record has changed.
 
         before: old values. A value that is already in the record is kept.
+        unknown: values that were sent, but not acknowledged.
+        known: parameters whose value the vehicle has reported. They are not unknown any more.
         """
         old = self.vehicles[vehicle]
         new = VehicleRecord(
             wanted=old.wanted,
             before={**before, **old.before},
             written={**old.written, **written},
+            unknown={n: v for n, v in old.unknown.items() if n not in known} | dict(unknown or {}),
             ending=ending or old.ending,
             at=old.at,
             uid=old.uid or uid,
+            px4_version=old.px4_version,
         )
         self.vehicles[vehicle] = new
         return new != old
@@ -127,16 +147,19 @@ class PushRecord:
 
 
 def _parse(raw: Any) -> VehicleRecord:
-    wanted, before, written = (
-        {str(n): _number(n, v) for n, v in raw[what].items()} for what in ("wanted", "before", "written")
+    wanted, before, written, unknown = (
+        {str(n): _number(n, v) for n, v in values.items()}
+        for values in (raw["wanted"], raw["before"], raw["written"], raw.get("unknown", {}))
     )
     return VehicleRecord(
         wanted=wanted,
         before=before,
         written=written,
+        unknown=unknown,
         ending=str(raw["ending"]),
         at=str(raw.get("at", "")),
         uid=str(raw.get("uid", "")),
+        px4_version=str(raw.get("px4_version", "")),
     )
 
 

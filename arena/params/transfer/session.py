@@ -5,48 +5,30 @@ The thread polls all sockets and serial devices.
     pull(targets, names)        read parameters
     push(targets, wanted)       write parameters that differ
     reboot(targets)             reboot autopilots, so that new values take effect
+    read_after_reboot(targets)  find rebooted autopilots again and read parameters
 
 If a vehicle cannot be reached, only its own transfer ends. Ctrl-C ends all transfers; the results so far are returned.
 """
 
 from __future__ import annotations
 
-import select
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Generic, TypeVar
 
-from arena.errors import RunError
+from arena.params.transfer.after_reboot import AfterRebootReader
 from arena.params.transfer.push_record import PushRecord
 from arena.params.transfer.reader import ParamReader
-from arena.params.transfer.transfer import Ending, Outcome, ParamResult, Progress, Rebooter, Transfer
-from arena.params.transfer.transports import ParamTarget, ParamTransport, open_transport
+from arena.params.transfer.transfer import Ending, Outcome, ParamResult, Rebooter
+from arena.params.transfer.transfer_loop import Connection, OnProgress, Traffic, run
+from arena.params.transfer.transports import ParamTarget
 from arena.params.transfer.uid_check import UidCheck
 from arena.params.transfer.writer import ParamWriter
 from arena.wire.mavlink_ids import PARAMETER_TOOL
-from arena.wire.mavlink_params import VALUE, Value
+from arena.wire.mavlink_params import Value
 
-_POLL_PERIOD_S = 0.02
-_PROGRESS_PERIOD_S = 0.1
 _SAVE_PERIOD_S = 0.5  # between two saves of the record, if no old value could be lost
-
-OnProgress = Callable[[Mapping[str, Progress]], None]
-"""Callback that gets vehicle name -> progress, ten times per second and at the end."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Traffic:
-    """Duration and message counts of one parameter transfer.
-
-    seconds: duration of the transfer [s].
-    sent: number of frames sent.
-    received: number of PARAM_VALUE messages received, including answers to other programs.
-    """
-
-    seconds: float = 0.0
-    sent: int = 0
-    received: int = 0
+_REOPEN_PERIOD_S = 0.5  # between two attempts to find a rebooted vehicle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +41,8 @@ class PushReport:
         this push resumes.
     why: why the connection could not be opened, or why the vehicle is the wrong one; "" otherwise.
     uid: hardware uid of the vehicle; "" if it sends none.
+    booted_at: time at which the vehicle booted [s] (Unix time); None if it does not report it.
+    firmware: version of the vehicle's firmware, such as "1.16.0"; "" if it does not report it.
     """
 
     ending: Ending
@@ -67,6 +51,8 @@ class PushReport:
     why: str = ""
     traffic: Traffic = field(default_factory=Traffic)
     uid: str = ""
+    booted_at: float | None = None
+    firmware: str = ""
 
     @property
     def holds(self) -> bool:
@@ -114,7 +100,8 @@ def push(
     wanted: vehicle -> {parameter: value}.
     dry_run: only read and compare.
     record: record of these vehicles, which is saved during the push and deleted when all its vehicles are done. To resume an
-        interrupted push, pass its record, and `record.wanted` as `wanted`, or only some of its vehicles.
+        interrupted push, pass its record, and `record.wanted` as `wanted`, or only some of its vehicles. Nothing is written to a
+        vehicle with another PX4 version than its `px4_version` in the record.
     reboot_names: parameters that take effect only after a reboot.
     Raises OSError if the record cannot be saved. No value is sent before its old value is saved.
     """
@@ -126,15 +113,16 @@ def push(
             now=now,
             wanted=wanted[name],
             dry_run=dry_run,
+            px4_version=record.vehicles[name].px4_version if record is not None else "",
             uid=UidCheck(_expected_uid(name, targets[name], record)),
         )
 
     earlier = {
-        name: frozenset(record.vehicles[name].written) if record is not None else frozenset()
+        name: frozenset(record.vehicles[name].before) if record is not None else frozenset()
         for name in wanted
     }
     keeper = None if record is None or dry_run else _RecordKeeper(record)
-    connections = _run(
+    connections = run(
         {name: targets[name] for name in wanted}, make, on_progress, keeper.update if keeper else None
     )
     reports = {
@@ -166,7 +154,7 @@ def pull(
         )
 
     return {
-        name: _pull_report(connection) for name, connection in _run(targets, make, on_progress, None).items()
+        name: _pull_report(connection) for name, connection in run(targets, make, on_progress, None).items()
     }
 
 
@@ -181,8 +169,49 @@ def reboot(targets: Mapping[str, ParamTarget]) -> dict[str, str]:
         name: connection.why
         or connection.transfer.refusal
         or ("" if connection.transfer.ending == "done" else connection.transfer.ending)
-        for name, connection in _run(targets, make, None, None).items()
+        for name, connection in run(targets, make, None, None).items()
     }
+
+
+def read_after_reboot(
+    targets: Mapping[str, ParamTarget],
+    names: Mapping[str, Sequence[str]],
+    *,
+    requested_at: float,
+    limit_s: float,
+) -> dict[str, PullReport]:
+    """Find rebooted vehicles again and read parameters from them. Return {vehicle: result}.
+
+    The socket or device of a vehicle is opened again and again until the vehicle is found: a USB device disappears when the
+    autopilot reboots.
+
+    names: vehicle -> names of the parameters.
+    requested_at: monotonic time of the command to reboot [s].
+    limit_s: time after which a vehicle that was not found is given up [s].
+    """
+
+    def make(name: str, now: float) -> ParamReader:
+        return AfterRebootReader(
+            system=targets[name].system,
+            component=_component(targets[name]),
+            now=now,
+            names=names[name],
+            requested_at=requested_at,
+            uid=UidCheck(targets[name].uid),
+        )
+
+    reports: dict[str, PullReport] = {}
+    missing, deadline = dict(targets), time.monotonic() + limit_s
+    while missing:
+        found = {
+            name: _pull_report(connection) for name, connection in run(missing, make, None, None).items()
+        }
+        reports |= found
+        over = time.monotonic() >= deadline or any(r.ending == "interrupted" for r in found.values())
+        missing = {} if over else {n: t for n, t in missing.items() if found[n].ending != "done"}
+        if missing:
+            time.sleep(_REOPEN_PERIOD_S)
+    return reports
 
 
 def _component(target: ParamTarget) -> int:
@@ -190,9 +219,13 @@ def _component(target: ParamTarget) -> int:
 
 
 def _push_report(
-    connection: _Connection[ParamWriter], reboot_names: frozenset[str], earlier: frozenset[str]
+    connection: Connection[ParamWriter], reboot_names: frozenset[str], earlier: frozenset[str]
 ) -> PushReport:
-    """Return the result of a push to one vehicle. earlier: parameters that the resumed push has already written."""
+    """Return the result of a push to one vehicle.
+
+    earlier: parameters that differed when the resumed push began. If such a value is right now, that push has written it,
+        perhaps without an acknowledgement.
+    """
     results = connection.transfer.result
     needs = tuple(
         name
@@ -207,6 +240,8 @@ def _push_report(
         why=connection.why,
         traffic=connection.traffic,
         uid=connection.uid,
+        booted_at=connection.booted_at,
+        firmware=connection.transfer.firmware,
     )
 
 
@@ -219,7 +254,7 @@ def _expected_uid(name: str, target: ParamTarget, record: PushRecord | None) -> 
     return resumed or target.uid
 
 
-def _pull_report(connection: _Connection[ParamReader]) -> PullReport:
+def _pull_report(connection: Connection[ParamReader]) -> PullReport:
     transfer = connection.transfer
     return PullReport(
         ending=transfer.ending,
@@ -230,62 +265,11 @@ def _pull_report(connection: _Connection[ParamReader]) -> PullReport:
     )
 
 
-# -- the loop ------------------------------------------------------------------------------------------------------------------
-
-AnyTransfer = TypeVar("AnyTransfer", bound=Transfer)
-
-
-class _Connection(Generic[AnyTransfer]):
-    """Connection to one vehicle for a parameter transfer: open socket or device, or the error from opening it."""
-
-    def __init__(self, transfer: AnyTransfer, target: ParamTarget) -> None:
-        self.transfer, self._no_connection = transfer, ""
-        self.sent = self.received = 0
-        self.began = self.ended = time.monotonic()
-        self.transport: ParamTransport | None = None
-        try:
-            self.transport = open_transport(target)
-        except RunError as error:
-            self._no_connection = str(error)
-            transfer.ending = "no connection"
-
-    @property
-    def why(self) -> str:
-        """Text for the user about a failed connection or a wrong vehicle; "" if there is no such problem."""
-        return self._no_connection or (self.transfer.uid.problem if self.transfer.uid is not None else "")
-
-    @property
-    def uid(self) -> str:
-        return self.transfer.uid.found if self.transfer.uid is not None else ""
-
-    @property
-    def traffic(self) -> Traffic:
-        return Traffic(seconds=self.ended - self.began, sent=self.sent, received=self.received)
-
-    def read(self) -> None:
-        for data, frames in self.transport.read() if self.transport else ():
-            for frame in frames:
-                self.received += frame.msgid == VALUE
-                self.transfer.receive(data, frame, time.monotonic())
-
-    def send(self, frames: Sequence[bytes]) -> None:
-        if self.transport is not None:
-            self.sent += len(frames)
-            for frame in frames:
-                self.transport.send(frame)
-        if not self.transfer.done:
-            self.ended = time.monotonic()
-
-    def close(self) -> None:
-        if self.transport is not None:
-            self.transport.close()
-
-
 class _RecordKeeper:
     """Writer that saves the record of a push to its file while the push runs.
 
-    It saves immediately after old values were read, because they may be needed to undo the push.
-    Otherwise it saves at most twice per second.
+    It saves immediately after old values were read, because they may be needed to undo the push, and before the first value is
+    sent, because the push must be resumed from then on. Otherwise it saves at most twice per second.
     """
 
     def __init__(self, record: PushRecord) -> None:
@@ -293,80 +277,22 @@ class _RecordKeeper:
         self._next = 0.0
         record.save()
 
-    def update(self, connections: Mapping[str, _Connection[ParamWriter]], *, always: bool = False) -> None:
+    def update(self, connections: Mapping[str, Connection[ParamWriter]], *, always: bool = False) -> None:
         now, urgent, changed = time.monotonic(), always, False
         for name, connection in connections.items():
-            known = len(self.record.vehicles[name].before)
+            old = self.record.vehicles[name]
             changed |= self.record.update(
                 name,
                 connection.transfer.before,
                 connection.transfer.written,
                 connection.transfer.ending,
                 connection.uid,
+                unknown=connection.transfer.unknown,
+                known=connection.transfer.known,
             )
-            urgent |= len(self.record.vehicles[name].before) > known
+            new = self.record.vehicles[name]
+            urgent |= len(new.before) > len(old.before)
+            urgent |= bool(new.unknown) and not (old.written or old.unknown)
         if urgent or (changed and now >= self._next):
             self._next = now + _SAVE_PERIOD_S
             self.record.save()
-
-
-BeforeSend = Callable[[Mapping[str, _Connection[AnyTransfer]]], None]
-
-
-def _run(
-    targets: Mapping[str, ParamTarget],
-    make: Callable[[str, float], AnyTransfer],
-    on_progress: OnProgress | None,
-    before_send: BeforeSend[AnyTransfer] | None,
-) -> dict[str, _Connection[AnyTransfer]]:
-    """Run the parameter transfers of several vehicles until all of them have ended.
-
-    make: function (vehicle name, monotonic time [s]) that returns the transfer of a vehicle.
-    before_send: callback that is called each time before frames are sent.
-    """
-    now = time.monotonic()
-    connections = {name: _Connection(make(name, now), target) for name, target in targets.items()}
-    try:
-        _loop(connections, on_progress or (lambda _: None), before_send or (lambda _: None))
-    except KeyboardInterrupt:
-        for connection in connections.values():
-            connection.transfer.stop()
-    finally:
-        for connection in connections.values():
-            connection.close()
-    return connections
-
-
-def _loop(
-    connections: Mapping[str, _Connection[AnyTransfer]],
-    on_progress: OnProgress,
-    before_send: BeforeSend[AnyTransfer],
-) -> None:
-    poll = select.poll()
-    owners = {
-        connection.transport.fileno(): connection
-        for connection in connections.values()
-        if connection.transport is not None
-    }
-    for fd in owners:
-        poll.register(fd, select.POLLIN)
-    next_progress = 0.0
-    while True:
-        frames = [
-            (connection, connection.transfer.due(time.monotonic())) for connection in connections.values()
-        ]
-        before_send(connections)
-        for connection, due in frames:
-            connection.send(due)
-        over = all(connection.transfer.done for connection in connections.values())
-        if over or time.monotonic() >= next_progress:
-            next_progress = time.monotonic() + _PROGRESS_PERIOD_S
-            on_progress({name: connection.transfer.progress for name, connection in connections.items()})
-        if over:
-            return
-        for fd, event in poll.poll(_POLL_PERIOD_S * 1e3):
-            owners[fd].read()
-            if (
-                event & select.POLLHUP
-            ):  # the device was unplugged; the time-out of the vehicle will end the transfer
-                poll.unregister(fd)

@@ -15,7 +15,14 @@ from arena.params.transfer.uid_check import UidCheck
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, byte_at, uint_at
 from arena.wire.mavlink_ids import PARAMETER_TOOL
-from arena.wire.mavlink_minimal import AUTOPILOT_VERSION, parse_hardware_uid, result_words
+from arena.wire.mavlink_minimal import (
+    AUTOPILOT_VERSION,
+    SYSTEM_TIME,
+    parse_boot_ms,
+    parse_firmware_version,
+    parse_hardware_uid,
+    result_words,
+)
 from arena.wire.mavlink_params import (
     ERROR,
     REBOOT,
@@ -25,6 +32,7 @@ from arena.wire.mavlink_params import (
     parse_error,
     parse_value,
     reboot,
+    request_boot_time,
     request_read,
     request_uid,
 )
@@ -37,7 +45,17 @@ _ARMED_BIT, _BASE_MODE_OFFSET = 128, 6
 _REBOOT_TIMEOUT_S = 2.5
 PROBE = 0  # index of a parameter that every vehicle has
 
-Ending = Literal["", "done", "armed", "no connection", "connection lost", "interrupted", "wrong vehicle"]
+Ending = Literal[
+    "",
+    "done",
+    "armed",
+    "no connection",
+    "connection lost",
+    "interrupted",
+    "wrong vehicle",
+    "wrong version",
+    "not rebooted",
+]
 """Why a transfer ended; "" while it runs."""
 Outcome = Literal["same", "written", "refused", "unknown", "unanswered", "differs", "unread"]
 
@@ -88,12 +106,19 @@ class Transfer:
     component: MAVLink component id of this program.
     now: monotonic time [s].
     uid: check of the vehicle's hardware uid, which must pass before the first request; None: not checked.
+    booted_at: monotonic time at which the vehicle booted [s], from SYSTEM_TIME; None before the first SYSTEM_TIME.
+    firmware: version of the vehicle's firmware, such as "1.16.0", from AUTOPILOT_VERSION; "" if it is not reported.
+    requests_boot_time: SYSTEM_TIME is requested together with the uid.
     """
+
+    requests_boot_time = False
 
     def __init__(self, *, system: int, component: int, now: float, uid: UidCheck | None = None) -> None:
         self.system, self.uid = system, uid
         self.ending: Ending = ""
         self.armed: bool | None = None
+        self.booted_at: float | None = None
+        self.firmware = ""
         self._codec = Codec(PARAMETER_TOOL.system, component)
         self._component = component
         self._began = self._next_heartbeat = now
@@ -123,7 +148,7 @@ class Transfer:
             self._next_heartbeat = now + _HEARTBEAT_PERIOD_S
             frames.append(self._codec.onboard_heartbeat())
         if self._received_at is not None and self.uid is not None and not self.uid.passed:
-            frames += [self._codec.frame(*request_uid(self.system))] if self.uid.is_due(now) else []
+            frames += [self._codec.frame(*message) for message in self._identity_requests(self.uid, now)]
         elif self._received_at is not None:
             frames += [self._codec.frame(*message) for message in (*self._requests(now), *self._probe(now))]
         return frames
@@ -138,9 +163,11 @@ class Transfer:
             return
         self._received_at = now
         if frame.msgid == AUTOPILOT_VERSION:
-            self._on_uid(data, frame)
+            self._on_version(data, frame)
         elif self.uid is not None and not self.uid.passed and frame.msgid == VALUE:
             return  # perhaps of another vehicle
+        if frame.msgid == SYSTEM_TIME:
+            self.booted_at = now - parse_boot_ms(data, frame) * 1e-3
         if frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             self._heartbeat_at = now
             self.armed = bool(byte_at(data, frame, _BASE_MODE_OFFSET) & _ARMED_BIT)
@@ -156,7 +183,17 @@ class Transfer:
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
             self._on_ack(data, frame)
 
-    def _on_uid(self, data: Buffer, frame: Frame) -> None:
+    def _identity_requests(self, uid: UidCheck, now: float) -> Iterable[Message]:
+        """Return the requests for the hardware uid and the boot time, if they are due."""
+        if not uid.is_due(now):
+            return []
+        boot_time = [request_boot_time(self.system)] if self.requests_boot_time else []
+        return [request_uid(self.system), *boot_time]
+
+    def _on_version(self, data: Buffer, frame: Frame) -> None:
+        """Process an AUTOPILOT_VERSION: hardware uid and version of the firmware."""
+        version = parse_firmware_version(data, frame)
+        self.firmware = ".".join(map(str, version)) if any(version) else ""
         if self.uid is not None:
             self.uid.receive(parse_hardware_uid(data, frame))
             self._check_uid()

@@ -92,7 +92,11 @@ class ParamWriter(Transfer):
 
     wanted: parameter -> value.
     dry_run: only read and compare; the vehicle may then be armed.
+    px4_version: PX4 version for which the values were generated. If the firmware of the vehicle has another major or minor
+        number, nothing is read or written. "": any version.
     """
+
+    requests_boot_time = True
 
     def __init__(
         self,
@@ -102,11 +106,12 @@ class ParamWriter(Transfer):
         now: float,
         wanted: Mapping[str, float],
         dry_run: bool = False,
+        px4_version: str = "",
         uid: UidCheck | None = None,
     ) -> None:
         super().__init__(system=system, component=component, now=now, uid=uid)
         self._params = {name: _ParamWrite(given=value, wanted=value) for name, value in wanted.items()}
-        self._dry_run = dry_run
+        self._dry_run, self._px4_version = dry_run, px4_version
         self._link = LinkEstimate()
         self._acknowledged = 0
         self._phase: Phase = "reading"
@@ -138,6 +143,29 @@ class ParamWriter(Transfer):
         }
 
     @property
+    def unknown(self) -> dict[str, float]:
+        """Return {parameter: new value} of the values that were sent, and which the vehicle may or may not have.
+
+        The vehicle has not acknowledged them, or has not answered when they were read back.
+        """
+        return {
+            n: p.wanted
+            for n, p in self._params.items()
+            if (p.step == "sent" and not p.outcome)
+            or (p.step in ("sent", "acknowledged") and p.outcome == "unanswered")
+        }
+
+    @property
+    def known(self) -> frozenset[str]:
+        """Return the parameters whose present value was read since the last attempt to write them."""
+        return frozenset(
+            n
+            for n, p in self._params.items()
+            if p.outcome in ("same", "written", "refused", "unknown")
+            or (not p.outcome and p.step in ("differs", "acknowledged"))
+        )
+
+    @property
     def progress(self) -> Progress:
         """Progress of the push. Each parameter has three steps: read, write, read back."""
         closed = [
@@ -150,6 +178,8 @@ class ParamWriter(Transfer):
 
     def _update(self, now: float) -> None:
         super()._update(now)
+        if self.firmware and self._px4_version and not same_table(self.firmware, self._px4_version):
+            self.ending = self.ending or "wrong version"
         if self.armed and not self._dry_run:
             self.ending = self.ending or "armed"
 
@@ -278,3 +308,8 @@ class ParamWriter(Transfer):
 
     def _new_window(self, names: Iterable[str]) -> RequestWindow[str | int]:
         return RequestWindow(names, self._link, PROBE)
+
+
+def same_table(a: str, b: str) -> bool:
+    """Return whether two PX4 versions have the same major and minor number, and so the same parameters."""
+    return a.split(".")[:2] == b.split(".")[:2]

@@ -1,0 +1,217 @@
+"""Reboot of vehicles after `arena params push`, the check that they have kept their values, and reboots that are missing."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from arena.cli._params import writable
+from arena.cli._params_output import ending_text
+
+if TYPE_CHECKING:
+    from arena.params.transfer.missing_reboots import MissingReboot
+    from arena.params.transfer.session import PullReport, PushReport
+    from arena.params.transfer.transfer import ParamResult
+    from arena.params.transfer.transports import ParamTarget
+
+SAVE_S = 2.5
+"""Time in which PX4 saves written parameters: a delay of 0.3 s, and at most one save per 2 s [s]."""
+REBOOT_BEGINS_S = 2.0
+"""Time after which PX4 has obeyed the command to reboot, and its USB device has disappeared [s]."""
+RETURN_LIMIT_S = 60.0
+"""Time in which a rebooted vehicle must be found again [s]."""
+
+
+class RebootsOfPush:
+    """Missing reboots of the vehicles of one push: those of this push, and those of earlier pushes.
+
+    folder: folder of the YAML, in which the missing reboots are kept.
+    addresses: vehicle -> address as text, for the vehicles with a real autopilot. A simulated autopilot starts with the
+        right values and does not boot again.
+    Raises InputError if the file of the missing reboots is wrong.
+    """
+
+    def __init__(self, folder: Path, addresses: Mapping[str, str]) -> None:
+        from arena.params.transfer.missing_reboots import MissingReboots
+
+        self._missing, self._addresses = MissingReboots.read(folder), addresses
+        self._keys: dict[str, str] = {}
+
+    @property
+    def real(self) -> Collection[str]:
+        """Names of the vehicles with a real autopilot."""
+        return self._addresses
+
+    def after_push(
+        self, reports: Mapping[str, PushReport], *, dry_run: bool = False
+    ) -> dict[str, PushReport]:
+        """Add the missing reboots of earlier pushes to the reports. Print and save the missing reboots.
+
+        A missing reboot ends if the vehicle has booted since. dry_run: the file is not changed.
+        """
+        from arena.params.transfer.missing_reboots import autopilot_key
+
+        found = dict(reports)
+        for name in self._addresses:
+            report = reports[name]
+            if report.ending in ("no connection", "wrong vehicle"):
+                continue
+            key = self._keys[name] = autopilot_key(report.uid, self._addresses[name])
+            effective = self._missing.remove_if_booted(key, report.booted_at)
+            needed = [
+                n for n in report.needs_reboot if n not in effective or report.results[n].outcome != "same"
+            ]
+            earlier = self._missing.autopilots.get(key)
+            if earlier is not None:
+                print(_earlier_text(name, earlier, report, self._missing.path))
+            if needed:
+                self._missing.add(key, name, needed, time.time())
+            missing = self._missing.autopilots.get(key)
+            found[name] = replace(report, needs_reboot=missing.parameters if missing is not None else ())
+        if not dry_run:
+            self._save()
+        return found
+
+    def on_rebooted(self, vehicle: str) -> None:
+        """Remove the missing reboot of a vehicle that has rebooted."""
+        self._missing.remove(self._keys[vehicle])
+        self._save()
+
+    def _save(self) -> None:
+        with writable(self._missing.path):
+            self._missing.save()
+
+
+def _earlier_text(name: str, earlier: MissingReboot, report: PushReport, file: Path) -> str:
+    """Return the line about the missing reboot of an earlier push."""
+    when = datetime.fromtimestamp(earlier.written_at).strftime("%Y-%m-%d %H:%M")
+    written = f"{name} still needs a reboot: a push has written {', '.join(earlier.parameters)} on {when}"
+    if report.booted_at is not None:
+        return f"{written}, and the autopilot has not booted since"
+    return f"{written}, and the autopilot does not report when it booted. If it has rebooted since, delete {file}"
+
+
+def reboot_vehicles(
+    targets: Mapping[str, ParamTarget],
+    reports: Mapping[str, PushReport],
+    reboots: RebootsOfPush,
+    *,
+    without_asking: bool,
+) -> bool:
+    """Reboot the autopilots whose new values need a reboot; on a terminal, ask the user first.
+
+    It waits until PX4 has saved the values. After the reboot it reads the values of real autopilots again.
+
+    reboots: missing reboots of these vehicles, from which a vehicle that has rebooted is removed.
+    Return False if an autopilot still needs a reboot (it refuses, or the user did not agree), was not found again, or has lost
+    a value.
+    """
+    wanted = {
+        name: replace(targets[name], uid=report.uid or targets[name].uid)
+        for name, report in reports.items()
+        if report.needs_reboot and report.ending == "done"
+    }
+    question = f"reboot {', '.join(wanted)}, so that the new values take effect?"
+    if not wanted:
+        return True
+    if not (without_asking or (sys.stdin.isatty() and typer.confirm(question))):
+        for name in wanted:
+            print(
+                f"{name} needs a reboot before the new values take effect: {', '.join(reports[name].needs_reboot)}. "
+                "Reboot it now. (A push with --reboot reboots it at the end)"
+            )
+        return False
+    from arena.params.transfer.session import reboot as reboot_now
+
+    time.sleep(SAVE_S)
+    requested_at = time.monotonic()
+    refusals = reboot_now(wanted)
+    for name, refusal in refusals.items():
+        if refusal:
+            print(f"{name}: the autopilot did not reboot: {refusal}")
+        else:
+            print(f"{name}: rebooting", flush=True)
+    rebooting = {name: wanted[name] for name in reboots.real if refusals.get(name) == ""}
+    kept = _have_kept_values(rebooting, reports, requested_at, reboots)
+    return kept and not any(refusals.values())
+
+
+def _have_kept_values(
+    targets: Mapping[str, ParamTarget],
+    reports: Mapping[str, PushReport],
+    requested_at: float,
+    reboots: RebootsOfPush,
+) -> bool:
+    """Find the rebooted vehicles again, and read the values that they had before the reboot. Print the result.
+
+    requested_at: monotonic time of the command to reboot [s].
+    Return whether every vehicle was found again and has kept all values.
+    """
+    if not targets:
+        return True
+    from arena.params.transfer.session import read_after_reboot
+
+    held = {name: _held(reports[name]) for name in targets}
+    time.sleep(REBOOT_BEGINS_S)
+    found = read_after_reboot(
+        targets,
+        {name: list(values) for name, values in held.items()},
+        requested_at=requested_at,
+        limit_s=RETURN_LIMIT_S,
+    )
+    problems = {name: list(_problems(name, held[name], report)) for name, report in found.items()}
+    for name, lines in problems.items():
+        if found[name].ending == "done":
+            reboots.on_rebooted(name)
+        all_kept = f"{name}: has rebooted, and has kept all {len(held[name])} values"
+        print("\n".join(lines) or all_kept)
+    return not any(problems.values())
+
+
+def _held(report: PushReport) -> dict[str, ParamResult]:
+    """Return the parameters that had their wanted values at the end of the push."""
+    return {name: result for name, result in report.results.items() if result.outcome in ("same", "written")}
+
+
+def _not_found_text(after: PullReport) -> str:
+    """Return why the values of a vehicle are unknown after the command to reboot."""
+    if after.ending == "interrupted":
+        return "the wait for the reboot was interrupted, so its values were not read again"
+    if after.ending == "not rebooted":
+        return f"has accepted the reboot, but has not rebooted within {RETURN_LIMIT_S:g} s"
+    why = ending_text(after.ending, after.why)
+    return f"not found again within {RETURN_LIMIT_S:g} s after the reboot, so its values were not read again ({why})"
+
+
+def _problems(vehicle: str, held: Mapping[str, ParamResult], after: PullReport) -> Iterator[str]:
+    """Yield one line per value that a rebooted vehicle has lost, or one line if it was not found again.
+
+    held: parameter -> its result at the end of the push.
+    after: what was read after the reboot.
+    """
+    from arena.wire.mavlink_params import alike
+
+    if after.ending != "done":
+        yield f"{vehicle}: {_not_found_text(after)}. Look at the vehicle and its connection, then run the same push again"
+        return
+    lost = 0
+    for name, result in held.items():
+        value, lacking = after.values.get(name), after.missing.get(name)
+        if value is not None and alike(value.value, result.wanted, value.kind):
+            continue
+        lost += 1
+        has = "sent no reply for it" if lacking == "unanswered" else "has no such parameter"
+        has = has if value is None else f"has {value.value:g}"
+        yield f"{vehicle}: {name}: after the reboot the vehicle {has}, wanted {result.wanted:g}"
+    if lost:
+        yield (
+            f"{vehicle}: has lost {lost} of {len(held)} values in the reboot: it had not saved them, or its startup has "
+            "changed them (airframe, SYS_AUTOCONFIG, extras.txt). Run the same push again"
+        )

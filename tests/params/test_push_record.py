@@ -1,0 +1,93 @@
+"""Tests of the record of a push: values that were sent, but not acknowledged."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake_autopilot import FakeAutopilot
+
+from arena.params.transfer.push_record import PushRecord
+from arena.params.transfer.session import push
+
+from .simulated_transfer import sixty_params
+from .vehicle_server import serve
+
+
+class Unacknowledging(FakeAutopilot):
+    """An autopilot that receives values of one parameter, but does not answer about it any more.
+
+    silent: name of the parameter; "" after the fault
+    obeys: it uses the value
+    dies: it sends nothing more
+    """
+
+    silent, obeys, dies = "P_03", True, False
+
+    def _answer_param(self, m: Any) -> list[bytes]:
+        name = getattr(m, "param_id", "")
+        if name != self.silent or (m.get_type() != "PARAM_SET" and name not in self.written_names):
+            return super()._answer_param(m)
+        before = self.params[name]
+        super()._answer_param(m)
+        if not self.obeys:
+            self.params[name] = before
+        self.alive = not self.dies
+        return []
+
+    def recover(self) -> None:
+        self.silent, self.alive = "", True
+
+
+def unacknowledging(*, obeys: bool, dies: bool) -> Unacknowledging:
+    autopilot = Unacknowledging(params=sixty_params(), telemetry=("HEARTBEAT",), period_s=0.1)
+    autopilot.obeys, autopilot.dies = obeys, dies
+    return autopilot
+
+
+@pytest.mark.parametrize("dies", [True, False], ids=["connection lost", "done"])
+@pytest.mark.parametrize("obeys", [True, False])
+def test_value_without_acknowledgement_is_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, obeys: bool, dies: bool
+) -> None:
+    monkeypatch.setattr("arena.params.transfer.transfer.VEHICLE_TIMEOUT_S", 1.0)
+    autopilot, file = unacknowledging(obeys=obeys, dies=dies), tmp_path / "push.json"
+    wanted, reboot_names = {"uav1": {"P_03": 9.0}}, frozenset({"P_03"})
+    with serve([autopilot]) as targets:
+        report = push(targets, wanted, record=PushRecord.begin(file, wanted), reboot_names=reboot_names)[
+            "uav1"
+        ]
+        assert report.ending == ("connection lost" if dies else "done")
+        assert report.with_outcome("unanswered") == ["P_03"]
+        left = PushRecord.read(file)
+        assert left.unfinished and left.wanted == wanted
+        assert left.vehicles["uav1"].unknown == {"P_03": 9.0} and left.vehicles["uav1"].written == {}
+        autopilot.recover()
+        report = push(targets, left.wanted, record=left, reboot_names=reboot_names)["uav1"]
+    assert report.holds and autopilot.params["P_03"][0] == 9 and report.needs_reboot == ("P_03",)
+    assert report.with_outcome("written") == ([] if obeys else ["P_03"])
+    assert not file.exists()
+
+
+def test_unknown_values_are_kept_until_the_vehicle_reports_them(tmp_path: Path) -> None:
+    record = PushRecord.begin(tmp_path / "push.json", {"a": {"X": 2.0, "Y": 2.0}})
+    record.update("a", {"X": 1.0, "Y": 1.0}, {}, "connection lost", unknown={"X": 2.0, "Y": 2.0})
+    record.save()
+    again = PushRecord.read(record.path)
+    assert again.unfinished and again.vehicles["a"].unknown == {"X": 2.0, "Y": 2.0}
+    again.update("a", {}, {}, "done", known={"X"})
+    assert again.unfinished and again.vehicles["a"].unknown == {"Y": 2.0}
+    again.update("a", {}, {"Y": 2.0}, "done", known={"X", "Y"})
+    assert not again.unfinished and not again.wanted
+
+
+def test_record_of_an_earlier_version_is_read(tmp_path: Path) -> None:
+    record = PushRecord.begin(tmp_path / "push.json", {"a": {"X": 2.0}})
+    record.update("a", {"X": 1.0}, {"X": 2.0}, "interrupted")
+    record.save()
+    raw = json.loads(record.path.read_text())
+    del raw["vehicles"]["a"]["unknown"]
+    record.path.write_text(json.dumps(raw))
+    assert PushRecord.read(record.path).vehicles == record.vehicles
