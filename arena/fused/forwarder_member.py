@@ -18,7 +18,7 @@ simulation that is slower than real time."""
 class ForwarderMember:
     """Pose forwarder of one vehicle, as a part of the fused arena instead of a process of its own.
 
-    capture: motion-capture client of all forwarders.  The caller selects the poses in its frames, and passes them to `send_pose`.
+    capture: motion-capture client of all forwarders. The caller selects one pose per vehicle with `newest_poses`, and calls `send_pose`.
     vehicle: index in the world.  inbox: list that receives the datagrams for its autopilot; None: PX4, whose link is a socket.
     ready_limit_s: longest wall time until the forwarder of a PX4 is ready [s].
     selection: selects the poses to forward.  has_socket: the link to the autopilot is a socket.
@@ -47,11 +47,14 @@ class ForwarderMember:
             self._link.waiting.append(data)
 
     def send_pose(self, pose: Pose, now: float) -> None:
-        """Send a pose of the vehicle that `selection` has selected. now: simulation time [s]."""
+        """Send a pose to the autopilot.
+
+        pose: from `selection`.  now: simulation time [s].
+        """
         self._shell.send_pose(pose, now)
 
     def step(self, now: float, due: bool) -> None:
-        """Read the autopilot's messages that have arrived.
+        """Read the waiting messages of the autopilot, and do the periodic work if it is due.
 
         now: simulation time [s].  due: also send the messages that do not depend on poses, and report to the supervisor.
         """

@@ -103,7 +103,7 @@ class Members:
         self._router.record_in(self._recorder.link, None if self._sensors is None else self._sensors.on_copy)
         mocap = self._contexts["mocap"]
         self._clock, self._joined = clock, 0
-        self._served: list[ForwarderMember] = []  # those that have messages to read in this step
+        self._served: list[ForwarderMember] = []  # with messages to read in this step
         self._all_forwarders = list(self._forwarders.values())
         self._selections = [forwarder.selection for forwarder in self._all_forwarders]
         self._with_sockets = [forwarder for forwarder in self._all_forwarders if forwarder.has_socket]
@@ -185,7 +185,7 @@ class Members:
         self._recorder.step(now, references=has_data(fds.references))
 
     def _forward(self, frames: Sequence[CapturedFrame], now: float) -> None:
-        """Forward the poses in the frames of this step, and read the messages of the autopilots to their forwarders.
+        """Send the newest pose of each vehicle, then read the messages that autopilots have sent to their pose forwarders.
 
         frames: oldest first.  now: simulation time [s].
         """

@@ -56,7 +56,7 @@ class RecorderLink:
 
     listen: address of the socket.  sockets: addresses of the router's sockets, in their order.
     vehicles: as for `CopySenders`.
-    copies: datagrams that the router has copied.
+    copies: (vehicle, up, data) of the datagrams that the router has copied since the last call of `receive`.
     """
 
     def __init__(
@@ -64,15 +64,15 @@ class RecorderLink:
     ) -> None:
         self._copies = RouterCopies(listen, vehicles)
         self._owners = [self._copies.senders.owner(at) for at in sockets]
-        self.copies: list[Datagram] = []
+        self.copies: list[tuple[str, bool, bytes]] = []
 
-    def add(self, socket: int, data: bytes, now: float) -> None:
+    def add(self, socket: int, data: bytes) -> None:
         """Store a copy of a routed datagram for the recorder.
 
-        socket: index of the router's socket from which it is sent.  now: time of the router's clock [s].
+        socket: index of the router's socket from which it is sent.
         """
         if (owner := self._owners[socket]) is not None:
-            self.copies.append((*owner, data, now))
+            self.copies.append((*owner, data))
 
     def owner(self, socket: int) -> tuple[str, bool] | None:
         """Return (vehicle, up) of the datagrams that are sent from a socket of the router; None if they are not recorded."""
@@ -85,9 +85,9 @@ class RecorderLink:
     def receive(self, now: float, *, references: bool = True) -> list[Datagram]:
         """Return the datagrams to record: those that the router has copied, then the references.
 
-        now: time of the references [s].  references: read the socket, too
+        now: time of reception [s].  references: read the socket, too
         """
-        waiting = self.copies[:]
+        waiting = [(vehicle, up, data, now) for vehicle, up, data in self.copies]
         self.copies.clear()
         if references:
             waiting += [(vehicle, up, data, now) for vehicle, up, data, _ in self._copies.receive()]

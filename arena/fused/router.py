@@ -29,7 +29,7 @@ from arena.transport import Address, listen_udp
 from arena.wire.mavlink_frame import Buffer
 
 Place = tuple[int, Address]
-"""Index of the router's socket to send from, and the address to send to."""
+"""(index of the router's socket that sends, address of the receiver)."""
 _TICK_S, _SECOND_S = 0.25, 1.0
 _MAX_DATAGRAMS = 2000  # read from one socket in one step: a flood must not stop the world
 _MAX_PATHS = 1024  # sets of receivers that are kept
@@ -41,7 +41,7 @@ class _Paths(NamedTuple):
     destinations: all receivers. While the tuple is kept here, no other object has its `id`.
     closed: the closed ports for which this was computed.
     links: (index of the vehicle, name of the link) of built-in autopilots.  records: sockets from which the recorder gets a copy.
-    places: all other receivers, each with its place in the store of held telemetry; None for a receiver that is no program.
+    places: (socket, address) of each other receiver with an open port, and its `ProgramPlace`; None if it is not a program that sleeps.
     places: receivers with open sockets.
     """
 
@@ -120,15 +120,20 @@ class FusedRouter:
         named = {(serve[v], ports[v]): client for v, client in programs.items() if v in ports}
         self.held = HeldTelemetry(named, asleep, self._send_to_socket, MAX_DATAGRAM_BYTES)
         self._paths.clear()
+        self._open_delivery()
 
     def record_in(self, link: RecorderLink, on_copy: Callable[[int, bytes], None] | None = None) -> None:
-        """Give copies of all datagrams to the recorder.
+        """Send copies of all routed datagrams to the recorder.
 
-        Call `hold_for_sleepers` before, if telemetry is to be held.
-        on_copy: function that also gets each copy, with the index of the socket from which it is sent.
+        on_copy: function that also gets each copy, with the index of the socket from which it is sent. With it, telemetry is not
+            delivered in compiled code.
         """
         self._record_link, self._on_copy = link, on_copy
-        if not self._router.use_shortcut or on_copy is not None:
+        self._open_delivery()
+
+    def _open_delivery(self) -> None:
+        link = self._record_link
+        if not self._router.use_shortcut or link is None or self._on_copy is not None:
             return
         vehicles = range(len(self._router.table.vehicles))
         self._delivery = TelemetryDelivery(
@@ -153,8 +158,7 @@ class FusedRouter:
     def deliver(self, messages: list[tuple[int, str, bytes]], begin: int, now: float) -> int:
         """Deliver the ordinary telemetry of the autopilots in this process, in compiled code.
 
-        Return the index of the first message that is not ordinary; the number of messages if there is none. The caller passes that
-        message to `from_vehicle` or to another link, and calls again.
+        Return the index of the first message that the caller must route, or `len(messages)`. After routing it, the caller calls again.
         messages: (vehicle, name of the link, datagram) of each.  begin: index of the first message to deliver.
         """
         if self._delivery is None or self._impaired.active:
@@ -247,14 +251,14 @@ class FusedRouter:
                 for vehicle, link in paths.links:
                     self._inbox.append((vehicle, link, copy))
                 for key in paths.records:
-                    self._record(key, copy, now)
+                    self._record(key, copy)
             for place, program in paths.places:
                 if program is None or not self.held.hold(program, data, now, join):
                     self._send_to_socket(place[0], data, place[1])
 
-    def _record(self, key: int, data: bytes, now: float) -> None:
+    def _record(self, key: int, data: bytes) -> None:
         if self._record_link is not None:
-            self._record_link.add(key, data, now)
+            self._record_link.add(key, data)
         if self._on_copy is not None:
             self._on_copy(key, data)
 

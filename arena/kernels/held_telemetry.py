@@ -21,7 +21,7 @@ _MAX_HELD_S = MAX_HELD_S  # the same number with a C type, see the .pxd file
 
 
 class ProgramPlace:
-    """Place of a program's socket, and the telemetry that is held for it.
+    """Address of one program, and the telemetry that waits for it.
 
     socket, address: index of the router's socket to send from, and the address to send to
     program: name of the program as a client of the simulation clock
@@ -55,9 +55,7 @@ class HeldTelemetry:
         for (socket, to), name in programs.items():
             place = self._places[socket, to] = ProgramPlace(socket, to, name)
             self._of_program.setdefault(name, []).append(place)
-        self._waiting: list[
-            ProgramPlace
-        ] = []  # places with held telemetry, in the order of their oldest datagram
+        self._waiting: list[ProgramPlace] = []  # with held telemetry, sorted by their oldest datagram
         self._since = 0.0  # time of the oldest held datagram [s]
 
     def place(self, socket: int, to: Address) -> ProgramPlace | None:
@@ -67,7 +65,7 @@ class HeldTelemetry:
     def hold(self, place: ProgramPlace, data: Buffer, now: float, join: bool) -> bool:
         """Hold a datagram if its receiver sleeps. Return whether it is held.
 
-        If it is not held, the caller must send it. All that was held for this place has been sent then, so the order is kept.
+        If False, the caller must send the datagram. `hold` has then sent the older datagrams of this place, so the order is kept.
         now: simulation time [s].  join: the datagram may be joined with others
         """
         held, size = place.held, len(data)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from arena.kernels.viewer_meters import nanoseconds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     Datagram = tuple[str, bool, bytes, float]
     Log = Callable[[bytes, int], None]
@@ -87,11 +87,11 @@ class MessageChannel:
         self._buffer.add(self.number, self.count, data, log_time)
 
 
-def log_datagrams(datagrams: Sequence[Datagram], down: Mapping[str, Log], up: Mapping[str, Log]) -> None:
+def log_datagrams(datagrams: list[Datagram], down: Mapping[str, Log], up: Mapping[str, Log]) -> None:
     """Log datagrams unchanged.
 
     datagrams: (vehicle, up, data, time of reception [s]) of each.
-    down, up: function that logs a datagram from a vehicle, or to a vehicle, at a log time [ns], by the vehicle's name.
+    down, up: vehicle name -> function (data, log time [ns]) that logs a datagram from the vehicle, or to it.
     """
     for vehicle, is_up, data, time_s in datagrams:
         log = up[vehicle] if is_up else down[vehicle]

@@ -1,4 +1,4 @@
-"""Finds the newest frame of each kind of telemetry in datagrams of one autopilot. A program decodes it only when it reads the value.
+"""Finds the newest frame of each kind of telemetry in datagrams of one autopilot. A frame is decoded when its value is read.
 
 `arena.wire.mavlink_frame` describes the layout of frames.
 """
@@ -42,8 +42,9 @@ class NewestFrames:
         parser: finds the frames in a datagram that contains more than whole MAVLink 2 frames
         sender: system and component of the autopilot.  wanted: message ids of the frames to find
         slots: message id -> slot in `waiting`, for the frames that are decoded later. A newer frame of a slot replaces an older one
-        keyed: (slot, offset, mask): a field of two bytes in the payload, masked, is the key of a frame in this slot. Others have key 0
-        waiting: the dictionary `waiting`
+        keyed: (slot, offset, mask). In this slot, the key of a frame is `uint16 at offset & mask` of its payload. In all other slots
+            the key is 0
+        waiting: dictionary to fill, see the class
         """
         self._parser, self._wanted, self._slots = parser, frozenset(wanted), dict(slots)
         self._system, self._component = sender
@@ -51,7 +52,7 @@ class NewestFrames:
         self.waiting = waiting
 
     def receive(self, data: bytes, now: float) -> list[Frame] | None:
-        """Store the frames of a datagram that are decoded later. Return those to decode at once.
+        """Store the frames of a datagram that are decoded later. Return the frames that the caller must decode now.
 
         Return None if the datagram contains no wanted frame of the autopilot.
         now: time of arrival [s]
@@ -80,7 +81,7 @@ class NewestFrames:
         return rare if found else None
 
     def _end(self, data: bytes, at: int, size: int) -> int:
-        """Return the end of the frame at an offset; -1 if it is no whole MAVLink 2 frame of a known message with the right CRC."""
+        """Return the end of a complete MAVLink 2 frame with a correct CRC; -1 for anything else, such as an unknown message."""
         if at + _HEAD + _CRC > size or data[at] != _V2 or data[at + 2] > _SIGNED:
             return -1
         crc_at = at + _HEAD + data[at + 1]
@@ -93,7 +94,7 @@ class NewestFrames:
         return end
 
     def _search(self, data: bytes, now: float) -> list[Frame] | None:
-        """Do the same as `receive` for a datagram that contains more than whole MAVLink 2 frames, such as garbage."""
+        """Do the same as `receive`, for a datagram that also contains garbage, MAVLink 1, or damaged frames."""
         frames = self._parser.search(data, self._wanted, self._system, self._component).frames
         rare = []
         for frame in frames:
@@ -113,7 +114,7 @@ class NewestFrames:
         return (low + (high << 8)) & self._mask
 
     def _frame(self, data: bytes, at: int, size: int) -> Frame:
-        """Return the frame at an offset, which is whole."""
+        """Return the frame at an offset. The caller has checked that it is complete."""
         return _new(Frame, self._parser.frame_at(data, at, size) or ())
 
     def _store(self, slot: int, key: int, data: bytes, frame: Frame, now: float) -> None:

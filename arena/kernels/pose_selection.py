@@ -27,7 +27,7 @@ class PoseSelection:
     noisy: True if measured poses have noise. Without noise a body at rest repeats its pose exactly, so a repeated pose is
         then not frozen.
     counts: counter of the dropped poses, by reason
-    flying: input: True if the vehicle is armed
+    flying: set by the owner: True while the vehicle is armed
     lateness: delay of the frames compared with the fastest frames
     late_s: delay of the last frame [s]
     resets: number of restarts of the motion capture, modulo 256
@@ -47,7 +47,7 @@ class PoseSelection:
     def newest(self, frames: Sequence[CapturedFrame], now: float) -> Pose | None:
         """Return the newest pose to forward in several frames, or None if no pose must be forwarded.
 
-        Older poses are counted as superseded, because the autopilot uses the arrival time as the time of the pose.
+        Older poses are dropped and counted as `superseded`: the autopilot uses the arrival time as the time of a pose.
         frames: oldest first. now: time of arrival [s]
         """
         newest: Pose | None = None

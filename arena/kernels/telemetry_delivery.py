@@ -15,18 +15,19 @@ if TYPE_CHECKING:
     from arena.kernels.ordinary_datagrams import OrdinaryDatagrams
 
     Message = tuple[int, str, bytes]
-    Record = tuple[str, bool, bytes, float]
+    Record = tuple[str, bool, bytes]
     Place = tuple[int, tuple[str, int]]
     Receivers = tuple[Place, ...]
     Places = list[tuple[Place, ProgramPlace | None]]
 
 
 class TelemetryPath:
-    """Ways to the receivers of the telemetry of one link.
+    """Receivers of the telemetry of one link, sorted by kind: recorder, programs, others.
 
-    receivers: all receivers, with those that get nothing now.  closed: the closed ports for which this was computed
-    vehicle: name of the vehicle whose datagrams the recorder gets; None: it gets none
-    places: the other receivers, each with its place in the store of held telemetry; None for a receiver that is no program
+    receivers: all receivers, including those whose port is closed.  closed: the closed ports for which this was computed
+    vehicle: name under which the recorder stores the datagrams; None: they are not recorded
+    places: (socket, address) of each receiver with an open port except the recorder, and its `ProgramPlace`; None if it is not a
+        program that sleeps
     """
 
     def __init__(self, receivers: Receivers, closed: object, vehicle: str | None, places: Places) -> None:
@@ -34,14 +35,14 @@ class TelemetryPath:
 
 
 class TelemetryDelivery:
-    """Deliverer of the ordinary telemetry of the vehicles in this process.
+    """Sender of the ordinary telemetry of all built-in autopilots of this process.
 
-    ordinary: finds the receivers
+    ordinary: finds the receivers, and defines which datagrams are ordinary
     links: name of each link -> (socket, number of the autopilot's address) of each vehicle; (-1, -1) for one without this link
     held: store of the telemetry for sleeping programs
-    records: list that gets (vehicle, up, data, time [s]) of each datagram for the recorder
+    records: list that gets (vehicle, up, data) of each datagram for the recorder
     find_path: returns the path for a set of receivers
-    bytes_out: number of bytes that were sent, times receivers
+    bytes_out: sum over all datagrams of size times number of receivers [bytes]. Receivers with a closed port count, too
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class TelemetryDelivery:
                 path = self._paths[found] = self._find_path(receivers)
             self.bytes_out += len(data) * len(receivers)
             if path.vehicle is not None:
-                self._records.append((path.vehicle, False, data, now))
+                self._records.append((path.vehicle, False, data))
             for place, program in path.places:
                 if program is None or not self._held.hold(program, data, now, True):
                     self._held.send(place[0], data, place[1])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from arena.kernels.mavlink_framing import may_contain
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
     from typing import Any
 
     Datagram = tuple[str, bool, bytes, float]
@@ -162,9 +162,9 @@ class DatagramCounter:
 
 
 def count_datagrams(
-    datagrams: Sequence[Datagram], counters: Mapping[str, DatagramCounter]
+    datagrams: list[Datagram], counters: Mapping[str, DatagramCounter]
 ) -> list[tuple[str, bytes]]:
-    """Count datagrams. Return (vehicle, data) of those for which `DatagramCounter.count` returns True.
+    """Count datagrams. Return (vehicle, data) of the datagrams that may contain the state of an autopilot.
 
     datagrams: (vehicle, up, data, time of reception [s]) of each.  counters: counter of each vehicle, by name.
     """

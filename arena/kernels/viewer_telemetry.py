@@ -177,7 +177,8 @@ class ViewerTelemetry:
         numbers, poses: outputs by names of topics.
         rare, on_rare: ids of other messages, and the function that gets them: datagram, frame (fields of `Frame`), time [s].
         pressure_pa: converts `abs_pressure` of HIGHRES_IMU to pascal.
-        up, on_up: ids of the messages to the vehicle that viewers may see, and the function that gets such datagrams: data, time [s].
+        up: ids of the messages to the vehicle that are shown in viewers.
+        on_up: function that gets (data, time [s]) of each datagram that may contain one of them.
         """
         self._system, self._component = sender
         self._frames, self._readers = frames, list(readers)
@@ -392,7 +393,7 @@ class ViewerTelemetry:
 
 
 def publish_datagrams(
-    datagrams: Sequence[Datagram],
+    datagrams: list[Datagram],
     vehicles: Mapping[str, ViewerTelemetry],
     period: Period,
     on_period: Callable[[float], None],

@@ -59,20 +59,29 @@ class Autopilot:
 
     Times are by the caller's clock [s].
 
-    last_heartbeat: time of the last heartbeat. since: time of the first message.
+    selection: selects the poses to forward.  last_heartbeat: time of the last heartbeat. since: time of the first message.
     on_ground: None before it is reported.
     has_position: the autopilot has acknowledged its global position. may_arm: its pre-arm checks pass.
     """
 
+    selection: PoseSelection
     last_heartbeat: float = -math.inf
     since: float = math.inf
-    armed: bool = False
     on_ground: bool | None = None
     has_position: bool = False
     may_arm: bool = False
     mode: str = ""
     boot_ms: int = 0
     has_origin: bool = False
+
+    @property
+    def armed(self) -> bool:
+        """Armed flag of the last heartbeat. It is kept in `selection`, which needs it for each frame."""
+        return self.selection.flying
+
+    @armed.setter
+    def armed(self, armed: bool) -> None:
+        self.selection.flying = armed
 
 
 class Forwarder:
@@ -95,7 +104,6 @@ class Forwarder:
             self._covariance[place] = variance
         self._odometry = odometry_frames(self._covariance, self.system, FORWARDER_COMPONENT)
         self._codec = Codec(self.system, FORWARDER_COMPONENT)
-        self.autopilot = Autopilot()
         self.counts: Counter[str] = Counter()
         self.garbled = self._codec.counts
         self.poses = 0
@@ -107,7 +115,7 @@ class Forwarder:
             var_p > 0.0 or var_a > 0.0,
             self.counts,
         )
-        self.lateness = self.selection.lateness
+        self.lateness, self.autopilot = self.selection.lateness, Autopilot(self.selection)
         self._newest: Pose | None = None
         self._beat = self._heartbeat_requested = -math.inf
         self._origin_sent, self._origin_tries = -math.inf, 0
@@ -201,7 +209,7 @@ class Forwarder:
         a.since = min(a.since, now)
         if msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             a.last_heartbeat, a.armed = now, bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            a.mode, self.selection.flying = mode_words(m.custom_mode), a.armed
+            a.mode = mode_words(m.custom_mode)
             self._restarted &= not a.armed
         elif msgid == mavlink.MAVLINK_MSG_ID_SYS_STATUS:
             bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK

@@ -42,10 +42,10 @@ class RecordChannels(Protocol):
     The recorder calls the methods for all data that it receives, in the order of reception.
 
     The methods run in the recorder's loop, in the fused arena in the step of the world: they must not block.
-    time_s: time of reception by the run's clock [s]; the log time of the message.
+    time_s: time of reception by the run's clock [s]; the log time of the message. For a datagram it is the last element of `Datagram`.
     """
 
-    def on_datagrams(self, datagrams: Sequence[Datagram]) -> None:
+    def on_datagrams(self, datagrams: list[Datagram]) -> None:
         """Log MAVLink datagrams that vehicles have sent or received, oldest first.
 
         Each contains one or more complete MAVLink frames. References that the vehicle's program publishes are `up`, too.
@@ -102,7 +102,7 @@ class RawChannels:
         self._log_frame = channel(FRAMES_TOPIC, CDR_ENCODING, CAPTURED_FRAME)
         self._log_event = channel(EVENTS_TOPIC, JSON_ENCODING, EVENT)
 
-    def on_datagrams(self, datagrams: Sequence[Datagram]) -> None:
+    def on_datagrams(self, datagrams: list[Datagram]) -> None:
         log_datagrams(datagrams, self._down, self._up)
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:

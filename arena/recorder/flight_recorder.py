@@ -105,7 +105,7 @@ class FlightRecorder:
             return []
         return [name for name, watch in self._watches.items() if watch.armed]
 
-    def on_datagrams(self, datagrams: Sequence[Datagram]) -> None:
+    def on_datagrams(self, datagrams: list[Datagram]) -> None:
         """Record MAVLink datagrams that vehicles have sent or received, oldest first."""
         self._has_received = True
         for vehicle, data in count_datagrams(datagrams, self._counters):
@@ -242,7 +242,7 @@ class FlightRecorder:
 
         line: the JSON object as bytes.
         fields: its content.
-        time_s: as in `on_frame`.
+        time_s: log time by the run's clock [s].
         """
         for channels in self._channels:
             try:

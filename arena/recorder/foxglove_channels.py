@@ -85,7 +85,7 @@ class FoxgloveChannels:
         self._period = Period(_PERIOD_S)
         self._next_scene_s = 0.0
 
-    def on_datagrams(self, datagrams: Sequence[Datagram]) -> None:
+    def on_datagrams(self, datagrams: list[Datagram]) -> None:
         publish_datagrams(datagrams, self._telemetry, self._period, self._send_periodic)
 
     def on_frame(self, frame: CapturedFrame, simulated: bool, time_s: float) -> None:

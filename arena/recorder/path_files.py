@@ -32,7 +32,7 @@ class PathFiles:
         self._paths = {v.name: PathAssembler(v.id) for v in vehicles}
         self._writer = BackgroundWriter("planned-paths", limit=len(self._paths) + 1)
 
-    def on_datagrams(self, datagrams: Sequence[Datagram]) -> None:
+    def on_datagrams(self, datagrams: list[Datagram]) -> None:
         for vehicle, up, data, _ in datagrams:
             if up and may_contain_path(data) and self._paths[vehicle].on_datagram(data):
                 points = tuple(self._paths[vehicle].points)

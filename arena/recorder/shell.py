@@ -88,7 +88,7 @@ class RecorderShell:
         frames = self._received_frames(now_s, monotonic_s)
         datagrams: list[Datagram] = []
         for vehicle, up, data, at in waiting:
-            if frames and frames[0][0] <= at:
+            if datagrams and frames and frames[0][0] <= at:
                 recorder.on_datagrams(datagrams)
                 datagrams = []
             while frames and frames[0][0] <= at:

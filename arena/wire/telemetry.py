@@ -138,14 +138,8 @@ class Telemetry:
         self.received_at: float | None = None
         self.outside_offboard_at = -math.inf
         self.waiting: dict[int, dict[int, tuple[bytes, Frame, float]]] = {}
-        self._newest = NewestFrames(
-            PARSER,
-            (system_id, component_id),
-            self._handlers,
-            _SLOTS,
-            (_HIGHRES, _FIELDS_UPDATED, HIGHRES_MAG | HIGHRES_BARO),
-            self.waiting,
-        )
+        self._sender = system_id, component_id
+        self._newest = self._newest_frames()
         self._lock = threading.RLock()  # a background thread may receive while the program reads
         self.version: tuple[int, int, int] | None = None
         self.texts: deque[Text] = deque(maxlen=32)
@@ -173,13 +167,19 @@ class Telemetry:
                 self._decode(datagram, frame, now)
 
     def __copy__(self) -> Self:
-        """Return a copy of the telemetry with its present values. The copy never changes."""
+        """Return a copy of the telemetry with its present values. Later messages do not change the copy."""
         with self._lock:
             for slot in list(self.waiting):
                 self.decode_waiting(slot)
             made = type(self).__new__(type(self))
             made.__dict__ |= {**self.__dict__, "waiting": {}}
+            made.texts, made.acks = self.texts.copy(), self.acks.copy()
+            made._newest = made._newest_frames()
         return made
+
+    def _newest_frames(self) -> NewestFrames:
+        keyed = _HIGHRES, _FIELDS_UPDATED, HIGHRES_MAG | HIGHRES_BARO
+        return NewestFrames(PARSER, self._sender, self._handlers, _SLOTS, keyed, self.waiting)
 
     def _decode(self, datagram: bytes, frame: Frame, now: float) -> None:
         """Decode a MAVLink frame, and store its values as the newest of their kind."""

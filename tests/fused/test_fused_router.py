@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import random
 import socket
 from types import SimpleNamespace
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.fused.memory_links import RecorderLink
 from arena.fused.router import FusedRouter
 
 HOST, STATION = "127.56.0.1", ("127.56.0.1", 14550)
@@ -27,7 +25,8 @@ def station():
         yield made
 
 
-def make_router(recorder=None):
+@pytest.fixture
+def routed(station):
     """Return a router of one built-in autopilot, and the inbox of the autopilot."""
     vehicle = {
         "name": "uav1",
@@ -42,19 +41,14 @@ def make_router(recorder=None):
         "vehicles": [vehicle],
         "gcs_local": [HOST, 24000],
         "gcs": [{"name": "gcs", "address": list(STATION)}],
-        "recorder": recorder,
+        "recorder": None,
         "heartbeat": True,
         "simulated": True,
         "seed": 1,
     }
     inbox = []
     ignore = dict.fromkeys(("audit", "event", "facts", "ready", "stats"), lambda *_: None)
-    return FusedRouter(SimpleNamespace(settings=settings, **ignore), lambda: 1.0, {0}, inbox), inbox
-
-
-@pytest.fixture
-def routed(station):
-    router, inbox = make_router()
+    router = FusedRouter(SimpleNamespace(settings=settings, **ignore), lambda: 1.0, {0}, inbox)
     yield router, inbox
     router.close()
 
@@ -175,88 +169,3 @@ def test_tool_stays_connected_in_a_simulation_that_is_faster_than_its_heartbeats
         router.step(61.0)  # a minute of simulation, in which the tool has had no time for another heartbeat
         router.from_vehicle(0, attitude, 61.0)
         assert tool.recv(1000) == attitude
-
-
-def telemetry(rng):
-    """Return the messages of one step: ordinary telemetry, status, replies to one client, and messages of other links."""
-    frames = {
-        "ordinary": mavlink.MAVLink_attitude_message(0, *[rng.random()] * 6),
-        "position": mavlink.MAVLink_local_position_ned_message(0, *[rng.random()] * 6),
-        "status": mavlink.MAVLink_heartbeat_message(2, 12, 129, 6 << 16, 4, 3),
-        "reply": mavlink.MAVLink_command_ack_message(400, 0, 0, 0, 255, 190),
-        "foreign": mavlink.MAVLink_attitude_message(0, *[0.0] * 6),
-    }
-    found = []
-    for _ in range(rng.randrange(4)):
-        kinds = rng.choices(list(frames), [8, 4, 1, 1, 1], k=rng.randrange(1, 4))
-        data = b"".join(packed(frames[kind], 9 if kind == "foreign" else 1, 1) for kind in kinds)
-        found.append((0, rng.choice(("router", "router", "ground", "vision")), data))
-    return found
-
-
-class Receivers:
-    """Sockets of a program, of an SDK and of a ground station."""
-
-    def __init__(self):
-        self.sockets = {}
-        for name, port in (("program", 16001), ("gcs", 14550)):
-            self.sockets[name] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            self.sockets[name].bind((HOST, port))
-            self.sockets[name].setblocking(False)
-
-    def take(self):
-        found = {name: b"" for name in self.sockets}
-        for name, each in self.sockets.items():
-            try:
-                while True:
-                    found[name] += each.recv(65536)
-            except BlockingIOError:
-                pass
-        return found
-
-    def close(self):
-        for each in self.sockets.values():
-            each.close()
-
-
-def delivered(compiled):
-    """Send random telemetry through a router. Return what its receivers got after each step, and the counts of the router."""
-    rng, receivers, asleep = random.Random(5), Receivers(), set()
-    router, _ = make_router(recorder=[HOST, 24020])
-    link = RecorderLink(
-        (HOST, 24020),
-        router.sockets,
-        [{"name": "uav1", "id": 1, "serve": [HOST, 24018], "tools": [HOST, 24016]}],
-    )
-    router.hold_for_sleepers({"uav1": "uav1"}, asleep)
-    router.record_in(link)
-    found, left_over = [], []
-    try:
-        for step in range(400):
-            now = 0.004 * step
-            (asleep.add if rng.random() < 0.6 else asleep.discard)("uav1")
-            if "uav1" not in asleep:
-                router.held.before_wake("uav1")
-            messages, at = telemetry(rng), -1
-            while (at := router.deliver(messages, at + 1, now) if compiled else at + 1) < len(messages):
-                vehicle, name, data = messages[at]
-                if name == "vision":
-                    left_over.append(data)
-                else:
-                    router.from_vehicle(vehicle, data, now, name)
-            router.held.step(now)
-            found.append((receivers.take(), link.receive(now)))
-    finally:
-        counts = router.stats()
-        router.close()
-        link.close()
-        receivers.close()
-    return found, left_over, counts
-
-
-def test_compiled_delivery_equals_the_routing_of_each_message():
-    one, other = delivered(compiled=False), delivered(compiled=True)
-    assert one == other
-    received = [got for got, _ in one[0]]
-    assert all(any(got[name] for got in received) for name in ("program", "gcs"))
-    assert one[1] and sum(len(records) for _, records in one[0]) > 100

@@ -100,6 +100,26 @@ def test_compiled_and_interpreted_selection_forward_the_same_poses(compiled, noi
 
 
 @needs_compiled
+def test_compiled_and_interpreted_selection_of_several_frames_is_the_same(compiled):
+    found = []
+    for modules in (INTERPRETED, compiled):
+        rng, counts = random.Random(3), [Counter(), Counter()]
+        frames = random_frames(rng, 1500)
+        kernel = modules["pose_selection"]
+        selections = [kernel.PoseSelection("uav1", 3, STALE_S, True, each) for each in counts]
+        results = []
+        while frames:
+            taken, frames = frames[: rng.randrange(1, 7)], frames[6:]
+            selections[1].flying = taken[0][2]
+            given = [frame for frame, _, _ in taken]
+            results.append(repr(kernel.newest_poses(selections, given, taken[-1][1])))
+        found.append((results, counts))
+    assert found[0] == found[1]
+    assert found[0][1][0]["superseded"] > 10
+    assert all(any(part in text for text in found[0][0]) for part in ("[]", "(0, Pose", "(1, Pose"))
+
+
+@needs_compiled
 def test_compiled_and_interpreted_conversion_give_the_same_poses(compiled):
     rng = random.Random(2)
     names = {k: f"uav{k}" for k in range(20)}

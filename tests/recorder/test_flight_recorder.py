@@ -207,6 +207,29 @@ def test_raw_channels_only_get_datagrams_while_the_recorder_is_behind(tmp_path):
     assert len(list(Recording(tmp_path / "flight.mcap").datagrams("uav1"))) == 6
 
 
+def test_output_that_fails_within_a_batch_leaves_the_batch_to_the_others(tmp_path):
+    class Broken:
+        def on_datagrams(self, datagrams: list[Datagram]) -> None:
+            assert [vehicle for vehicle, *_ in datagrams] == ["uav1", "uav2", "uav1"]
+            raise ValueError("broken")
+
+    process = Process(tmp_path)
+    recorder = FlightRecorder(
+        process, 0.0, lambda settings, vehicles, channel: [Broken(), RawChannels(vehicles, channel)]
+    )
+    batch = [
+        ("uav1", False, message(armed=True), 1.0),
+        ("uav2", True, b"up", 1.0),
+        ("uav1", False, b"x", 1.1),
+    ]
+    recorder.on_datagrams(batch)
+    assert recorder.armed == ["uav1"]
+    recorder.close(2.0)
+    recording = Recording(tmp_path / "flight.mcap")
+    found = {name: [(d.up, d.data) for d in recording.datagrams(name)] for name in ("uav1", "uav2")}
+    assert found == {"uav1": [(False, batch[0][2]), (False, b"x")], "uav2": [(True, b"up")]}
+
+
 def test_failure_of_other_channels_does_not_end_the_record(tmp_path):
     class Broken:
         def on_datagrams(self, datagrams: list[Datagram]) -> None:

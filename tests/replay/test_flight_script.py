@@ -94,7 +94,6 @@ def test_telemetry_has_the_values_of_each_row_at_its_time() -> None:
     assert status.battery == pytest.approx(78.0, abs=1.0)
     assert wanted.q_nb == pytest.approx(quat_from_euler([0.1, 0.1, 0.1]), abs=1e-6)
     assert actuators.output[:4] == pytest.approx([0.6] * 4, abs=1e-3)
-    assert telemetry.refused == 0
 
 
 def test_frames_have_the_poses_of_all_vehicles_at_the_rows_of_the_first() -> None:

@@ -193,6 +193,7 @@ def test_forwarder_drops_delayed_poses_and_recovers_when_the_delay_ends():
     assert in_time[3] == pytest.approx(114, abs=1)
     assert forwarder.counts["stale"] > 600 and forwarder.counts["capture restarts"] == 0
     assert not receiver.counts["repeated"] and not receiver.counts["restarted"]
+    assert forwarder.lateness.shifts == 0
 
 
 JUMP = {"do": "jump", "body": "uav1", "by_m": [1, 0, 0], "yaw_deg": 10}
