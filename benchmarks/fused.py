@@ -8,8 +8,8 @@ examples/11_swarm. The window begins 12 s after the start of the simulation, whe
 time. CPU time counts all threads of all processes of the arena: `arena:world` (world, autopilots, motion capture, forwarders, router,
 recorder), the programs, and `other` (supervisor and observer).
 
-With `--gpd` each flight is followed by gym-pybullet-drones with as many vehicles, and the ratio of both is printed. Use ratios, because
-other work on the machine changes both.
+With `--gpd` each flight is followed by gym-pybullet-drones with as many vehicles, and the ratios of CPU time and of speed are printed.
+gym-pybullet-drones uses one core, an arena all cores. Use ratios, because other work on the machine changes both.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 from arena.clock import SimTime
 from arena.errors import RunError
@@ -121,8 +122,19 @@ def processes(root: int) -> dict[int, str]:
     return found
 
 
-def fly(count: int, seconds: float, after: list[str], *, group: bool = False) -> dict[str, float]:
-    """Fly one arena. Return the CPU time per simulated second of its parts: world, programs, other.
+class Flight(NamedTuple):
+    """Measured flight.
+
+    parts: CPU time per simulated second of the parts of the arena: world, programs, other [s]
+    speed: simulated time divided by wall time
+    """
+
+    parts: dict[str, float]
+    speed: float
+
+
+def fly(count: int, seconds: float, after: list[str], *, group: bool = False) -> Flight:
+    """Fly one arena, and measure it.
 
     group: as in `write_arena`
     after: command that is run with the pid of the world at the beginning of the window, such as a profiler
@@ -155,17 +167,16 @@ def fly(count: int, seconds: float, after: list[str], *, group: bool = False) ->
                 arena.kill()
 
 
-def _measure(
-    arena: subprocess.Popen[bytes], folder: Path, seconds: float, after: list[str]
-) -> dict[str, float]:
+def _measure(arena: subprocess.Popen[bytes], folder: Path, seconds: float, after: list[str]) -> Flight:
     clock = _wait_for(arena, folder)
     names = processes(arena.pid)
-    began_s, before = clock.now(), {pid: cpu_s(pid) for pid in names}
+    began, began_s, before = time.monotonic(), clock.now(), {pid: cpu_s(pid) for pid in names}
     world = next(pid for pid, name in names.items() if "world" in name)
     profiler = subprocess.Popen([x.format(pid=world) for x in after]) if after else None
     while clock.now() < FROM_S + seconds and arena.poll() is None:
         time.sleep(0.02)
     spent, took = {pid: cpu_s(pid) - before[pid] for pid in names}, clock.now() - began_s
+    speed = took / (time.monotonic() - began)
     if profiler is not None:
         profiler.wait()
     parts = {"world": 0.0, "programs": 0.0, "other": 0.0}
@@ -174,7 +185,7 @@ def _measure(
         parts["world" if pid == world else "programs" if is_program else "other"] += (
             max(0.0, spent[pid]) / took
         )
-    return parts
+    return Flight(parts, speed)
 
 
 def _wait_for(arena: subprocess.Popen[bytes], folder: Path) -> SimTime:
@@ -197,12 +208,13 @@ def _clock(folder: Path) -> SimTime | None:
     return None
 
 
-def rival(given: argparse.Namespace, count: int) -> float:
-    """Return the CPU time of gym-pybullet-drones per simulated second."""
+def rival(given: argparse.Namespace, count: int) -> tuple[float, float]:
+    """Return gym-pybullet-drones' CPU time per simulated second [s], and its simulated time divided by wall time."""
     command = [given.gpd_python, given.gpd_bench, "--gpd", given.gpd, "-n", str(count), "--physics", "pyb"]
     command += ["--ctrl-freq", "240", "--seconds", "2", "--repeat", "1"]
     out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    return 1.0 / float(out.splitlines()[-1].split()[5])
+    fields = out.splitlines()[-1].split()
+    return 1.0 / float(fields[5]), float(fields[6])
 
 
 def main() -> None:
@@ -223,7 +235,7 @@ def main() -> None:
     )
     given = options.parse_args()
     for count in given.vehicles:
-        ratios = []
+        ratios, ratios_of_speed = [], []
         for _ in range(given.repeat):
             spy = [
                 "py-spy",
@@ -240,17 +252,21 @@ def main() -> None:
                 "-o",
                 str(given.profile),
             ]
-            parts = fly(count, given.seconds, spy if given.profile else [], group=given.group)
+            parts, speed = fly(count, given.seconds, spy if given.profile else [], group=given.group)
             whole = sum(parts.values())
             line = f"{count:3} vehicles: {whole:.4f} CPU s per simulated second = {4000 * whole:6.0f} us per step ("
             line += ", ".join(f"{part} {4000 * each:.0f}" for part, each in parts.items()) + ")"
+            line += f", {speed:.2f} x real time"
             if given.gpd:
-                other = rival(given, count)
+                other, other_speed = rival(given, count)
                 ratios.append(other / whole)
-                line += f"; gym-pybullet-drones {other:.4f}, ratio {other / whole:.2f}"
+                ratios_of_speed.append(speed / other_speed)
+                line += f"; gym-pybullet-drones {other:.4f}, {other_speed:.2f} x real time; "
+                line += f"ratio of CPU times {other / whole:.2f}, of speeds {speed / other_speed:.2f}"
             print(line, flush=True)
         if len(ratios) > 1:
-            print(f"{count:3} vehicles: median ratio {statistics.median(ratios):.2f}", flush=True)
+            line = f"{count:3} vehicles: median ratio of CPU times {statistics.median(ratios):.2f}"
+            print(f"{line}, of speeds {statistics.median(ratios_of_speed):.2f}", flush=True)
 
 
 if __name__ == "__main__":
