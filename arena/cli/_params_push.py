@@ -83,6 +83,22 @@ def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | Non
     return record
 
 
+def completed_reboots(arena: Arena, record: PushRecord, version: str) -> dict[str, list[str]]:
+    """Return the written parameters that need a reboot, for the real vehicles to which the push of a record is complete.
+
+    version: PX4 version given on the command line, or "".
+    """
+    from arena.params.facts.parameter_table import parameters
+
+    found = {}
+    for v in arena.vehicles:
+        entry = record.vehicles.get(v.name)
+        if entry is not None and entry.complete and has_board(v):
+            table = parameters(entry.px4_version or version_for(v, version))
+            found[v.name] = [name for name in entry.written if name in table and table[name].reboot]
+    return found
+
+
 def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> dict[str, float]:
     """Return the values to write to a vehicle, from a file or from the YAML. Print what is left out."""
     from arena.params.checks.diff import exclusion_reason

@@ -33,6 +33,7 @@ from arena.cli._params_output import (
 )
 from arena.cli._params_push import (
     RECORD,
+    completed_reboots,
     interrupted_record,
     new_record,
     only_push,
@@ -160,6 +161,8 @@ def push(
         needs_reboot = frozenset(name for table in tables.values() for name, p in table.items() if p.reboot)
         real = {v.name: address_text(lab, v) for v in chosen if has_board(v)}
         reboots = RebootsOfPush(Path(lab.folder), real)
+        if resume:
+            reboots.add_completed(record, completed_reboots(lab, record, px4_version))
         targets = targets_of(lab, chosen)
         with ProgressBars(wanted) as bars, writable(record.path):
             reports = push_now(
@@ -168,6 +171,7 @@ def push(
                 dry_run=dry_run,
                 record=record,
                 reboot_names=needs_reboot,
+                on_reboot_needed=reboots.before_write,
                 on_progress=bars.show,
             )
         for name, report in reports.items():
@@ -179,6 +183,9 @@ def push(
                 f"Continue it with `arena params push --resume` ({record.path})"
             )
         reports = reboots.after_push(reports, dry_run=dry_run)
+        if not dry_run and not record.wanted:
+            with writable(record.path):
+                record.delete()
         held &= dry_run or reboot_vehicles(targets, reports, reboots, without_asking=reboot)
     if not held:
         raise typer.Exit(EXIT_FAILED)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import io
 import itertools
+import json
 import math
 import os
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from fake_autopilot import DENIED, INT32, REAL32, REBOOT, FakeAutopilot
+from fake_autopilot import DENIED, INT32, REAL32, REBOOT, REQUEST, FakeAutopilot
 from rebooting_autopilot import RebootingAutopilot, rebooting
 from served import Connection, Served, UdpPort, let_pass, until
 
@@ -20,8 +22,9 @@ import arena.cli as cli
 from arena.cli import _params_reboot
 from arena.cli._params import address_text, required_parameters
 from arena.cli._params_push import only_push
+from arena.cli._params_reboot import RebootsOfPush
 from arena.params.facts.parameter_table import parameters
-from arena.params.transfer.missing_reboots import MissingReboots
+from arena.params.transfer.missing_reboots import ClockTime, MissingReboots
 from arena.params.transfer.push_record import PushRecord
 from arena.schema import load_arena
 from arena.wire.qgc_params import parse_params
@@ -176,7 +179,96 @@ def test_unknown_boot_time_does_not_end_a_missing_reboot(
     board.telemetry = ("HEARTBEAT",)
     assert run(capsys, "push", "--file", "new.params")[0] == 1
     code, out, err = run(capsys, "push", "--file", "new.params")
-    assert code == 1 and STILL in out and "If it has rebooted since, delete " in out, out + err
+    assert code == 1 and STILL in out and "Use --reboot. If it has rebooted since" in out, out + err
+    assert f'remove the entry "{address()}" from ' in out
+
+
+def address() -> str:
+    """Return the address of uav1, as text."""
+    arena = load_arena("arena.yaml")
+    return address_text(arena, arena.vehicles[0])
+
+
+def test_missing_reboot_is_saved_before_the_value_is_sent(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    saved: list[tuple[str, ...]] = []
+
+    def save(value: float) -> float:
+        saved.extend(each.parameters for each in MissingReboots.read(Path()).autopilots.values())
+        return value
+
+    board.clamp["EKF2_HGT_REF"] = save
+    code, out, err = run(capsys, "push", "--file", "new.params")
+    assert code == 1 and STILL not in out and NEEDS in out, out + err
+    assert saved == [("EKF2_HGT_REF",)]
+
+
+def test_push_record_is_deleted_after_the_missing_reboots_are_saved(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    after_push, existed = RebootsOfPush.after_push, []
+
+    def watch(reboots: RebootsOfPush, *arguments: Any, **options: Any) -> Any:
+        existed.append(Path("push.json").exists())
+        return after_push(reboots, *arguments, **options)
+
+    monkeypatch.setattr(RebootsOfPush, "after_push", watch)
+    run(capsys, "push", "--file", "new.params")
+    assert existed == [True] and not Path("push.json").exists()
+
+
+def test_resumed_push_records_the_reboots_of_completed_vehicles(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Path("arena.yaml").open("a") as file:
+        file.write("  uav2: {autopilot: hardware, profile: iris, url: 'udpout:127.0.0.1:24017'}\n")
+    arena = load_arena("arena.yaml")
+    at = {v.name: address_text(arena, v) for v in arena.vehicles}
+    record = PushRecord.begin(Path("push.json"), {name: {"EKF2_HGT_REF": 3.0} for name in at}, at)
+    record.update("uav1", {"EKF2_HGT_REF": 1.0}, {}, "", unknown={"EKF2_HGT_REF": 3.0})
+    record.update("uav2", {"EKF2_HGT_REF": 1.0}, {"EKF2_HGT_REF": 3.0}, "done", "0102")
+    record.save()
+    code, out, err = run(capsys, "push", "--resume", "--dry-run")
+    assert code == 0 and not MISSING.exists(), out + err
+    code, out, err = run(capsys, "push", "--resume")
+    assert code == 1 and NEEDS in out and not Path("push.json").exists(), out + err
+    missing = MissingReboots.read(Path()).autopilots
+    assert {each.vehicle for each in missing.values()} == {"uav1", "uav2"}
+    assert missing["0102"].parameters == ("EKF2_HGT_REF",)
+
+
+def test_clock_that_was_set_removes_no_missing_reboot(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(capsys, "push", "--file", "new.params")[0] == 1
+    raw = json.loads(MISSING.read_text())
+    for entry in raw["autopilots"].values():
+        entry["written_at"] -= 86400.0
+    MISSING.write_text(json.dumps(raw))
+    code, out, err = run(capsys, "push", "--file", "new.params")
+    assert code == 1 and STILL in out, out + err
+
+
+def test_missing_reboot_is_found_without_the_uid(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    board.uid2 = bytes(range(1, 19))
+    assert run(capsys, "push", "--file", "new.params")[0] == 1
+    assert list(MissingReboots.read(Path()).autopilots) == [board.uid2.hex()]
+    board.ignore = {REQUEST}
+    code, out, err = run(capsys, "push", "--file", "new.params")
+    assert code == 1 and STILL in out, out + err
+
+
+def test_wrong_file_of_missing_reboots_stops_before_the_first_write(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entry = '{"vehicle": "uav1", "parameters": ["SYS_A"], "written_at": Infinity}'
+    MISSING.write_text(f'{{"format": "arena missing reboots 1", "autopilots": {{"{address()}": {entry}}}}}')
+    code, out, err = run(capsys, "push", "--file", "new.params")
+    assert code == 2 and "written_at is inf, expected a time" in err, out + err
+    assert board.received == [] and board.written_names == []
 
 
 PX4_1_15_4, UNKNOWN = 0x010F04FF, 0
@@ -279,7 +371,7 @@ def test_resumed_push_after_a_reboot_needs_no_reboot(
     record.update("uav1", {"EKF2_HGT_REF": 3.0, "MPC_XY_P": 0.95}, {"EKF2_HGT_REF": 1.0}, "interrupted")
     record.save()
     missing = MissingReboots.read(Path())
-    missing.add(at, "uav1", ["EKF2_HGT_REF"], time.time() - 2 * board.age_s)
+    missing.add(at, "uav1", ["EKF2_HGT_REF"], ClockTime(unix_s=time.time() - 2 * board.age_s))
     missing.save()
     code, out, err = run(capsys, "push", "--resume")
     assert code == 0 and "1 same, 1 written" in out and NEEDS not in out, out + err

@@ -47,6 +47,11 @@ class VehicleRecord:
         """True if the push to this vehicle has ended and no value is unknown."""
         return self.ending == "done" and not self.unknown
 
+    @property
+    def unfinished(self) -> bool:
+        """True if the vehicle may have received new values, but its push is not complete."""
+        return bool(self.written or self.unknown) and not self.complete
+
 
 class PushRecord:
     """Record of a parameter push to several vehicles, kept in the file `path`.
@@ -97,7 +102,7 @@ class PushRecord:
     @property
     def unfinished(self) -> bool:
         """True if at least one vehicle may have received new values, but its push is not complete."""
-        return any((v.written or v.unknown) and not v.complete for v in self.vehicles.values())
+        return any(v.unfinished for v in self.vehicles.values())
 
     @property
     def wanted(self) -> dict[str, dict[str, float]]:
@@ -118,6 +123,7 @@ class PushRecord:
         """Add new values of one vehicle to the record. Return whether the record has changed.
 
         before: old values. A value that is already in the record is kept.
+        ending: why the transfer ended; "" while it runs, also if the record has the ending of an earlier push.
         unknown: values that were sent, but not acknowledged.
         known: parameters whose value the vehicle has reported. They are not unknown any more.
         """
@@ -127,7 +133,7 @@ class PushRecord:
             before={**before, **old.before},
             written={**old.written, **written},
             unknown={n: v for n, v in old.unknown.items() if n not in known} | dict(unknown or {}),
-            ending=ending or old.ending,
+            ending=ending,
             at=old.at,
             uid=old.uid or uid,
             px4_version=old.px4_version,
