@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 SAVE_S = 2.5
 """Time in which PX4 saves written parameters: a delay of 0.3 s, and at most one save per 2 s [s]."""
 REBOOT_BEGINS_S = 2.0
-"""Time after which PX4 has obeyed the command to reboot, and its USB device has disappeared [s]."""
+"""Time from the reboot command until the old firmware no longer sends and its USB device is gone [s]."""
 RETURN_LIMIT_S = 60.0
 """Time in which a rebooted vehicle must be found again [s]."""
 
@@ -215,13 +215,18 @@ def _have_kept_values(
         {name: list(values) for name, values in held.items()},
         requested_at=requested_at,
         limit_s=RETURN_LIMIT_S,
+        report_boot_time=[name for name in targets if reports[name].uptime_s is not None],
     )
     problems = {name: list(_problems(name, held[name], report)) for name, report in found.items()}
     for name, lines in problems.items():
         if found[name].ending == "done":
             reboots.on_rebooted(name)
-        all_kept = f"{name}: has rebooted, and has kept all {len(held[name])} values"
-        print("\n".join(lines) or all_kept)
+        rebooted = (
+            "has rebooted"
+            if found[name].uptime_s is not None
+            else "has answered after the reboot command, does not report its boot time"
+        )
+        print("\n".join(lines) or f"{name}: {rebooted}, and has kept all {len(held[name])} values")
     return not any(problems.values())
 
 
@@ -231,13 +236,21 @@ def _held(report: PushReport) -> dict[str, ParamResult]:
 
 
 def _not_found_text(after: PullReport) -> str:
-    """Return why the values of a vehicle are unknown after the command to reboot."""
+    """Return why the values of a vehicle are unknown after the command to reboot, and what to do."""
     if after.ending == "interrupted":
-        return "the wait for the reboot was interrupted, so its values were not read again"
+        return (
+            "interrupted (Ctrl-C) before the vehicle was found again: the values after the reboot are unknown. "
+            "Run the same push again"
+        )
     if after.ending == "not rebooted":
-        return f"has accepted the reboot, but has not rebooted within {RETURN_LIMIT_S:g} s"
-    why = ending_text(after.ending, after.why)
-    return f"not found again within {RETURN_LIMIT_S:g} s after the reboot, so its values were not read again ({why})"
+        return (
+            f"still reports its earlier boot {RETURN_LIMIT_S:g} s after the reboot command. "
+            "Switch the vehicle off and on, then run the same push again"
+        )
+    return (
+        f"not found again within {RETURN_LIMIT_S:g} s after the reboot, so its values were not read again "
+        f"({ending_text(after.ending, after.why)}). Look at the vehicle and its connection, then run the same push again"
+    )
 
 
 def _problems(vehicle: str, held: Mapping[str, ParamResult], after: PullReport) -> Iterator[str]:
@@ -249,7 +262,7 @@ def _problems(vehicle: str, held: Mapping[str, ParamResult], after: PullReport) 
     from arena.wire.mavlink_params import alike
 
     if after.ending != "done":
-        yield f"{vehicle}: {_not_found_text(after)}. Look at the vehicle and its connection, then run the same push again"
+        yield f"{vehicle}: {_not_found_text(after)}"
         return
     lost = 0
     for name, result in held.items():

@@ -119,7 +119,38 @@ def test_vehicle_that_does_not_reboot_is_reported(
     monkeypatch.setattr(_params_reboot, "RETURN_LIMIT_S", 4.0)
     board.ack_only_s = math.inf
     code, out, err = run(capsys, *REBOOTED)
-    assert code == 1 and "uav1: has accepted the reboot, but has not rebooted within 4 s" in out, out + err
+    assert code == 1 and "uav1: still reports its earlier boot 4 s after the reboot command. " in out, (
+        out + err
+    )
+
+
+def test_vehicle_that_no_longer_reports_its_boot_time_has_not_rebooted(
+    board: RebootingAutopilot,
+    capsys: pytest.CaptureFixture[str],
+    waited: list[float],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(_params_reboot, "RETURN_LIMIT_S", 4.0)
+    board.ack_only_s = math.inf
+
+    def end_system_time(value: float) -> float:
+        board.telemetry = ("HEARTBEAT",)
+        return value
+
+    board.clamp["EKF2_HGT_REF"] = end_system_time
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 1 and "uav1: not found again within 4 s" in out and MISSING.exists(), out + err
+
+
+def test_reboot_of_a_vehicle_without_boot_time_is_not_claimed(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str], waited: list[float]
+) -> None:
+    board.telemetry = ("HEARTBEAT",)
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 0 and "has rebooted" not in out and not MISSING.exists(), out + err
+    assert (
+        "uav1: has answered after the reboot command, does not report its boot time, and has kept all" in out
+    )
 
 
 def test_refused_reboot_is_reported_and_not_waited_for(

@@ -13,7 +13,7 @@ If a vehicle cannot be reached, only its own transfer ends. Ctrl-C ends all tran
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from arena.params.transfer.after_reboot import AfterRebootReader
@@ -72,6 +72,7 @@ class PullReport:
     why: why the connection could not be opened; "" if it was opened.
     values: parameter name -> value read.
     missing: parameter name, or index in the list -> "unknown" or "unanswered".
+    uptime_s: time since the vehicle's boot when this report was made [s]; None if the vehicle has not reported it.
     """
 
     ending: Ending
@@ -79,6 +80,7 @@ class PullReport:
     missing: Mapping[str | int, Outcome] = field(default_factory=dict)
     why: str = ""
     traffic: Traffic = field(default_factory=Traffic)
+    uptime_s: float | None = None
 
     @property
     def complete(self) -> bool:
@@ -195,6 +197,7 @@ def read_after_reboot(
     *,
     requested_at: float,
     limit_s: float,
+    report_boot_time: Collection[str] = (),
 ) -> dict[str, PullReport]:
     """Find rebooted vehicles again and read parameters from them. Return {vehicle: result}.
 
@@ -204,6 +207,7 @@ def read_after_reboot(
     names: vehicle -> names of the parameters.
     requested_at: monotonic time of the command to reboot [s].
     limit_s: time after which a vehicle that was not found is given up [s].
+    report_boot_time: names of the vehicles that have reported their boot time before the reboot, and so must report it again.
     """
 
     def make(name: str, now: float) -> ParamReader:
@@ -213,6 +217,7 @@ def read_after_reboot(
             now=now,
             names=names[name],
             requested_at=requested_at,
+            reports_boot_time=name in report_boot_time,
             uid=UidCheck(targets[name].uid),
         )
 
@@ -278,6 +283,7 @@ def _pull_report(connection: Connection[ParamReader]) -> PullReport:
         missing=transfer.missing,
         why=connection.why,
         traffic=connection.traffic,
+        uptime_s=connection.uptime_s,
     )
 
 
