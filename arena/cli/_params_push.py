@@ -50,9 +50,14 @@ def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, versi
     )
 
 
-def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:
+def interrupted_record(
+    arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str
+) -> PushRecord:
     """Return the record of an interrupted parameter push, for `arena params push --resume`.
 
+    A record of an earlier `arena` has no PX4 versions: it gets those of the real vehicles.
+
+    version: PX4 version given on the command line, or "".
     Raises InputError if there is no record, if the record has none of the chosen vehicles, or if a vehicle now has another
     address or hardware uid.
     """
@@ -80,6 +85,9 @@ def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | Non
                 f"but this arena has {v.name} with hardware uid {v.uid}. "
                 f"{_RESUME_OR_DELETE}"
             )
+        entry = record.vehicles.get(v.name)
+        if entry is not None and entry.px4_version is None:
+            entry.px4_version = version_for(v, version) if has_board(v) else ""
     return record
 
 

@@ -136,8 +136,8 @@ def push(
 ) -> None:
     """Write the parameters that the YAML requires into the autopilots of vehicles.
 
-    Reads all parameters, writes those that differ, and reads these again. Refuses armed vehicles, and real vehicles with
-    another PX4 version.
+    Reads all parameters, writes those that differ, and reads these again. Refuses armed vehicles. Refuses real vehicles whose PX4
+    version differs from `px4_version`.
     After a reboot it finds real vehicles again, and reads all values again.
     Exit code 1 if a vehicle does not have all values, needs a reboot before they take effect, or is not found after the reboot.
     """
@@ -149,7 +149,9 @@ def push(
     with nullcontext() if dry_run else only_push(Path(lab.folder)):
         chosen = selected_vehicles(lab, vehicles)
         record = (
-            interrupted_record(lab, chosen, file) if resume else new_record(lab, chosen, file, px4_version)
+            interrupted_record(lab, chosen, file, px4_version)
+            if resume
+            else new_record(lab, chosen, file, px4_version)
         )
         chosen = [v for v in chosen if v.name in record.wanted]
         wanted = {v.name: record.wanted[v.name] for v in chosen}

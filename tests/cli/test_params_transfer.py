@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 from fake_autopilot import DENIED, INT32, REAL32, REBOOT, REQUEST, FakeAutopilot
+from pymavlink.dialects.v20 import common as mavlink
 from rebooting_autopilot import RebootingAutopilot, rebooting
 from served import Connection, Served, UdpPort, let_pass, until
 
@@ -304,9 +305,50 @@ def test_wrong_file_of_missing_reboots_stops_before_the_first_write(
 
 PX4_1_15_4, UNKNOWN = 0x010F04FF, 0
 REFUSED = (
-    "uav1: nothing was written: the vehicle has firmware 1.15.4, but the values were generated for PX4 1.16, "
-    'which has other parameters. Write `px4_version: "1.15"` for the vehicle in the YAML, or use --px4-version 1.15'
+    "uav1: nothing was written: the vehicle has firmware 1.15.4, but the values were generated for PX4 1.16. "
+    'The two versions have different parameters. Write `px4_version: "1.15"` for the vehicle in the YAML, or use --px4-version 1.15'
 )
+
+
+def test_late_report_of_another_px4_version_stops_a_push(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    board.version, board.ignore = PX4_1_15_4, {REQUEST}
+    board.params = required("1.16") | {"EKF2_HGT_REF": (1.0, INT32), "MPC_XY_P": (0.5, REAL32)}
+
+    def report(value: float) -> float:
+        board.ignore = set()
+        nothing = [0] * 8
+        version = mavlink.MAVLink_autopilot_version_message(
+            0, board.version, 0, 0, 0, nothing, nothing, nothing, 0, 0, 0
+        )
+        board._texts.append(version)
+        return value
+
+    board.clamp["EKF2_HGT_REF"] = report
+    code, out, err = run(capsys, "push")
+    assert code == 1 and "nothing was written" not in out, out + err
+    assert "uav1: the push has stopped: the vehicle has firmware 1.15.4, but the values" in out
+    assert "\n  EKF2_HGT_REF: " in out and "\n  uav1 needs a reboot for EKF2_HGT_REF" in out
+    assert "warning: the vehicle" not in out
+
+
+def test_resumed_push_of_an_earlier_format_compares_the_px4_version(
+    board: RebootingAutopilot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = PushRecord.begin(Path("push.json"), {"uav1": {"MPC_XY_P": 0.9}}, {"uav1": address()})
+    record.update("uav1", {"MPC_XY_P": 0.95}, {}, "interrupted", unknown={"MPC_XY_P": 0.9})
+    record.save()
+    raw = json.loads(record.path.read_text())
+    del raw["vehicles"]["uav1"]["px4_version"]
+    record.path.write_text(json.dumps(raw))
+    board.version = PX4_1_15_4
+    code, out, err = run(capsys, "push", "--resume")
+    assert code == 1 and REFUSED in out and board.written_names == [], out + err
+    assert run(capsys, "push", "--resume", "--px4-version", "1.15")[0] == 1, "the record has the version now"
+    record.path.write_text(json.dumps(raw))
+    code, out, err = run(capsys, "push", "--resume", "--px4-version", "1.15")
+    assert code == 0 and "1 written" in out, out + err
 
 
 def required(version: str) -> dict[str, tuple[float, int]]:

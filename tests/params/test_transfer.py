@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fake_autopilot import INT32, REBOOT
+from fake_autopilot import INT32, REBOOT, REQUEST
 from rebooting_autopilot import rebooting
 from served import LossyLink
 
@@ -205,6 +205,7 @@ def test_vehicle_that_no_longer_reports_its_boot_time_is_not_read() -> None:
 
 def test_boot_time_is_requested_together_with_the_uid() -> None:
     autopilot, core = rebooting(params=sixty_params(), age_s=0.0), after_reboot("P_03", uid=UidCheck(""))
+    autopilot.ignore = {REQUEST}  # so the uid is requested again and again
     run(core, autopilot, LossyLink())
     assert [c.param1 for c in autopilot.commands][:2] == [AUTOPILOT_VERSION, SYSTEM_TIME]
 

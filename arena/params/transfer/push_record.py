@@ -30,7 +30,8 @@ class VehicleRecord:
     ending: why the transfer ended; "" while it runs.
     at: address of the vehicle, as text.
     uid: hardware uid of the vehicle; "" before it is known, or if the vehicle sends none.
-    px4_version: PX4 version for which the values were generated; "" if the version of the vehicle does not matter.
+    px4_version: PX4 version for which the values were generated; "" if the version of the vehicle does not matter; None in a
+        record of an earlier `arena`, which does not have it.
     """
 
     wanted: dict[str, float]
@@ -40,7 +41,7 @@ class VehicleRecord:
     ending: str = ""
     at: str = ""
     uid: str = ""
-    px4_version: str = ""
+    px4_version: str | None = ""
 
     @property
     def complete(self) -> bool:
@@ -165,7 +166,7 @@ def _parse(raw: Any) -> VehicleRecord:
         ending=str(raw["ending"]),
         at=str(raw.get("at", "")),
         uid=str(raw.get("uid", "")),
-        px4_version=str(raw.get("px4_version", "")),
+        px4_version=str(version) if (version := raw.get("px4_version")) is not None else None,
     )
 
 

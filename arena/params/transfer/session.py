@@ -121,7 +121,7 @@ def push(
             now=now,
             wanted=wanted[name],
             dry_run=dry_run,
-            px4_version=record.vehicles[name].px4_version if record is not None else "",
+            px4_version=(record.vehicles[name].px4_version or "") if record is not None else "",
             uid=UidCheck(_expected_uid(name, targets[name], record)),
         )
 
