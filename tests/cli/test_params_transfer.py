@@ -27,6 +27,7 @@ from arena.cli._params_reboot import RebootsOfPush
 from arena.params.facts.parameter_table import parameters
 from arena.params.transfer.missing_reboots import ClockTime, MissingReboots
 from arena.params.transfer.push_record import PushRecord
+from arena.params.transfer.session import PullReport
 from arena.schema import load_arena
 from arena.wire.qgc_params import parse_params
 
@@ -152,6 +153,21 @@ def test_reboot_of_a_vehicle_without_boot_time_is_not_claimed(
     assert (
         "uav1: has answered after the reboot command, does not report its boot time, and has kept all" in out
     )
+
+
+def test_interrupted_wait_for_a_reboot_is_reported(
+    board: RebootingAutopilot,
+    capsys: pytest.CaptureFixture[str],
+    waited: list[float],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(targets: dict[str, Any], *_: Any, **__: Any) -> dict[str, PullReport]:
+        return {name: PullReport(ending="interrupted") for name in targets}
+
+    monkeypatch.setattr("arena.params.transfer.session.read_after_reboot", interrupted)
+    code, out, err = run(capsys, *REBOOTED)
+    assert code == 1 and MISSING.exists(), out + err
+    assert "uav1: interrupted (Ctrl-C) before the vehicle was found again: the values after the reboot" in out
 
 
 def test_refused_reboot_is_reported_and_not_waited_for(
