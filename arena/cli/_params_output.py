@@ -68,18 +68,25 @@ def ending_text(ending: str, why: str) -> str:
 def push_report_lines(name: str, report: PushReport, px4_version: str = "") -> list[str]:
     """Return the lines that report a parameter push to one vehicle.
 
-    The first line has counts. Then there is one line per parameter that changed or failed.
+    The first line has counts. Then there is one line per parameter that changed or failed. A vehicle with another PX4 version has
+    a line about its version before them, and no other line if nothing was sent.
 
     px4_version: PX4 version whose parameter table was used; "" if it is not compared with the firmware of the vehicle.
     """
     from arena.params.transfer.writer import same_table
 
-    if report.ending == "wrong version":
-        return [f"{name}: {_wrong_version_text(report.firmware, px4_version)}"]
+    wrong_version = report.ending == "wrong version"
+    changed = any(r.may_have_changed for r in report.results.values())
+    lines = []
+    if wrong_version:
+        stopped = "the push has stopped" if changed else "nothing was written"
+        lines.append(f"{name}: {stopped}: {_wrong_version_text(report.firmware, px4_version)}")
+        if not changed:
+            return lines
     counts = Counter(r.outcome for r in report.results.values())
     summary = ", ".join(f"{n} {outcome}" for outcome, n in counts.items() if n) or "nothing to write"
-    ending = "" if report.ending == "done" else f"{ending_text(report.ending, report.why)}; "
-    lines = [f"{name}: {ending}{summary} ({report.traffic.seconds:.1f} s)"]
+    ending = "" if report.ending == "done" or wrong_version else f"{ending_text(report.ending, report.why)}; "
+    lines.append(f"{name}: {ending}{summary} ({report.traffic.seconds:.1f} s)")
     for parameter, r in report.results.items():
         if r.outcome in ("same", "unread"):
             continue
@@ -94,7 +101,7 @@ def push_report_lines(name: str, report: PushReport, px4_version: str = "") -> l
         lines.append(f"  {parameter}: {r.outcome}: {detail}{f' ({r.why})' if r.why else ''}")
     if report.needs_reboot and report.ending != "done":
         lines.append(f"  {name} needs a reboot for {', '.join(report.needs_reboot)}")
-    identified = report.ending not in ("no connection", "wrong vehicle")
+    identified = report.ending not in ("no connection", "wrong vehicle", "wrong version")
     if identified and px4_version and not same_table(report.firmware, px4_version):
         has = (
             f"has firmware {report.firmware}"
@@ -108,11 +115,11 @@ def push_report_lines(name: str, report: PushReport, px4_version: str = "") -> l
 
 
 def _wrong_version_text(firmware: str, px4_version: str) -> str:
-    """Return why nothing was written to a vehicle, and what to do. firmware: version that the vehicle reports."""
+    """Return that a vehicle has another PX4 version, and what to do. firmware: version that the vehicle reports."""
     right = ".".join(firmware.split(".")[:2])
     return (
-        f"nothing was written: the vehicle has firmware {firmware}, but the values were generated for PX4 {px4_version}, "
-        f'which has other parameters. Write `px4_version: "{right}"` for the vehicle in the YAML, '
+        f"the vehicle has firmware {firmware}, but the values were generated for PX4 {px4_version}. "
+        f'The two versions have different parameters. Write `px4_version: "{right}"` for the vehicle in the YAML, '
         f"or use --px4-version {right}"
     )
 

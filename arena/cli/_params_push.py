@@ -50,9 +50,14 @@ def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, versi
     )
 
 
-def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:
+def interrupted_record(
+    arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str
+) -> PushRecord:
     """Return the record of an interrupted parameter push, for `arena params push --resume`.
 
+    A record of an earlier `arena` has no PX4 versions: it gets those of the real vehicles.
+
+    version: PX4 version given on the command line, or "".
     Raises InputError if there is no record, if the record has none of the chosen vehicles, or if a vehicle now has another
     address or hardware uid.
     """
@@ -80,7 +85,26 @@ def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | Non
                 f"but this arena has {v.name} with hardware uid {v.uid}. "
                 f"{_RESUME_OR_DELETE}"
             )
+        entry = record.vehicles.get(v.name)
+        if entry is not None and entry.px4_version is None:
+            entry.px4_version = version_for(v, version) if has_board(v) else ""
     return record
+
+
+def completed_reboots(arena: Arena, record: PushRecord, version: str) -> dict[str, list[str]]:
+    """Return the written parameters that need a reboot, for the real vehicles to which the push of a record is complete.
+
+    version: PX4 version given on the command line, or "".
+    """
+    from arena.params.facts.parameter_table import parameters
+
+    found = {}
+    for v in arena.vehicles:
+        entry = record.vehicles.get(v.name)
+        if entry is not None and entry.complete and has_board(v):
+            table = parameters(entry.px4_version or version_for(v, version))
+            found[v.name] = [name for name in entry.written if name in table and table[name].reboot]
+    return found
 
 
 def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> dict[str, float]:

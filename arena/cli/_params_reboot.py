@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -16,7 +16,8 @@ from arena.cli._params import writable
 from arena.cli._params_output import ending_text
 
 if TYPE_CHECKING:
-    from arena.params.transfer.missing_reboots import MissingReboot
+    from arena.params.transfer.missing_reboots import ClockTime, MissingReboot
+    from arena.params.transfer.push_record import PushRecord
     from arena.params.transfer.session import PullReport, PushReport
     from arena.params.transfer.transfer import ParamResult
     from arena.params.transfer.transports import ParamTarget
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 SAVE_S = 2.5
 """Time in which PX4 saves written parameters: a delay of 0.3 s, and at most one save per 2 s [s]."""
 REBOOT_BEGINS_S = 2.0
-"""Time after which PX4 has obeyed the command to reboot, and its USB device has disappeared [s]."""
+"""Time from the reboot command until the old firmware no longer sends and its USB device is gone [s]."""
 RETURN_LIMIT_S = 60.0
 """Time in which a rebooted vehicle must be found again [s]."""
 
@@ -33,15 +34,17 @@ class RebootsOfPush:
     """Missing reboots of the vehicles of one push: those of this push, and those of earlier pushes.
 
     folder: folder of the YAML, in which the missing reboots are kept.
-    addresses: vehicle -> address as text, for the vehicles with a real autopilot. A simulated autopilot starts with the
-        right values and does not boot again.
+    addresses: vehicle -> address as text, for the vehicles with a real autopilot. Simulated autopilots are not recorded: the
+        arena sets their values at each start.
     Raises InputError if the file of the missing reboots is wrong.
     """
 
     def __init__(self, folder: Path, addresses: Mapping[str, str]) -> None:
         from arena.params.transfer.missing_reboots import MissingReboots
 
-        self._missing, self._addresses = MissingReboots.read(folder), addresses
+        self._earlier, self._addresses = MissingReboots.read(folder), addresses
+        self._missing = self._earlier.copy()
+        self._reports: dict[str, tuple[PushReport, ClockTime]] = {}
         self._keys: dict[str, str] = {}
 
     @property
@@ -49,30 +52,54 @@ class RebootsOfPush:
         """Names of the vehicles with a real autopilot."""
         return self._addresses
 
+    def add_completed(self, record: PushRecord, needed: Mapping[str, Sequence[str]]) -> None:
+        """Add the missing reboots of the vehicles to which the resumed push is already complete.
+
+        record: record of the resumed push, before it is saved again.
+        needed: vehicle -> parameters that were written and take effect only after a reboot.
+        """
+        from arena.params.transfer.missing_reboots import ClockTime
+
+        saved_at = ClockTime(unix_s=record.path.stat().st_mtime)
+        for name, parameters in needed.items():
+            vehicle = record.vehicles[name]
+            key = self._earlier.key_of(vehicle.uid, vehicle.at)
+            earlier = self._earlier.autopilots.get(key)
+            if new := [n for n in parameters if earlier is None or n not in earlier.parameters]:
+                self._earlier.add(key, name, new, saved_at, address=vehicle.at)
+
+    def before_write(self, vehicle: str, report: PushReport) -> None:
+        """Save the missing reboot of a vehicle before the first of its values is sent, because this process may be killed."""
+        from arena.params.transfer.missing_reboots import ClockTime
+
+        if vehicle in self._addresses:
+            self._reports[vehicle] = (report, ClockTime.now())
+            self._update()
+            self._save()
+
     def after_push(
         self, reports: Mapping[str, PushReport], *, dry_run: bool = False
     ) -> dict[str, PushReport]:
         """Add the missing reboots of earlier pushes to the reports. Print and save the missing reboots.
 
-        A missing reboot ends if the vehicle has booted since. dry_run: the file is not changed.
-        """
-        from arena.params.transfer.missing_reboots import autopilot_key
+        Remove the missing reboot of a vehicle that has booted since the values were written.
 
+        dry_run: the file is not changed.
+        """
+        from arena.params.transfer.missing_reboots import ClockTime
+
+        now = ClockTime.now()
+        self._reports = {
+            name: (reports[name], now)
+            for name in self._addresses
+            if reports[name].ending not in ("no connection", "wrong vehicle") or name in self._reports
+        }
         found = dict(reports)
-        for name in self._addresses:
-            report = reports[name]
-            if report.ending in ("no connection", "wrong vehicle"):
-                continue
-            key = self._keys[name] = autopilot_key(report.uid, self._addresses[name])
-            effective = self._missing.remove_if_booted(key, report.booted_at)
-            needed = [
-                n for n in report.needs_reboot if n not in effective or report.results[n].outcome != "same"
-            ]
-            earlier = self._missing.autopilots.get(key)
-            if earlier is not None:
-                print(_earlier_text(name, earlier, report, self._missing.path))
-            if needed:
-                self._missing.add(key, name, needed, time.time())
+        earlier = self._update()
+        for name, (report, _) in self._reports.items():
+            key = self._keys[name]
+            if name in earlier:
+                print(_earlier_text(name, key, earlier[name], report, self._missing.path))
             missing = self._missing.autopilots.get(key)
             found[name] = replace(report, needs_reboot=missing.parameters if missing is not None else ())
         if not dry_run:
@@ -84,18 +111,41 @@ class RebootsOfPush:
         self._missing.remove(self._keys[vehicle])
         self._save()
 
+    def _update(self) -> dict[str, MissingReboot]:
+        """Determine the missing reboots again, from those of earlier pushes and from the reports of this push.
+
+        Return those of earlier pushes that are still missing, as {vehicle: missing reboot}.
+        """
+        self._missing = missing = self._earlier.copy()
+        still: dict[str, MissingReboot] = {}
+        for name, (report, now) in self._reports.items():
+            address = self._addresses[name]
+            key = self._keys[name] = missing.key_of(report.uid, address)
+            effective = missing.remove_if_booted(key, report.uptime_s, now)
+            if key in missing.autopilots:
+                still[name] = missing.autopilots[key]
+            needed = [
+                n for n in report.needs_reboot if n not in effective or report.results[n].outcome != "same"
+            ]
+            if needed:
+                missing.add(key, name, needed, now, address=address, uptime_s=report.uptime_s)
+        return still
+
     def _save(self) -> None:
         with writable(self._missing.path):
             self._missing.save()
 
 
-def _earlier_text(name: str, earlier: MissingReboot, report: PushReport, file: Path) -> str:
-    """Return the line about the missing reboot of an earlier push."""
+def _earlier_text(name: str, key: str, earlier: MissingReboot, report: PushReport, file: Path) -> str:
+    """Return the line about the missing reboot of an earlier push. key: key of its entry in the file."""
     when = datetime.fromtimestamp(earlier.written_at).strftime("%Y-%m-%d %H:%M")
     written = f"{name} still needs a reboot: a push has written {', '.join(earlier.parameters)} on {when}"
-    if report.booted_at is not None:
+    if report.uptime_s is not None:
         return f"{written}, and the autopilot has not booted since"
-    return f"{written}, and the autopilot does not report when it booted. If it has rebooted since, delete {file}"
+    return (
+        f"{written}, and the autopilot does not report when it booted. Use --reboot. "
+        f'If it has rebooted since, you can also remove the entry "{key}" from {file}'
+    )
 
 
 def reboot_vehicles(
@@ -165,13 +215,18 @@ def _have_kept_values(
         {name: list(values) for name, values in held.items()},
         requested_at=requested_at,
         limit_s=RETURN_LIMIT_S,
+        report_boot_time=[name for name in targets if reports[name].uptime_s is not None],
     )
     problems = {name: list(_problems(name, held[name], report)) for name, report in found.items()}
     for name, lines in problems.items():
         if found[name].ending == "done":
             reboots.on_rebooted(name)
-        all_kept = f"{name}: has rebooted, and has kept all {len(held[name])} values"
-        print("\n".join(lines) or all_kept)
+        rebooted = (
+            "has rebooted"
+            if found[name].uptime_s is not None
+            else "has answered after the reboot command, does not report its boot time"
+        )
+        print("\n".join(lines) or f"{name}: {rebooted}, and has kept all {len(held[name])} values")
     return not any(problems.values())
 
 
@@ -181,13 +236,21 @@ def _held(report: PushReport) -> dict[str, ParamResult]:
 
 
 def _not_found_text(after: PullReport) -> str:
-    """Return why the values of a vehicle are unknown after the command to reboot."""
+    """Return why the values of a vehicle are unknown after the command to reboot, and what to do."""
     if after.ending == "interrupted":
-        return "the wait for the reboot was interrupted, so its values were not read again"
+        return (
+            "interrupted (Ctrl-C) before the vehicle was found again: the values after the reboot are unknown. "
+            "Run the same push again"
+        )
     if after.ending == "not rebooted":
-        return f"has accepted the reboot, but has not rebooted within {RETURN_LIMIT_S:g} s"
-    why = ending_text(after.ending, after.why)
-    return f"not found again within {RETURN_LIMIT_S:g} s after the reboot, so its values were not read again ({why})"
+        return (
+            f"still reports its earlier boot {RETURN_LIMIT_S:g} s after the reboot command. "
+            "Switch the vehicle off and on, then run the same push again"
+        )
+    return (
+        f"not found again within {RETURN_LIMIT_S:g} s after the reboot, so its values were not read again "
+        f"({ending_text(after.ending, after.why)}). Look at the vehicle and its connection, then run the same push again"
+    )
 
 
 def _problems(vehicle: str, held: Mapping[str, ParamResult], after: PullReport) -> Iterator[str]:
@@ -199,7 +262,7 @@ def _problems(vehicle: str, held: Mapping[str, ParamResult], after: PullReport) 
     from arena.wire.mavlink_params import alike
 
     if after.ending != "done":
-        yield f"{vehicle}: {_not_found_text(after)}. Look at the vehicle and its connection, then run the same push again"
+        yield f"{vehicle}: {_not_found_text(after)}"
         return
     lost = 0
     for name, result in held.items():

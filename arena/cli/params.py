@@ -33,6 +33,7 @@ from arena.cli._params_output import (
 )
 from arena.cli._params_push import (
     RECORD,
+    completed_reboots,
     interrupted_record,
     new_record,
     only_push,
@@ -135,8 +136,8 @@ def push(
 ) -> None:
     """Write the parameters that the YAML requires into the autopilots of vehicles.
 
-    Reads all parameters, writes those that differ, and reads these again. Refuses armed vehicles, and real vehicles with
-    another PX4 version.
+    Reads all parameters, writes those that differ, and reads these again. Refuses armed vehicles. Refuses real vehicles whose PX4
+    version differs from `px4_version`.
     After a reboot it finds real vehicles again, and reads all values again.
     Exit code 1 if a vehicle does not have all values, needs a reboot before they take effect, or is not found after the reboot.
     """
@@ -148,7 +149,9 @@ def push(
     with nullcontext() if dry_run else only_push(Path(lab.folder)):
         chosen = selected_vehicles(lab, vehicles)
         record = (
-            interrupted_record(lab, chosen, file) if resume else new_record(lab, chosen, file, px4_version)
+            interrupted_record(lab, chosen, file, px4_version)
+            if resume
+            else new_record(lab, chosen, file, px4_version)
         )
         chosen = [v for v in chosen if v.name in record.wanted]
         wanted = {v.name: record.wanted[v.name] for v in chosen}
@@ -160,6 +163,8 @@ def push(
         needs_reboot = frozenset(name for table in tables.values() for name, p in table.items() if p.reboot)
         real = {v.name: address_text(lab, v) for v in chosen if has_board(v)}
         reboots = RebootsOfPush(Path(lab.folder), real)
+        if resume:
+            reboots.add_completed(record, completed_reboots(lab, record, px4_version))
         targets = targets_of(lab, chosen)
         with ProgressBars(wanted) as bars, writable(record.path):
             reports = push_now(
@@ -168,6 +173,7 @@ def push(
                 dry_run=dry_run,
                 record=record,
                 reboot_names=needs_reboot,
+                on_reboot_needed=reboots.before_write,
                 on_progress=bars.show,
             )
         for name, report in reports.items():
@@ -179,6 +185,9 @@ def push(
                 f"Continue it with `arena params push --resume` ({record.path})"
             )
         reports = reboots.after_push(reports, dry_run=dry_run)
+        if not dry_run and not record.wanted:
+            with writable(record.path):
+                record.delete()
         held &= dry_run or reboot_vehicles(targets, reports, reboots, without_asking=reboot)
     if not held:
         raise typer.Exit(EXIT_FAILED)

@@ -60,7 +60,7 @@ def test_value_without_acknowledgement_is_resumed(
             "uav1"
         ]
         assert report.ending == ("connection lost" if dies else "done")
-        assert report.with_outcome("unanswered") == ["P_03"]
+        assert report.with_outcome("unanswered") == ["P_03"] and report.needs_reboot == ("P_03",)
         left = PushRecord.read(file)
         assert left.unfinished and left.wanted == wanted
         assert left.vehicles["uav1"].unknown == {"P_03": 9.0} and left.vehicles["uav1"].written == {}
@@ -68,7 +68,7 @@ def test_value_without_acknowledgement_is_resumed(
         report = push(targets, left.wanted, record=left, reboot_names=reboot_names)["uav1"]
     assert report.holds and autopilot.params["P_03"][0] == 9 and report.needs_reboot == ("P_03",)
     assert report.with_outcome("written") == ([] if obeys else ["P_03"])
-    assert not file.exists()
+    assert not PushRecord.read(file).wanted
 
 
 def test_unknown_values_are_kept_until_the_vehicle_reports_them(tmp_path: Path) -> None:
@@ -91,3 +91,32 @@ def test_record_of_an_earlier_version_is_read(tmp_path: Path) -> None:
     del raw["vehicles"]["a"]["unknown"]
     record.path.write_text(json.dumps(raw))
     assert PushRecord.read(record.path).vehicles == record.vehicles
+
+
+def test_resumed_push_is_incomplete_while_it_runs(tmp_path: Path) -> None:
+    record = PushRecord.begin(tmp_path / "push.json", {"a": {"X": 2.0, "Y": 2.0}})
+    record.update("a", {"X": 1.0, "Y": 1.0}, {"X": 2.0}, "done", unknown={"Y": 2.0})
+    record.update(
+        "a", {"Y": 1.0}, {}, "", known={"Y"}
+    )  # the resumed push has read Y, but has not written it again
+    assert record.unfinished and record.wanted
+    record.update("a", {"Y": 1.0}, {"Y": 2.0}, "done", known={"Y"})
+    assert not record.unfinished and not record.wanted
+
+
+class Clamping(FakeAutopilot):
+    """An autopilot that sets another value than the one in PARAM_SET."""
+
+    def write(self, name: str, raw: float) -> None:
+        super().write(name, raw)
+        self.params[name] = (5.0, self.params[name][1])
+
+
+@pytest.mark.parametrize("old", [5.0, 3.0])
+def test_refused_value_needs_a_reboot_only_if_it_has_changed(old: float) -> None:
+    autopilot = Clamping(params=sixty_params(), telemetry=("HEARTBEAT",), period_s=0.1)
+    autopilot.params["P_03"] = (old, autopilot.params["P_03"][1])
+    with serve([autopilot]) as targets:
+        report = push(targets, {"uav1": {"P_03": 9.0}}, reboot_names=frozenset({"P_03"}))["uav1"]
+    assert report.with_outcome("refused") == ["P_03"]
+    assert report.needs_reboot == (() if old == 5.0 else ("P_03",))

@@ -256,7 +256,7 @@ def test_interrupted_push_is_resumed_from_its_record(tmp_path: Path) -> None:
         "written values are not written again"
     )
     assert not set(first.written_names[len(before["uav1"]) :]) & set(reports["uav1"].with_outcome("written"))
-    assert not file.exists(), "nothing is left to resume"
+    assert not PushRecord.read(file).wanted, "nothing is left to resume"
 
 
 def test_old_values_are_saved_before_the_first_write(tmp_path: Path) -> None:
@@ -321,7 +321,7 @@ def test_resume_of_one_vehicle_keeps_the_record_of_the_others(tmp_path: Path) ->
         assert left.unfinished and left.wanted == {"uav2": {"P_03": 9}}
         assert left.vehicles["uav2"].before == {"P_03": 3, "P_05": 5}
         assert push(targets, left.wanted, record=left)["uav2"].holds
-    assert not file.exists()
+    assert not PushRecord.read(file).wanted
 
 
 def test_unwritable_record_stops_before_the_first_write(tmp_path: Path) -> None:

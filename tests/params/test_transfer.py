@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fake_autopilot import INT32, REBOOT
+from fake_autopilot import INT32, REBOOT, REQUEST
 from rebooting_autopilot import rebooting
 from served import LossyLink
 
@@ -163,8 +163,8 @@ def test_armed_vehicle_is_not_rebooted() -> None:
 # -- after a reboot -------------------------------------------------------------------------------------------------------------
 
 
-def after_reboot(*names: str) -> AfterRebootReader:
-    return AfterRebootReader(system=1, component=ME, now=0.0, names=names, requested_at=0.5)
+def after_reboot(*names: str, **more: Any) -> AfterRebootReader:
+    return AfterRebootReader(system=1, component=ME, now=0.0, names=names, requested_at=0.5, **more)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -195,6 +195,19 @@ def test_vehicle_that_answers_without_a_reboot_is_not_read() -> None:
     autopilot, core = rebooting(params=sixty_params()), after_reboot("P_03")
     assert 5.0 <= run(core, autopilot, LossyLink()) < 6.0
     assert core.ending == "not rebooted" and not core.values
+
+
+def test_vehicle_that_no_longer_reports_its_boot_time_is_not_read() -> None:
+    core = after_reboot("P_03", reports_boot_time=True)
+    assert 5.0 <= run(core, vehicle(), LossyLink()) < 6.0
+    assert core.ending == "no connection" and not core.values
+
+
+def test_boot_time_is_requested_together_with_the_uid() -> None:
+    autopilot, core = rebooting(params=sixty_params(), age_s=0.0), after_reboot("P_03", uid=UidCheck(""))
+    autopilot.ignore = {REQUEST}  # so the uid is requested again and again
+    run(core, autopilot, LossyLink())
+    assert [c.param1 for c in autopilot.commands][:2] == [AUTOPILOT_VERSION, SYSTEM_TIME]
 
 
 def test_rebooted_vehicle_without_system_time_is_read() -> None:

@@ -23,9 +23,14 @@ class AfterRebootReader(ParamReader):
     It ends as "not rebooted" or "no connection" if the vehicle has not rebooted within `TRY_S`.
 
     names: names of the parameters to read.
-    requested_at: monotonic time of the command to reboot [s]. The vehicle has rebooted if it has booted after this time. An
-        autopilot without SYSTEM_TIME counts as rebooted, so begin the transfer only when its old firmware no longer sends.
+    requested_at: monotonic time of the command to reboot [s]. The vehicle has rebooted if it has booted after this time.
+    reports_boot_time: the autopilot has reported its boot time (SYSTEM_TIME) before the reboot, so only a SYSTEM_TIME shows that
+        it has rebooted. Otherwise it counts as rebooted if it sends no SYSTEM_TIME.
+
+    Begin the transfer only after the old firmware has stopped sending.
     """
+
+    requests_boot_time = True
 
     def __init__(
         self,
@@ -35,10 +40,11 @@ class AfterRebootReader(ParamReader):
         now: float,
         names: Iterable[str],
         requested_at: float,
+        reports_boot_time: bool = False,
         uid: UidCheck | None = None,
     ) -> None:
         super().__init__(system=system, component=component, now=now, names=names, uid=uid)
-        self._requested_at = requested_at
+        self._requested_at, self._reports_boot_time = requested_at, reports_boot_time
         self._connected_at: float | None = None
         self._next_request = now
 
@@ -47,6 +53,8 @@ class AfterRebootReader(ParamReader):
             return False
         if self.booted_at is not None:
             return self.booted_at > self._requested_at
+        if self._reports_boot_time:
+            return False
         return now - self._connected_at > _NO_BOOT_TIME_S
 
     def _on_value(self, value: Value, now: float) -> None:

@@ -7,9 +7,11 @@ so without this record it would not report the missing reboot.
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from arena.errors import InputError
 from arena.params.transfer.uid_check import NO_UID
@@ -17,6 +19,33 @@ from arena.whole_file import replace_file
 
 FILE = "missing_reboots.json"
 _FORMAT = "arena missing reboots 1"
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+_LATEST_S = 1e11  # largest time in the file [s]; `datetime` has no year for much larger ones
+_UPTIME_ERROR_S = 1.0  # delay of the messages from which the time since the vehicle's boot is known
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockTime:
+    """Time of this computer.
+
+    unix_s: Unix time [s]. It jumps when the clock is set.
+    boot_id: id of the computer's boot; "" if unknown.
+    since_boot_s: time since the computer's boot [s]. It does not jump.
+    """
+
+    unix_s: float
+    boot_id: str = ""
+    since_boot_s: float = 0.0
+
+    @classmethod
+    def now(cls) -> ClockTime:
+        """Return the present time."""
+        try:
+            boot_id = _BOOT_ID.read_text().strip()
+        except OSError:
+            boot_id = ""
+        since_boot_s = time.clock_gettime(time.CLOCK_BOOTTIME)
+        return cls(unix_s=time.time(), boot_id=boot_id, since_boot_s=since_boot_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,17 +55,38 @@ class MissingReboot:
     vehicle: name of the vehicle.
     parameters: parameters that were written and take effect only after a reboot.
     written_at: time after which the autopilot must boot [s] (Unix time).
+    address: address of the vehicle, as text.
+    uptime_s: time since the autopilot's boot at `written_at` [s]; None if unknown.
+    boot_id: id of the computer's boot at `written_at`; "" if unknown.
+    since_boot_s: time since the computer's boot at `written_at` [s].
     """
 
     vehicle: str
     parameters: tuple[str, ...]
     written_at: float
+    address: str = ""
+    uptime_s: float | None = None
+    boot_id: str = ""
+    since_boot_s: float = 0.0
+
+    def has_booted(self, uptime_s: float | None, now: ClockTime) -> bool:
+        """Return whether the autopilot has booted since the values were written.
+
+        uptime_s: time since the autopilot's boot [s]; None if unknown.
+        """
+        if uptime_s is None:
+            return False
+        if self.uptime_s is not None and uptime_s < self.uptime_s - _UPTIME_ERROR_S:
+            return True
+        same_boot = self.boot_id != "" and self.boot_id == now.boot_id
+        elapsed_s = now.since_boot_s - self.since_boot_s if same_boot else now.unix_s - self.written_at
+        return uptime_s < elapsed_s
 
 
 class MissingReboots:
     """Missing reboots of autopilots, kept in the file `path`.
 
-    The key of an autopilot is its hardware uid, or its address if it reports none (see `autopilot_key`).
+    The key of an autopilot is its hardware uid, or its address if it reports none (see `key_of`).
     """
 
     def __init__(self, path: Path, autopilots: dict[str, MissingReboot]) -> None:
@@ -53,14 +103,7 @@ class MissingReboots:
             raw = json.loads(path.read_text())
             if raw["format"] != _FORMAT:
                 raise ValueError(f"the key `format` is {raw['format']!r}, expected {_FORMAT!r}")
-            found = {
-                str(key): MissingReboot(
-                    vehicle=str(each["vehicle"]),
-                    parameters=tuple(map(str, each["parameters"])),
-                    written_at=float(each["written_at"]),
-                )
-                for key, each in raw["autopilots"].items()
-            }
+            found = {str(key): _parse(each) for key, each in raw["autopilots"].items()}
         except FileNotFoundError:
             found = {}
         except OSError as error:
@@ -71,24 +114,64 @@ class MissingReboots:
             ) from error
         return cls(path, found)
 
-    def add(self, key: str, vehicle: str, parameters: Iterable[str], now: float) -> None:
-        """Record that parameters were written which need a reboot. Parameters in the record are kept. now: Unix time [s]."""
-        earlier = self.autopilots[key].parameters if key in self.autopilots else ()
-        names = tuple(dict.fromkeys((*earlier, *parameters)))
-        self.autopilots[key] = MissingReboot(vehicle=vehicle, parameters=names, written_at=now)
+    def copy(self) -> MissingReboots:
+        """Return a copy. Changes of the copy do not change this object."""
+        return MissingReboots(self.path, dict(self.autopilots))
+
+    def key_of(self, uid: str, address: str) -> str:
+        """Return the key of an autopilot: its hardware uid, or its address if it reports none.
+
+        An autopilot whose uid is unknown ("") gets the key of the latest entry with its address, because the reply with the uid
+        may be lost. For the same reason an entry without a uid is moved to the uid that is reported now.
+        """
+        if uid not in ("", NO_UID):
+            if address in self.autopilots:
+                earlier, known = self.autopilots.pop(address), self.autopilots.get(uid)
+                self.autopilots[uid] = earlier if known is None else _merged(known, earlier)
+            return uid
+        same = [key for key, each in self.autopilots.items() if each.address == address and uid == ""]
+        return max(same, key=lambda key: self.autopilots[key].written_at, default=address)
+
+    def add(
+        self,
+        key: str,
+        vehicle: str,
+        parameters: Iterable[str],
+        now: ClockTime,
+        *,
+        address: str = "",
+        uptime_s: float | None = None,
+    ) -> None:
+        """Record that parameters were written which need a reboot. Parameters in the record are kept.
+
+        now: time after which the autopilot must boot.
+        address: address of the vehicle, as text.
+        uptime_s: time since the autopilot's boot [s]; None if unknown.
+        """
+        new = MissingReboot(
+            vehicle=vehicle,
+            parameters=tuple(parameters),
+            written_at=now.unix_s,
+            address=address,
+            uptime_s=uptime_s,
+            boot_id=now.boot_id,
+            since_boot_s=now.since_boot_s,
+        )
+        earlier = self.autopilots.get(key)
+        self.autopilots[key] = new if earlier is None else _with_parameters(new, earlier)
 
     def remove(self, key: str) -> None:
         """Remove the missing reboot of an autopilot that has rebooted."""
         self.autopilots.pop(key, None)
 
-    def remove_if_booted(self, key: str, booted_at: float | None) -> tuple[str, ...]:
+    def remove_if_booted(self, key: str, uptime_s: float | None, now: ClockTime) -> tuple[str, ...]:
         """Remove the missing reboot of an autopilot if it has booted since the values were written.
 
-        booted_at: time of its last boot [s] (Unix time); None: unknown.
+        uptime_s: time since its last boot [s]; None: unknown.
         Return the parameters that have taken effect with this boot.
         """
         missing = self.autopilots.get(key)
-        if missing is None or booted_at is None or booted_at <= missing.written_at:
+        if missing is None or not missing.has_booted(uptime_s, now):
             return ()
         self.remove(key)
         return missing.parameters
@@ -102,6 +185,33 @@ class MissingReboots:
         replace_file(self.path, json.dumps({"format": _FORMAT, "autopilots": autopilots}, indent=1) + "\n")
 
 
-def autopilot_key(uid: str, address: str) -> str:
-    """Return the key of an autopilot in the record: its hardware uid, or its address if it reports none."""
-    return uid if uid not in ("", NO_UID) else address
+def _with_parameters(new: MissingReboot, earlier: MissingReboot) -> MissingReboot:
+    """Return the missing reboot `new` with the parameters of both."""
+    return replace(new, parameters=tuple(dict.fromkeys((*earlier.parameters, *new.parameters))))
+
+
+def _merged(a: MissingReboot, b: MissingReboot) -> MissingReboot:
+    """Return one missing reboot for two of the same autopilot: all parameters, and the later time."""
+    earlier, later = sorted((a, b), key=lambda each: each.written_at)
+    return _with_parameters(later, earlier)
+
+
+def _parse(raw: Any) -> MissingReboot:
+    uptime_s = raw.get("uptime_s")
+    return MissingReboot(
+        vehicle=str(raw["vehicle"]),
+        parameters=tuple(map(str, raw["parameters"])),
+        written_at=_seconds("written_at", raw["written_at"]),
+        address=str(raw.get("address", "")),
+        uptime_s=None if uptime_s is None else _seconds("uptime_s", uptime_s),
+        boot_id=str(raw.get("boot_id", "")),
+        since_boot_s=_seconds("since_boot_s", raw.get("since_boot_s", 0.0)),
+    )
+
+
+def _seconds(name: str, value: Any) -> float:
+    """Return a time of the file [s]. Raises ValueError if it is not a possible time."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not 0 <= value <= _LATEST_S:  # also refuses NaN and infinity
+        raise ValueError(f"{name} is {value!r}, expected a time from 0 to {_LATEST_S:.0f} s")
+    return float(value)

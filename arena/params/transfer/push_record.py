@@ -30,7 +30,8 @@ class VehicleRecord:
     ending: why the transfer ended; "" while it runs.
     at: address of the vehicle, as text.
     uid: hardware uid of the vehicle; "" before it is known, or if the vehicle sends none.
-    px4_version: PX4 version for which the values were generated; "" if the version of the vehicle does not matter.
+    px4_version: PX4 version for which the values were generated; "" if the version of the vehicle does not matter; None in a
+        record of an earlier `arena`, which does not have it.
     """
 
     wanted: dict[str, float]
@@ -40,12 +41,17 @@ class VehicleRecord:
     ending: str = ""
     at: str = ""
     uid: str = ""
-    px4_version: str = ""
+    px4_version: str | None = ""
 
     @property
     def complete(self) -> bool:
         """True if the push to this vehicle has ended and no value is unknown."""
         return self.ending == "done" and not self.unknown
+
+    @property
+    def unfinished(self) -> bool:
+        """True if the vehicle may have received new values, but its push is not complete."""
+        return bool(self.written or self.unknown) and not self.complete
 
 
 class PushRecord:
@@ -97,7 +103,7 @@ class PushRecord:
     @property
     def unfinished(self) -> bool:
         """True if at least one vehicle may have received new values, but its push is not complete."""
-        return any((v.written or v.unknown) and not v.complete for v in self.vehicles.values())
+        return any(v.unfinished for v in self.vehicles.values())
 
     @property
     def wanted(self) -> dict[str, dict[str, float]]:
@@ -118,6 +124,7 @@ class PushRecord:
         """Add new values of one vehicle to the record. Return whether the record has changed.
 
         before: old values. A value that is already in the record is kept.
+        ending: why the transfer ended; "" while it runs, also if the record has the ending of an earlier push.
         unknown: values that were sent, but not acknowledged.
         known: parameters whose value the vehicle has reported. They are not unknown any more.
         """
@@ -127,7 +134,7 @@ class PushRecord:
             before={**before, **old.before},
             written={**old.written, **written},
             unknown={n: v for n, v in old.unknown.items() if n not in known} | dict(unknown or {}),
-            ending=ending or old.ending,
+            ending=ending,
             at=old.at,
             uid=old.uid or uid,
             px4_version=old.px4_version,
@@ -159,7 +166,7 @@ def _parse(raw: Any) -> VehicleRecord:
         ending=str(raw["ending"]),
         at=str(raw.get("at", "")),
         uid=str(raw.get("uid", "")),
-        px4_version=str(raw.get("px4_version", "")),
+        px4_version=str(version) if (version := raw.get("px4_version")) is not None else None,
     )
 
 

@@ -13,7 +13,7 @@ If a vehicle cannot be reached, only its own transfer ends. Ctrl-C ends all tran
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from arena.params.transfer.after_reboot import AfterRebootReader
@@ -38,10 +38,10 @@ class PushReport:
     ending: "done", or why the transfer ended early.
     results: parameter -> outcome.
     needs_reboot: parameters that take effect only after a reboot and were written by this push, or before by the push that
-        this push resumes.
+        this push resumes. A value that may be written (sent, but not acknowledged) counts as written.
     why: why the connection could not be opened, or why the vehicle is the wrong one; "" otherwise.
     uid: hardware uid of the vehicle; "" if it sends none.
-    booted_at: time at which the vehicle booted [s] (Unix time); None if it does not report it.
+    uptime_s: time since the vehicle's boot when this report was made [s]; None if the vehicle does not report it.
     firmware: version of the vehicle's firmware, such as "1.16.0"; "" if it does not report it.
     """
 
@@ -51,7 +51,7 @@ class PushReport:
     why: str = ""
     traffic: Traffic = field(default_factory=Traffic)
     uid: str = ""
-    booted_at: float | None = None
+    uptime_s: float | None = None
     firmware: str = ""
 
     @property
@@ -72,6 +72,7 @@ class PullReport:
     why: why the connection could not be opened; "" if it was opened.
     values: parameter name -> value read.
     missing: parameter name, or index in the list -> "unknown" or "unanswered".
+    uptime_s: time since the vehicle's boot when this report was made [s]; None if the vehicle has not reported it.
     """
 
     ending: Ending
@@ -79,11 +80,16 @@ class PullReport:
     missing: Mapping[str | int, Outcome] = field(default_factory=dict)
     why: str = ""
     traffic: Traffic = field(default_factory=Traffic)
+    uptime_s: float | None = None
 
     @property
     def complete(self) -> bool:
         """True if every requested parameter was read."""
         return self.ending == "done" and not self.missing
+
+
+OnRebootNeeded = Callable[[str, PushReport], None]
+"""Callback that gets a vehicle name, and the report so far of the push to this vehicle."""
 
 
 def push(
@@ -93,16 +99,18 @@ def push(
     dry_run: bool = False,
     record: PushRecord | None = None,
     reboot_names: frozenset[str] = frozenset(),
+    on_reboot_needed: OnRebootNeeded | None = None,
     on_progress: OnProgress | None = None,
 ) -> dict[str, PushReport]:
     """Write parameters to vehicles: read the present values, write those that differ, and read these back.
 
     wanted: vehicle -> {parameter: value}.
     dry_run: only read and compare.
-    record: record of these vehicles, which is saved during the push and deleted when all its vehicles are done. To resume an
-        interrupted push, pass its record, and `record.wanted` as `wanted`, or only some of its vehicles. Nothing is written to a
-        vehicle with another PX4 version than its `px4_version` in the record.
+    record: record of these vehicles, which is saved during the push. Delete it after the push if `record.wanted` is empty. To
+        resume an interrupted push, pass its record, and `record.wanted` as `wanted`, or only some of its vehicles. Nothing is
+        written to a vehicle with another PX4 version than its `px4_version` in the record.
     reboot_names: parameters that take effect only after a reboot.
+    on_reboot_needed: callback that is called before values of such parameters are sent to a vehicle for the first time.
     Raises OSError if the record cannot be saved. No value is sent before its old value is saved.
     """
 
@@ -113,7 +121,7 @@ def push(
             now=now,
             wanted=wanted[name],
             dry_run=dry_run,
-            px4_version=record.vehicles[name].px4_version if record is not None else "",
+            px4_version=(record.vehicles[name].px4_version or "") if record is not None else "",
             uid=UidCheck(_expected_uid(name, targets[name], record)),
         )
 
@@ -122,17 +130,27 @@ def push(
         for name in wanted
     }
     keeper = None if record is None or dry_run else _RecordKeeper(record)
-    connections = run(
-        {name: targets[name] for name in wanted}, make, on_progress, keeper.update if keeper else None
-    )
+    announced = dict.fromkeys(wanted, frozenset[str]())
+
+    def before_send(connections: Mapping[str, Connection[ParamWriter]]) -> None:
+        if keeper is not None:
+            keeper.update(connections)
+        if on_reboot_needed is None or dry_run:
+            return
+        for name, connection in connections.items():
+            transfer = connection.transfer
+            sent = reboot_names & (transfer.unknown.keys() | transfer.written.keys())
+            if not sent <= announced[name]:
+                announced[name] |= sent
+                on_reboot_needed(name, _push_report(connection, reboot_names, earlier[name]))
+
+    connections = run({name: targets[name] for name in wanted}, make, on_progress, before_send)
     reports = {
         name: _push_report(connection, reboot_names, earlier[name])
         for name, connection in connections.items()
     }
     if keeper is not None:
         keeper.update(connections, always=True)
-        if not keeper.record.wanted:
-            keeper.record.delete()
     return reports
 
 
@@ -179,6 +197,7 @@ def read_after_reboot(
     *,
     requested_at: float,
     limit_s: float,
+    report_boot_time: Collection[str] = (),
 ) -> dict[str, PullReport]:
     """Find rebooted vehicles again and read parameters from them. Return {vehicle: result}.
 
@@ -188,6 +207,7 @@ def read_after_reboot(
     names: vehicle -> names of the parameters.
     requested_at: monotonic time of the command to reboot [s].
     limit_s: time after which a vehicle that was not found is given up [s].
+    report_boot_time: names of the vehicles that have reported their boot time before the reboot, and so must report it again.
     """
 
     def make(name: str, now: float) -> ParamReader:
@@ -197,6 +217,7 @@ def read_after_reboot(
             now=now,
             names=names[name],
             requested_at=requested_at,
+            reports_boot_time=name in report_boot_time,
             uid=UidCheck(targets[name].uid),
         )
 
@@ -231,7 +252,7 @@ def _push_report(
         name
         for name, result in results.items()
         if name in reboot_names
-        and (result.outcome == "written" or (result.outcome == "same" and name in earlier))
+        and (result.may_have_changed or (result.outcome == "same" and name in earlier))
     )
     return PushReport(
         ending=connection.transfer.ending,
@@ -240,7 +261,7 @@ def _push_report(
         why=connection.why,
         traffic=connection.traffic,
         uid=connection.uid,
-        booted_at=connection.booted_at,
+        uptime_s=connection.uptime_s,
         firmware=connection.transfer.firmware,
     )
 
@@ -262,6 +283,7 @@ def _pull_report(connection: Connection[ParamReader]) -> PullReport:
         missing=transfer.missing,
         why=connection.why,
         traffic=connection.traffic,
+        uptime_s=connection.uptime_s,
     )
 
 
@@ -292,7 +314,7 @@ class _RecordKeeper:
             )
             new = self.record.vehicles[name]
             urgent |= len(new.before) > len(old.before)
-            urgent |= bool(new.unknown) and not (old.written or old.unknown)
+            urgent |= new.unfinished and not old.unfinished
         if urgent or (changed and now >= self._next):
             self._next = now + _SAVE_PERIOD_S
             self.record.save()

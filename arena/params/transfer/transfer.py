@@ -83,6 +83,13 @@ class ParamResult(NamedTuple):
     kind: int = 0
     why: str = ""
 
+    @property
+    def may_have_changed(self) -> bool:
+        """True if the vehicle has another value than before the transfer, or may have it because it did not answer."""
+        if self.outcome == "refused":
+            return self.new != self.old
+        return self.outcome == "written" or (self.outcome == "unanswered" and self.old is not None)
+
 
 class Progress(NamedTuple):
     """Progress of a transfer, for the display.

@@ -63,10 +63,10 @@ class Connection(Generic[AnyTransfer]):
         return self.transfer.uid.found if self.transfer.uid is not None else ""
 
     @property
-    def booted_at(self) -> float | None:
-        """Time at which the vehicle booted [s] (Unix time); None if unknown."""
+    def uptime_s(self) -> float | None:
+        """Time since the vehicle's boot [s]; None if the vehicle has not reported it."""
         at = self.transfer.booted_at
-        return None if at is None else time.time() - (time.monotonic() - at)
+        return None if at is None else max(time.monotonic() - at, 0.0)
 
     @property
     def traffic(self) -> Traffic:

@@ -157,7 +157,7 @@ class ParamWriter(Transfer):
 
     @property
     def known(self) -> frozenset[str]:
-        """Return the parameters whose present value was read since the last attempt to write them."""
+        """Return the parameters whose present value is known: read, acknowledged or reported as missing after the last write."""
         return frozenset(
             n
             for n, p in self._params.items()
