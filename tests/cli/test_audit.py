@@ -47,7 +47,7 @@ def run(tmp_path: Path) -> Path:
     ]
     (tmp_path / "events.jsonl").write_text("\n".join(map(json.dumps, lines)) + '\n{"half')
     (tmp_path / "emergency.jsonl").write_text(
-        json.dumps({"mono": 4.5, "command": "land-all", "vehicles": ["uav1"]}) + "\n"
+        '{"half\n' + json.dumps({"mono": 4.5, "command": "land-all", "vehicles": ["uav1"]}) + "\n\n"
     )
     return tmp_path
 
