@@ -24,7 +24,7 @@ REPORT_PROGRESS = "progress: "
 """Beginning of an output line of the report task that names its present step. `arena up` shows the step."""
 
 PX4_HOME = "PX4_HOME"
-"""Environment variable of the user with the folder of PX4. PX4 itself does not get it."""
+"""Name of the environment variable in which the user gives the PX4 folder. It is not passed to PX4."""
 
 POSE_PAGE = "page"
 """`kind` of a program's settings for motion capture if it reads the pose page (`arena.wire.pose_page`) instead of a vendor's server."""

@@ -335,10 +335,11 @@ class Authority:
     def restore(self, standing: Mapping[str, Any], now: float) -> None:
         """Refuse again the commands that were refused before this process was restarted.
 
-        The supervisor requests this after it has restarted the process.
+        The supervisor requests this after it has restarted the process, or if the process was not ready when `land-all`
+        commanded a landing. A pilot who has control keeps control.
 
         standing: last value of `standing` that was reported before the restart, by this process or by another process that
-        passes commands to the vehicle. A pilot who already has control keeps it.
+        passes commands to the vehicle; or the landing.
         """
         pilot = self.holder is Role.PILOT
         if taken := standing.get("taken"):
@@ -346,7 +347,9 @@ class Authority:
         if latch := standing.get("latch"):
             self._set_latch(Role(latch[0]), int(latch[1]), now)
             if pilot:
-                self._change(Role.PILOT, "still, with a landing latched", now)
+                self._change(
+                    Role.PILOT, "pilot keeps control; a landing is latched until `arena release`", now
+                )
         if standing.get("pilot") is True:  # until the first heartbeats show the flight mode
             self._input_at, self._heartbeats_since = now, 0
             self._change(Role.PILOT, "as before a restart", now)

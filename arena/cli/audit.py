@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -74,21 +75,29 @@ def _from_events(events: Path, vehicles: list[str]) -> Iterator[dict[str, Any]]:
 
 def _emergency(commands: Path) -> Iterator[dict[str, Any]]:
     for entry in _lines(commands):
-        for vehicle in entry.get("vehicles", ()):
+        names = entry.get("vehicles")
+        for vehicle in names if isinstance(names, list) else ():
             yield {**entry, "vehicle": vehicle, "event": f"`arena {entry.get('command')}` was started"}
 
 
 def _lines(file: Path) -> Iterator[dict[str, Any]]:
     """Yield the JSON objects of a file with one object per line.
 
-    A missing file has none. A line that is not complete is skipped.
+    A missing file has none. A line that is not complete, or has no valid time, is skipped.
     """
     if not file.is_file():
         return
     for line in file.read_text(errors="replace").splitlines():
         try:
             entry = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             continue
-        if isinstance(entry, dict) and "mono" in entry:
+        if isinstance(entry, dict) and _is_time(entry.get("mono")):
             yield entry
+
+
+def _is_time(value: Any) -> bool:
+    try:
+        return isinstance(value, int | float) and math.isfinite(value)
+    except OverflowError:  # an integer that is too large for a float
+        return False

@@ -23,9 +23,10 @@ from arena.emergency.targets import Found, Target, choose, find, of_runs, untrus
 from arena.errors import EXIT_FAILED, EXIT_OK, ArenaError, InputError
 
 KILL_TIMEOUT_S = 10.0
-_OUTPUT = BackgroundWriter("output", 10_000)
-"""Thread that prints and records, because a frozen terminal or a disk that does not respond must not delay a landing."""
+_OUTPUT, _RECORDS = BackgroundWriter("output", 10_000), BackgroundWriter("records", 1_000)
+"""Threads that print and that record, because a frozen terminal or a disk that does not respond must not delay a landing."""
 _FLUSH_S = 2.0
+_NOT_RECORDED = "could not be recorded, so a program may arm a vehicle whose router was not ready"
 _RESULT_S = 5.0  # a process for another user must end within this time after the timeout
 
 
@@ -100,7 +101,7 @@ def _command_all(action: Action, selection: Selection) -> int:
         code = EXIT_OK
     finally:
         codes = [one.wait(max(0.0, end - time.monotonic()), _say) for one in others]
-        _OUTPUT.flush(_FLUSH_S)
+        _flush()
     return code or next(filter(None, codes), EXIT_OK)
 
 
@@ -128,7 +129,7 @@ def _command_of_user(action: Action, selection: Selection, uid: int, report: Cal
     try:
         return _command_runs_of(action, selection, uid, report)
     finally:
-        _OUTPUT.flush(_FLUSH_S)
+        _flush()
 
 
 def _command_runs_of(action: Action, selection: Selection, uid: int, report: Callable[[bool], None]) -> int:
@@ -147,19 +148,33 @@ def _command_runs_of(action: Action, selection: Selection, uid: int, report: Cal
 
 
 def _command_found(action: Action, selection: Selection, found: Found, targets: tuple[Target, ...]) -> int:
+    at = time.monotonic()
     send_first_commands(targets, action)
+    _record(f"{action}-all", targets, at)
     from arena.emergency.dispatch import bring_down  # imported late: loading it delays the first command
 
     what = "landing" if action == "land" else "STOPPING THE MOTORS of"
     _say(f"{what} {', '.join(t.name for t in targets)} (addresses from {found.source})")
-    _record(f"{action}-all", targets)
     return _report_unread(found, bring_down(targets, action=action, timeout_s=selection.timeout_s, say=_say))
 
 
-def _record(command: str, targets: Sequence[Target]) -> None:
+def _record(command: str, targets: Sequence[Target], at: float) -> None:
+    """Record the command in the run folders. at: time before the first command, monotonic [s]."""
     for folder in {t.run for t in targets if t.run is not None}:
         names_in_run = [t.name for t in targets if t.run == folder]
-        _OUTPUT.submit(partial(record_command, folder, command, names_in_run))
+        _RECORDS.submit(partial(_write_record, folder, command, names_in_run, at))
+
+
+def _write_record(folder: Path, command: str, names_in_run: Sequence[str], at: float) -> None:
+    if why := record_command(folder, command, names_in_run, at):
+        _say(f"{folder / 'emergency.jsonl'}: {command} {_NOT_RECORDED}: {why}")
+
+
+def _flush() -> None:
+    """Wait until everything is recorded and printed, but not for long."""
+    if not _RECORDS.flush(_FLUSH_S):
+        _say(f"the command {_NOT_RECORDED}: the disk of the run folder does not respond")
+    _OUTPUT.flush(_FLUSH_S)
 
 
 def _report_unread(found: Found, code: int) -> int:

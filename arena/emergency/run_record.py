@@ -134,21 +134,27 @@ def recorded_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
-    """Record in the run folder that land-all or kill-all has commanded vehicles.
+def record_command(run: Path, command: str, vehicles: Iterable[str], at: float | None = None) -> str:
+    """Record in the run folder that land-all or kill-all has commanded vehicles. Return why this failed, or "".
 
-    Programs can then report why they lost their vehicle.
+    Programs can then report why they lost their vehicle. The supervisor latches the landing in processes that have missed it.
 
     Never raises OSError.
+
+    at: time before the first command, monotonic [s]; None for now.
     """
-    entry = {"mono": time.monotonic(), "command": command, "vehicles": list(vehicles)}
+    mono = time.monotonic() if at is None else at
+    line = json.dumps({"mono": mono, "command": command, "vehicles": list(vehicles)})
+    data = f"\n{line}\n".encode()  # the last line of the file may be incomplete
     flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-    with contextlib.suppress(OSError):  # no link and no pipe: the run may belong to another user
+    try:  # no link and no pipe: the run may belong to another user
         file = os.open(run / "emergency.jsonl", flags, 0o644)
         try:
-            os.write(file, (json.dumps(entry) + "\n").encode())
+            return "" if os.write(file, data) == len(data) else "only a part could be written"
         finally:
             os.close(file)
+    except OSError as error:
+        return error.strerror or str(error)
 
 
 def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:

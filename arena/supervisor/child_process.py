@@ -14,6 +14,7 @@ import signal
 import socket
 import stat
 import subprocess
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -65,6 +66,7 @@ class Child:
     forked: bool = False
     stopped: str = ""
     _popen: subprocess.Popen[bytes] | None = field(default=None, repr=False)
+    _kept: deque[dict[str, Any]] = field(default_factory=deque, repr=False)
 
     def signal(self, number: int) -> None:
         """Send a signal to the whole process group. Do nothing if the group has ended."""
@@ -127,11 +129,25 @@ class Child:
             self.close()
         return data
 
-    def send(self, packet: dict[str, Any]) -> bool:
+    def send(self, packet: dict[str, Any], *, keep: bool = False) -> bool:
         """Send a request to the process. Return False if it cannot be sent now.
 
-        It cannot be sent if the process has ended or does not read its socket.
+        It cannot be sent if the process has ended or does not read its socket, or if an earlier request is still kept.
+
+        keep: keep a request that cannot be sent now. `send_kept` sends it.
         """
+        sent = self.send_kept() and self._send(packet)
+        if keep and not sent:
+            self._kept.append(packet)
+        return sent
+
+    def send_kept(self) -> bool:
+        """Send the requests that were kept because they could not be sent. Return whether none is left."""
+        while self._kept and self._send(self._kept[0]):
+            self._kept.popleft()
+        return not self._kept
+
+    def _send(self, packet: dict[str, Any]) -> bool:
         if self.channel is None:
             return False
         try:

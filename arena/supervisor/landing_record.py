@@ -1,90 +1,144 @@
-"""Reads which vehicles `arena land-all` and `arena kill-all` have commanded, from `emergency.jsonl` in the run folder.
+"""Reader of `emergency.jsonl` in the run folder, which records the commands of `arena land-all` and `arena kill-all`.
 
 A landing is latched by the processes that pass commands to a vehicle: world, router and link process. A process that was still
 starting, or did not run, has not received the command. It gets the recorded landing from the supervisor instead. Otherwise a
-program that starts after land-all could arm the vehicle.
+program that starts after land-all could arm the vehicle. A process that was ready has received the command, and has latched or
+refused it. It never gets the recorded landing.
 """
 
 from __future__ import annotations
 
 import json
+import math
+import os
+import stat
 from collections import deque
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
-from arena.authority import Role
 from arena.background_writer import BackgroundWriter
+from arena.plan.model import VehiclePlan
+from arena.supervisor.missed_landings import Missed
 from arena.supervisor.process_set import ProcessSet
 from arena.supervisor.process_state import State
-from arena.supervisor.release import LANDING_RECORDED, guards
+from arena.supervisor.release import guards, has_pilot
+from arena.supervisor.release_task import ReleaseTask
 
 _READ_S = 0.2
-_LATE_S = 1.0  # longest time between the first command of land-all and its record
+_READ_BYTES = 1 << 16
 _STRENGTH = {"land-all": 3, "kill-all": 4}  # as in `Authority.standing`
 
 
+class _Entry(NamedTuple):
+    """Record of one command.
+
+    at: time before the first command was sent, monotonic [s]. strength: 3 landing, 4 stop of the motors.
+    """
+
+    at: float
+    strength: int
+    vehicles: tuple[str, ...]
+
+
 class LandingRecord:
-    """Reader of the recorded landings of one run, which sends them to the processes that may have missed the command.
+    """Finds the recorded landings that processes of the run have missed, and sends the landings to these processes.
 
     folder: the run folder.
-    released: vehicle -> time of its last successful `arena release`, monotonic [s]. Earlier landings are ignored.
+    release: landings before the last successful release of a vehicle are ignored. While a release is in progress, no landing of
+        the vehicle is sent.
     files: thread that reads the file, because a disk that does not respond must not stop the supervisor.
     """
 
     def __init__(
-        self, folder: Path, processes: ProcessSet, released: Mapping[str, float], files: BackgroundWriter
+        self, folder: Path, processes: ProcessSet, release: ReleaseTask, files: BackgroundWriter
     ) -> None:
         self._file = folder / "emergency.jsonl"
-        self._processes, self._released, self._files = processes, released, files
-        self._guards = guards(processes.plan)
+        self._processes, self._release, self._files = processes, release, files
         self._offset = 0
         self._next_read = float("-inf")
-        self._found: deque[dict[str, Any]] = deque()
+        self._found: deque[_Entry] = deque()
+        self._unsent: list[Missed] = []
 
     def step(self, now: float) -> None:
-        """Read new records while a process that passes commands is not ready, and handle what was read. now: monotonic [s]."""
-        if now >= self._next_read and any(self._may_miss(name, now - 2.0 * _LATE_S) for name in self._guards):
+        """Read new records, decide which processes have missed them, and send these landings. now: monotonic [s].
+
+        The file is read all the time. A later read could not find out which processes were ready at the time of a record.
+        """
+        if now >= self._next_read:
             self._next_read = now + _READ_S
             self._files.submit(self._read, replaces=self._file.name)
         while self._found:
-            self._take(self._found.popleft())
+            self._take(self._found.popleft(), now)
+        self._unsent = [missed for missed in self._unsent if not self._sent(missed)]
 
-    def _may_miss(self, guard: str, at: float) -> bool:
-        """Return whether a process may have missed a command, because it was not ready at the time `at`, monotonic [s]."""
-        status = self._processes.statuses[guard]
-        return status.state is not State.READY or status.since > at
-
-    def _take(self, entry: Mapping[str, Any]) -> None:
-        at, strength = float(entry["mono"]), _STRENGTH[entry["command"]]
-        standing = {"latch": [int(Role.EMERGENCY), strength]}
-        for vehicle in (v.name for v in self._processes.plan.vehicles if v.name in entry["vehicles"]):
-            if at <= self._released.get(vehicle, float("-inf")):
+    def _take(self, entry: _Entry, now: float) -> None:
+        at = min(entry.at, now)
+        for vehicle in self._processes.plan.vehicles:
+            name = vehicle.name
+            released = at <= self._release.released.get(name, float("-inf"))
+            if name not in entry.vehicles or released or self._refused_for_pilot(vehicle):
                 continue
-            self._processes.last_facts[f"{vehicle}{LANDING_RECORDED}"] = standing
-            late = [
-                name for name in guards(self._processes.plan, vehicle) if self._may_miss(name, at - _LATE_S)
-            ]
-            self._processes.request({"do": "restore", "vehicle": vehicle, "standing": standing}, to=late)
+            for guard in sorted(guards(self._processes.plan, name)):
+                missed = Missed(guard, name, entry.strength)
+                if self._may_have_missed(guard, at) and self._processes.missed.add(missed, at):
+                    self._unsent.append(missed)
+
+    def _refused_for_pilot(self, vehicle: VehiclePlan) -> bool:
+        """Return whether a landing is refused because a pilot has control. A simulated vehicle is landed nevertheless."""
+        facts, last_facts = self._processes.facts, self._processes.last_facts
+        return not vehicle.simulated and has_pilot(vehicle.name, facts, last_facts)
+
+    def _may_have_missed(self, guard: str, at: float) -> bool:
+        """Return whether a process was not ready all the time since `at`, monotonic [s].
+
+        A process that has ended since then may have ended before `at`, because the supervisor notices the end late.
+        """
+        status = self._processes.statuses[guard]
+        return status.state is not State.READY or status.since > at or status.stopped_at is not None
+
+    def _sent(self, missed: Missed) -> bool:
+        """Send a landing. Return False if it must be sent later.
+
+        A process that does not run gets it at its start.
+        """
+        if missed not in self._processes.missed:
+            return True
+        if self._release.in_progress(missed.vehicle):
+            return False
+        if (child := self._processes.children.get(missed.guard)) is not None:
+            child.send(missed.request, keep=True)
+        return True
 
     def _read(self) -> None:
         """Read the complete lines that were added to the file. Runs in the background thread."""
         try:
-            with self._file.open("rb") as opened:
-                opened.seek(self._offset)
-                text = opened.read()
+            file = os.open(self._file, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
         except OSError:
             return
-        whole = text[: text.rfind(b"\n") + 1]
-        self._offset += len(whole)
-        self._found.extend(filter(None, map(_entry, whole.splitlines())))
+        try:
+            status = os.fstat(file)
+            if not stat.S_ISREG(status.st_mode):
+                return
+            self._offset = min(self._offset, status.st_size)
+            while text := os.pread(file, _READ_BYTES, self._offset):
+                whole = text[: text.rfind(b"\n") + 1]
+                if not whole and len(text) < _READ_BYTES:  # the last line is not complete
+                    return
+                self._offset += len(whole or text)
+                self._found.extend(filter(None, map(_entry, whole.splitlines())))
+        except OSError:
+            return
+        finally:
+            os.close(file)
 
 
-def _entry(line: bytes) -> dict[str, Any] | None:
-    """Return a record of land-all or kill-all, or None if a line is none."""
+def _entry(line: bytes) -> _Entry | None:
+    """Return a record of land-all or kill-all, or None for any other line."""
     try:
         entry = json.loads(line)
-        valid = isinstance(entry["mono"], int | float) and isinstance(entry["vehicles"], list)
-        return entry if valid and entry["command"] in _STRENGTH else None
-    except (ValueError, KeyError, TypeError):
+        at, strength, vehicles = entry["mono"], _STRENGTH[entry["command"]], entry["vehicles"]
+        if not (isinstance(at, int | float) and math.isfinite(at) and isinstance(vehicles, list)):
+            return None
+        return _Entry(float(at), strength, tuple(map(str, vehicles)))
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None

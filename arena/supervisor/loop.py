@@ -91,7 +91,7 @@ class Supervisor:
         self._orders = Orders()
         self._shutdown = Shutdown(plan, folder, self._processes, self._orders, self._log)
         self._release = ReleaseTask(plan, self._processes)
-        self._landings = LandingRecord(folder.path, self._processes, self._release.released, self._files)
+        self._landings = LandingRecord(folder.path, self._processes, self._release, self._files)
         self._result = RunResult(plan, folder, self._processes, self._log, self._real_time, self._files)
         self._operator = OperatorPresence()
         self._end: End | None = None

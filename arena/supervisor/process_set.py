@@ -21,16 +21,17 @@ from arena.supervisor.fork_client import ForkClient
 from arena.supervisor.member_rows import member_rows
 from arena.supervisor.messages import VehicleChanges
 from arena.supervisor.meters import Meter
+from arena.supervisor.missed_landings import MissedLandings
 from arena.supervisor.packets import program_ended, reporter, within_limit
 from arena.supervisor.process_state import ALIVE, ENDED, Action, Exit, Observation, ProcessStatus, State, step
 from arena.supervisor.readiness import proof_of
-from arena.supervisor.release import LANDING_RECORDED, restore_requests
+from arena.supervisor.release import restore_requests
 from arena.supervisor.run_folder import Member, RunFolder
 from arena.supervisor.start_limit import StartLimit
 
 VEHICLE_FACTS = (
     *(".armed", ".landed", ".connected", ".mode", ".airborne_s"),
-    *(".control", ".blocked", ".blocked_at_link", ".standing", ".standing_at_link", LANDING_RECORDED),
+    *(".control", ".blocked", ".blocked_at_link", ".standing", ".standing_at_link"),
 )
 """Ends of the names of facts about a vehicle. User programs and tools may not send these facts."""
 
@@ -64,6 +65,7 @@ class ProcessSet:
     last_facts: the last value of every fact, also from processes that have ended.
     stats: process -> its measurements.
     confirmed: process -> `id` of the last request that it has carried out.
+    missed: landings that a process gets at its start, because it was not ready when `land-all` commanded them.
     changed: true if something happened that the loop must handle without waiting for the next period.
     forks: client of the fork server; None without a fork server.
     """
@@ -86,7 +88,7 @@ class ProcessSet:
         self.stats: dict[str, dict[str, Any]] = {name: {} for name in self.specs}
         self.confirmed: dict[str, int] = {}
         self.stats |= {member.name: {} for spec in self.specs.values() for member in spec.members}
-        self.changed = True
+        self.changed, self.missed = True, MissedLandings()
         self._selector, self.forks, self._vehicle_changes = selector, forks, VehicleChanges()
         self._fact_source: dict[str, str] = {}
         self._names: dict[str, set[str]] = {}  # process -> names of its facts
@@ -137,6 +139,8 @@ class ProcessSet:
         self._ending = not orders.starts_on
         self._start_limit.update(now)
         self._count_silence(now)
+        for child in self.children.values():
+            child.send_kept()
         for _ in range(2 + len(self.specs)):
             self.changed = False
             self._start_limit.drop_loaded(self.children, now)
@@ -276,8 +280,9 @@ class ProcessSet:
             return
         self.children[spec.name] = child
         kept = [packet for names, packet in self._standing if spec.name in names]
-        for packet in [*kept, *restore_requests(self.plan, spec, self.last_facts)]:
-            child.send(packet)
+        restored = restore_requests(self.plan, spec, self.last_facts)
+        for packet in [*kept, *restored, *self.missed.requests(spec.name)]:
+            child.send(packet, keep=True)
         self._start_limit.add(spec, now, forked=child.forked)
         self.meters[spec.name].started(now)
         if child.channel is not None:

@@ -6,7 +6,7 @@ provides for this.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from arena.plan.model import Plan, ProcessSpec
@@ -14,9 +14,7 @@ from arena.plan.model import Plan, ProcessSpec
 GUARDS = ("world", "link", "router")
 """Kinds of the processes that pass commands to a vehicle."""
 
-LANDING_RECORDED = ".standing_in_record"
-"""End of the name of the fact that `land-all` has commanded a vehicle, as its file in the run folder says (`landing_record.py`)."""
-_STANDING = (".standing", ".standing_at_link", LANDING_RECORDED)
+_STANDING = (".standing", ".standing_at_link")
 
 
 def guards(plan: Plan, vehicle: str = "") -> set[str]:
@@ -29,12 +27,17 @@ def guards(plan: Plan, vehicle: str = "") -> set[str]:
 
 
 def check_release(
-    plan: Plan, facts: Mapping[str, Any], stats: Mapping[str, Mapping[str, Any]], vehicles: Sequence[str]
+    plan: Plan,
+    facts: Mapping[str, Any],
+    stats: Mapping[str, Mapping[str, Any]],
+    vehicles: Sequence[str],
+    missed: Collection[str] = (),
 ) -> None:
     """Check that vehicles can be released. Raises ValueError for an unknown vehicle, or if programs may fly it.
 
     facts: values that the processes sent. A vehicle without a fact `control` has no process that reports it now.
     stats: process -> its measurements.
+    missed: vehicles with a recorded landing that a process has missed (`MissedLandings`). They can be released too.
     """
     names = [v.name for v in plan.vehicles]
     if not vehicles:
@@ -42,7 +45,7 @@ def check_release(
     for vehicle in vehicles:
         if vehicle not in names:
             raise ValueError(f"got vehicle {vehicle!r}, expected one of {', '.join(names)}")
-        known = f"{vehicle}.control" in facts
+        known = f"{vehicle}.control" in facts and vehicle not in missed
         if known and not blocked(vehicle, facts) and not _blocked_in_world(plan, stats, vehicle):
             control = facts[f"{vehicle}.control"] or "nobody"
             raise ValueError(
@@ -67,6 +70,17 @@ def restore_requests(plan: Plan, spec: ProcessSpec, facts: Mapping[str, Any]) ->
         *({"do": "restore", "vehicle": name, "standing": value} for name, value in found if value),
         *({"do": "was_armed", "vehicle": name} for name in armed),
     ]
+
+
+def has_pilot(vehicle: str, facts: Mapping[str, Any], last_facts: Mapping[str, Any]) -> bool:
+    """Return whether a pilot has control of a vehicle, as the router or the hardware link reports it.
+
+    facts: values of the processes that run. last_facts: values also of processes that have ended. They count if no process that
+        runs reports the standing of the vehicle.
+    """
+    names = [f"{vehicle}{place}" for place in _STANDING]
+    reports = [facts[name] for name in names if name in facts] or [last_facts.get(name) for name in names]
+    return any(isinstance(report, Mapping) and report.get("pilot") is True for report in reports)
 
 
 def blocked(vehicle: str, facts: Mapping[str, Any]) -> str:

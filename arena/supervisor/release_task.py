@@ -15,7 +15,7 @@ from typing import Any
 
 from arena.plan.model import Plan
 from arena.supervisor.process_set import ProcessSet
-from arena.supervisor.release import LANDING_RECORDED, check_release, guards
+from arena.supervisor.release import check_release, guards
 
 CONFIRM_S = 3.0
 """Time within which a process must confirm a request [s]."""
@@ -58,6 +58,10 @@ class ReleaseTask:
         """Return vehicle -> processes that did not confirm its last release, or None while it is in progress."""
         return {name: release.failed for name, release in self._releases.items()}
 
+    def in_progress(self, vehicle: str) -> bool:
+        """Return whether the release of a vehicle has begun and its result is not known yet."""
+        return vehicle in self._releases and self._releases[vehicle].failed is None
+
     def begin(self, vehicles: Sequence[str], by: str, now: float) -> None:
         """Start to release vehicles: programs may then fly them again. Raises ValueError if this is not possible.
 
@@ -66,7 +70,7 @@ class ReleaseTask:
         by: who releases them. now: monotonic [s].
         """
         p = self._processes
-        check_release(self._plan, p.facts, p.stats, vehicles)
+        check_release(self._plan, p.facts, p.stats, vehicles, p.missed.vehicles)
         needed = set().union(*(guards(self._plan, vehicle) for vehicle in vehicles))
         if missing := sorted(needed - p.children.keys()):
             names = ", ".join(missing)
@@ -97,7 +101,7 @@ class ReleaseTask:
                 release.failed = sorted({*self._unconfirmed(release), *release.unsent})
                 if not release.failed:
                     self.released[vehicle] = release.began
-                    self._processes.last_facts.pop(f"{vehicle}{LANDING_RECORDED}", None)
+                    self._processes.missed.release(vehicle, release.began)
 
     def _unconfirmed(self, release: _Release) -> list[str]:
         """Return the names of the processes that have received the request but not confirmed it yet."""

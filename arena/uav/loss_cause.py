@@ -46,7 +46,7 @@ def _recorded(vehicle: str, run: Path | None, monotonic_s: float) -> str:
         return ""
     by_hand = holder = ""
     for entry in reversed(_recent(run / "emergency.jsonl", monotonic_s)):
-        if vehicle in entry.get("vehicles", ()):
+        if isinstance(names := entry.get("vehicles"), list) and vehicle in names:
             by_hand = f"arena {entry.get('command', 'land-all')} commanded it"
             break
     for entry in reversed(_recent(run / "events.jsonl", monotonic_s)):
@@ -72,11 +72,14 @@ def _recent(file: Path, monotonic_s: float) -> list[dict[str, Any]]:
 def _entry(line: str) -> dict[str, Any]:
     try:
         found = json.loads(line)
-    except ValueError:  # the last line may be half written
+    except (ValueError, RecursionError):  # the last line may be half written
         return {}
     return found if isinstance(found, dict) else {}
 
 
 def _age(entry: dict[str, Any], monotonic_s: float) -> float:
     written = entry.get("mono")
-    return monotonic_s - written if isinstance(written, int | float) else float("inf")
+    try:
+        return monotonic_s - written if isinstance(written, int | float) else float("inf")
+    except OverflowError:  # an integer that is too large for a float
+        return float("inf")

@@ -238,6 +238,8 @@ def test_pilot_keeps_control_when_a_landing_is_restored():
     a = taken_by_pilot()
     a.restore({"latch": [int(Role.EMERGENCY), 3]}, 20.0)
     assert a.holder is Role.PILOT and a.latched
+    words = "pilot keeps control; a landing is latched until `arena release`"
+    assert str(a.take_changes()[-1]) == f"pilot has control: {words}"
     assert a.refusal(Role.EMERGENCY, LAND, 21.0) == "pilot has control"
 
 

@@ -47,7 +47,7 @@ def run(tmp_path: Path) -> Path:
     ]
     (tmp_path / "events.jsonl").write_text("\n".join(map(json.dumps, lines)) + '\n{"half')
     (tmp_path / "emergency.jsonl").write_text(
-        json.dumps({"mono": 4.5, "command": "land-all", "vehicles": ["uav1"]}) + "\n"
+        '{"half\n' + json.dumps({"mono": 4.5, "command": "land-all", "vehicles": ["uav1"]}) + "\n\n"
     )
     return tmp_path
 
@@ -64,3 +64,20 @@ def test_requests_and_changes_of_control_are_in_the_order_of_time(run):
 def test_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"not a run folder, because it has no plan\.json"):
         entries(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        '{"mono": 1%s, "command": "land-all", "vehicles": ["uav1"]}' % ("0" * 400),
+        '{"mono": "1", "command": "land-all", "vehicles": ["uav1"]}',
+        '{"mono": 1.0, "command": "land-all", "vehicles": 1}',
+        "[" * 100_000,
+    ],
+    ids=["huge", "text", "vehicles", "deep"],
+)
+def test_malformed_line_is_skipped(run, line):
+    before = entries(run)
+    with (run / "emergency.jsonl").open("a") as file:
+        file.write(f"{line}\n")
+    assert entries(run) == before

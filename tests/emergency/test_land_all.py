@@ -590,14 +590,64 @@ def test_a_landing_does_not_wait_for_a_frozen_terminal(tmp_path):  # review faul
 def test_a_landing_does_not_wait_for_the_disk_of_the_run(monkeypatch):  # review fault 8
     """The record of the command in the run folder is not written until the vehicle has landed."""
     go, recorded = threading.Event(), []
-    monkeypatch.setattr(land_all, "record_command", lambda *given: recorded.append(go.wait(60.0)))
+    monkeypatch.setattr(land_all, "record_command", lambda *given: recorded.append(go.wait(60.0)) or "")
     with Fleet([1], "127.66.26.1") as fleet:
         targets = tuple(dataclasses.replace(t, run=Path("/no/such/run")) for t in fleet.targets)
         monkeypatch.setattr(land_all, "find", lambda **given: Found(targets=targets, source="test"))
         assert land_all.land_all(run=Path("/no/such/run")) == 0
         assert fleet.autopilots[1].landed and recorded == []
         go.set()
+        assert land_all._RECORDS.flush(60.0)
+
+
+def land_recorded(monkeypatch, fleet, run):
+    """Land the vehicles of a fleet whose run folder is `run`. Return the exit code."""
+    targets = tuple(dataclasses.replace(t, run=run) for t in fleet.targets)
+    monkeypatch.setattr(land_all, "find", lambda **given: Found(targets=targets, source="test"))
+    return land_all.land_all(run=run)
+
+
+def test_a_frozen_terminal_does_not_delay_the_record(monkeypatch, tmp_path):
+    go = threading.Event()
+    monkeypatch.setattr(land_all, "_print", lambda line: go.wait(60.0))
+    monkeypatch.setattr(land_all, "_FLUSH_S", 0.2)
+    try:
+        with Fleet([1], "127.66.27.1") as fleet:
+            assert land_recorded(monkeypatch, fleet, tmp_path) == 0
+        assert land_all._RECORDS.flush(60.0)
+        assert '"command": "land-all"' in (tmp_path / "emergency.jsonl").read_text()
+    finally:
+        go.set()
         assert land_all._OUTPUT.flush(60.0)
+
+
+def test_the_record_has_the_time_before_the_first_command(monkeypatch, tmp_path):
+    first = []
+    monkeypatch.setattr(land_all, "send_first_commands", lambda *given: first.append(time.monotonic()))
+    with Fleet([1], "127.66.28.1") as fleet:
+        assert land_recorded(monkeypatch, fleet, tmp_path) == 0
+    assert land_all._RECORDS.flush(60.0)
+    (line,) = filter(None, (tmp_path / "emergency.jsonl").read_text().splitlines())
+    assert first[0] - 1.0 < json.loads(line)["mono"] <= first[0]
+
+
+def test_a_command_that_could_not_be_recorded_is_reported(monkeypatch, tmp_path, capfd):
+    (tmp_path / "emergency.jsonl").mkdir()
+    with Fleet([1], "127.66.29.1") as fleet:
+        assert land_recorded(monkeypatch, fleet, tmp_path) == 0
+    words = "land-all could not be recorded, so a program may arm a vehicle whose router was not ready: Is a directory"
+    assert f"{tmp_path / 'emergency.jsonl'}: {words}\n" in capfd.readouterr().out
+
+
+def test_a_disk_that_does_not_respond_is_reported(monkeypatch, tmp_path, capfd):
+    go = threading.Event()
+    monkeypatch.setattr(land_all, "record_command", lambda *given: str(not go.wait(60.0))[:0])
+    monkeypatch.setattr(land_all, "_FLUSH_S", 0.2)
+    with Fleet([1], "127.66.30.1") as fleet:
+        assert land_recorded(monkeypatch, fleet, tmp_path) == 0
+    go.set()
+    assert land_all._RECORDS.flush(60.0)
+    assert "router was not ready: the disk of the run folder does not respond\n" in capfd.readouterr().out
 
 
 def test_fifty_vehicles_are_all_commanded_and_confirmed(tmp_path):

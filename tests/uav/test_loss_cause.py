@@ -81,6 +81,20 @@ def test_old_records_and_unreadable_folders_are_ignored(tmp_path):
     assert cause_of_loss("uav1", [], tmp_path / "missing", NOW) == UNKNOWN
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        '{"mono": 1%s, "vehicles": ["uav1"]}' % ("0" * 400),
+        f'{{"mono": {NOW}, "vehicles": 1}}',
+        "[" * 100_000,
+    ],
+    ids=["huge", "vehicles", "deep"],
+)
+def test_malformed_line_is_skipped(tmp_path, line):
+    (tmp_path / "emergency.jsonl").write_text(f"{line}\n")
+    assert cause_of_loss("uav1", [], tmp_path, NOW) == UNKNOWN
+
+
 def test_exception_names_land_all_and_not_a_pilot(autopilot, address, tmp_path):
     with make_uav(address, run=str(tmp_path)) as uav:
         until(lambda: uav.ekf.age_s < 0.5 and uav.info.is_connected)
