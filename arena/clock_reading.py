@@ -1,10 +1,11 @@
-"""Reading of two clocks at the same instant, to convert the times of one clock to those of the other."""
+"""Reading of two clocks at the same instant, to convert the times of one clock to those of the other; id of the computer's boot."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 _CLOSE_S, _MOST_READINGS = 1e-4, 5
 
@@ -22,3 +23,14 @@ def read_together(clock: Callable[[], float]) -> tuple[float, float]:
         if least_s < _CLOSE_S:
             break
     return best
+
+
+def boot_id() -> str:
+    """Return the id that Linux gives to each boot of the computer; "" if it cannot be read.
+
+    Monotonic times can be compared only within one boot.
+    """
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        return ""

@@ -81,7 +81,17 @@ MAY: dict[str, set[str]] = {
     "mocap": {"errors"},  # the table of vendors; their packages are found by name
     "mocap.client": {"clock_reading", "datagrams", "errors", "geometry", "kernels", "mocap", "transport"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
-    "params": {"constants", "errors", "wire", "clock", "run_dirs", "signing_key", "transport", "whole_file"},
+    "params": {
+        "constants",
+        "errors",
+        "wire",
+        "clock",
+        "clock_reading",
+        "run_dirs",
+        "signing_key",
+        "transport",
+        "whole_file",
+    },
     "mocap.emulator": GROUND | {"mocap"},
     # the processes that join the parts of other processes
     "replay": GROUND | {"flight_log", "fused", "mocap.client", "mocap.emulator", "recorder"},

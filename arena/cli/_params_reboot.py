@@ -1,4 +1,4 @@
-"""Reboot of vehicles after `arena params push`, the check that they have kept their values, and reboots that are missing."""
+"""Reboots vehicles after `arena params push`, checks that they have kept their values, and records missing reboots."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from arena.params.transfer.transports import ParamTarget
 
 SAVE_S = 2.5
-"""Time in which PX4 saves written parameters: a delay of 0.3 s, and at most one save per 2 s [s]."""
+"""Longest time until PX4 has saved a written parameter [s]. PX4 saves 0.3 s after a write, but at most once per 2 s."""
 REBOOT_BEGINS_S = 2.0
 """Time from the reboot command until the old firmware no longer sends and its USB device is gone [s]."""
 RETURN_LIMIT_S = 60.0
@@ -53,7 +53,7 @@ class RebootsOfPush:
         return self._addresses
 
     def add_completed(self, record: PushRecord, needed: Mapping[str, Sequence[str]]) -> None:
-        """Add the missing reboots of the vehicles to which the resumed push is already complete.
+        """Record the missing reboots of the vehicles that were complete before the interrupted push was resumed.
 
         record: record of the resumed push, before it is saved again.
         needed: vehicle -> parameters that were written and take effect only after a reboot.
@@ -80,9 +80,9 @@ class RebootsOfPush:
     def after_push(
         self, reports: Mapping[str, PushReport], *, dry_run: bool = False
     ) -> dict[str, PushReport]:
-        """Add the missing reboots of earlier pushes to the reports. Print and save the missing reboots.
+        """Update and save the missing reboots. Print those of earlier pushes, and add them to the reports.
 
-        Remove the missing reboot of a vehicle that has booted since the values were written.
+        The missing reboot of a vehicle that has booted since the values were written is removed.
 
         dry_run: the file is not changed.
         """
@@ -112,9 +112,9 @@ class RebootsOfPush:
         self._save()
 
     def _update(self) -> dict[str, MissingReboot]:
-        """Determine the missing reboots again, from those of earlier pushes and from the reports of this push.
+        """Compute the missing reboots from those of earlier pushes and the reports of this push.
 
-        Return those of earlier pushes that are still missing, as {vehicle: missing reboot}.
+        Return {vehicle: missing reboot} of the earlier pushes whose reboot is still missing.
         """
         self._missing = missing = self._earlier.copy()
         still: dict[str, MissingReboot] = {}

@@ -19,7 +19,8 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from arena.background_writer import BackgroundWriter
-from arena.fcu_link.axes_record import RecordFile, computer_start
+from arena.clock_reading import boot_id
+from arena.fcu_link.axes_record import RecordFile
 from arena.fcu_link.core import SIMULATOR, FcuLink, Out
 from arena.fcu_link.identity import NO_UID
 from arena.fcu_link.room_capture import RoomCapture
@@ -84,7 +85,7 @@ class FcuLinkShell:
         self._flow: Counter[str] = Counter()
         self._ready = self._over = self._types_written = False
         self._permit: dict[str, object] = {}
-        self._computer = computer_start()
+        self._computer = boot_id()
         self._set_time(now)
         self._files, self._file_errors = BackgroundWriter("files", _MAX_FILES), SimpleQueue[str]()
         self._write_params()

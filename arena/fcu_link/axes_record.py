@@ -21,7 +21,7 @@ BOOT_TOLERANCE_S = 5.0  # quartz clocks drift by up to 1 s in 3 h
 class BootTime:
     """Time at which an autopilot booted.
 
-    computer: boot id of this computer, see `computer_start`
+    computer: boot id of this computer (`arena.clock_reading.boot_id`)
     at_s: time of the autopilot's start, counted from the boot of this computer [s]
     """
 
@@ -69,16 +69,6 @@ class AxesRecord:
         if self.uid != uid:
             return "other autopilot"
         return "" if self.boot.same_as(boot) else "has rebooted"
-
-
-def computer_start() -> str:
-    """Return the boot id of this computer; "" if it cannot be read.
-
-    Linux generates a new boot id at each boot.
-    """
-    with contextlib.suppress(OSError):
-        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-    return ""
 
 
 class RecordFile:

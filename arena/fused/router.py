@@ -42,7 +42,6 @@ class _Paths(NamedTuple):
     closed: the closed ports for which this was computed.
     links: (index of the vehicle, name of the link) of built-in autopilots.  records: sockets from which the recorder gets a copy.
     places: (socket, address) of each other receiver with an open port, and its `ProgramPlace`; None if it is not a program that sleeps.
-    places: receivers with open sockets.
     """
 
     destinations: Destinations
@@ -132,20 +131,21 @@ class FusedRouter:
         self._open_delivery()
 
     def _open_delivery(self) -> None:
+        """Make the compiled delivery of telemetry, when the recorder and the held telemetry are known."""
         link = self._record_link
         if not self._router.use_shortcut or link is None or self._on_copy is not None:
             return
         vehicles = range(len(self._router.table.vehicles))
         self._delivery = TelemetryDelivery(
             self._router.shortcut.ordinary,
-            {name: [self._end(i, name) for i in vehicles] for name in ("router", "ground")},
+            {name: [self._autopilot_end(i, name) for i in vehicles] for name in ("router", "ground")},
             self.held,
             link.copies,
             self._telemetry_path,
         )
 
-    def _end(self, vehicle: int, link: str) -> tuple[int, int]:
-        """Return the socket of a link, and the number of its autopilot's address; (-1, -1) if this link is not in memory."""
+    def _autopilot_end(self, vehicle: int, link: str) -> tuple[int, int]:
+        """Return (socket of a link, number of its autopilot's address); (-1, -1) if the autopilot is not in this process."""
         socket, remote = self._ends.get((vehicle, link), (-1, ("", 0)))
         return (socket, address_number(*remote)) if socket in self._link_of else (-1, -1)
 
@@ -278,6 +278,7 @@ class FusedRouter:
         return found
 
     def _telemetry_path(self, destinations: Destinations) -> TelemetryPath:
+        """Return the receivers of telemetry in the form that the compiled delivery needs."""
         paths = self._find_paths(destinations)
         owners = [self._record_link.owner(key) for key in paths.records] if self._record_link else []
         vehicle = next((owner[0] for owner in owners if owner is not None), None)

@@ -86,7 +86,7 @@ class HeldTelemetry:
         return True
 
     def before_wake(self, program: str) -> None:
-        """Send what is held for a client of the simulation clock, which wakes now."""
+        """Send the telemetry that is held for a client of the simulation clock. Call this directly before the client wakes."""
         if self._waiting:
             for place in self._of_program.get(program, ()):
                 if place.held is not None:
@@ -106,7 +106,7 @@ class HeldTelemetry:
             self._flush(self._waiting[0])
 
     def _flush(self, place: ProgramPlace) -> None:
-        """Send what is held for one place."""
+        """Send the telemetry that is held for one program."""
         held, place.held = place.held, None
         self._waiting.remove(place)
         if held is not None:

@@ -12,10 +12,10 @@ from arena.kernels.viewer_meters import nanoseconds
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    Datagram = tuple[str, bool, bytes, float]
-    Log = Callable[[bytes, int], None]
-
     from arena.kernels.arrays import Integers
+    from arena.kernels.viewer_meters import Datagram
+
+    Log = Callable[[bytes, int], None]
 
 _MESSAGE = 5  # MCAP's opcode
 # Bytes of a record before its content: opcode and size. Those of a message before its data: channel, sequence number, two times.

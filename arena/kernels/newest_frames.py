@@ -23,7 +23,7 @@ _new = tuple.__new__  # the constructor of a NamedTuple costs twice as much
 
 
 class NewestFrames:
-    """Finder of the newest frames of one autopilot.
+    """Finder of the newest frame of each kind of telemetry that one autopilot sends.
 
     waiting: slot -> key -> (datagram, frame, time of arrival [s]) of the newest frames, in the order of arrival.
     """
@@ -106,7 +106,10 @@ class NewestFrames:
         return rare if frames else None
 
     def _key(self, slot: int, data: bytes, payload: int, length: int) -> int:
-        """Return the key of a frame in its slot. payload, length: position and number of bytes of its payload"""
+        """Return the key of a frame in its slot: a newer frame replaces only a frame with the same key.
+
+        payload, length: position of its payload, and number of bytes
+        """
         if slot != self._keyed:
             return 0
         low = data[payload + self._offset] if self._offset < length else 0

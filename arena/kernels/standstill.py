@@ -42,7 +42,10 @@ class Standstill:
         self.still_periods = 0
 
     def check(self) -> bool:
-        """Return whether there is a standstill in the sensor period that begins. Call it once per period."""
+        """Return whether the bodies are held in the sensor period that begins, because they stand still.
+
+        Call this once per period.
+        """
         still = True
         for i in range(len(self.bodies.free)):
             if not self.bodies.free[i] and not self._is_still(i):

@@ -19,5 +19,5 @@ cdef class TelemetryDelivery:
     cdef object _find_path
     cdef dict _links
     cdef readonly long bytes_out
-    @cython.locals(k=Py_ssize_t, vehicle=Py_ssize_t, data=bytes, places=list, socket=long, sender=long, found=long, receivers=tuple, path=TelemetryPath, place=tuple, program=ProgramPlace, size=long)
+    @cython.locals(k=Py_ssize_t, vehicle=Py_ssize_t, data=bytes, places=list, socket=long, sender=long, found=long, receivers=tuple, path=TelemetryPath, place=tuple, program=ProgramPlace)
     cpdef Py_ssize_t deliver(self, list messages, Py_ssize_t begin, object closed, double now) except -1

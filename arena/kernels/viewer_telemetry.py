@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
     from arena.kernels.arrays import Floats, Integers
     from arena.kernels.mavlink_framing import FrameParser
+    from arena.kernels.viewer_meters import Datagram
 
     Log = Callable[..., None]
     OnRare = Callable[[bytes, Any, float], None]
     OnUp = Callable[[bytes, float], None]
-    Datagram = tuple[str, bool, bytes, float]
     Position = tuple[float, float, float]
     Quaternion = tuple[float, float, float, float]
 

@@ -89,20 +89,18 @@ class ForwarderShell:
 
         frames: oldest first.  now: time of `clock` [s].
         """
-        data = self.core.on_frames(frames, now)
-        if data is None:
-            return False
-        self._send(data)
-        return True
+        pose = self.core.selection.newest(frames, now)
+        return pose is not None and self.send_pose(pose, now)
 
-    def send_pose(self, pose: Pose, now: float) -> None:
-        """Send a pose that was selected to be forwarded.
+    def send_pose(self, pose: Pose, now: float) -> bool:
+        """Send a selected pose, unless it must wait for the origin. Return True if it was sent.
 
         now: time of `clock` [s].
         """
         data = self.core.on_pose(pose, now)
         if data is not None:
             self._send(data)
+        return data is not None
 
     def read_link(self, now: float) -> None:
         """Read the MAVLink messages that have arrived from the autopilot.

@@ -133,7 +133,7 @@ class LandingRecord:
 
 
 def _entry(line: bytes) -> _Entry | None:
-    """Return a record of land-all or kill-all, or None for any other line."""
+    """Decode a line of the file. Return None if it is not a record of land-all or kill-all."""
     try:
         entry = json.loads(line)
         at, strength, vehicles = entry["mono"], _STRENGTH[entry["command"]], entry["vehicles"]

@@ -58,9 +58,7 @@ class AfterRebootReader(ParamReader):
         return now - self._connected_at > _NO_BOOT_TIME_S
 
     def _on_value(self, value: Value, now: float) -> None:
-        if self._has_rebooted(
-            now
-        ):  # else the value is from before the reboot; another program has requested it
+        if self._has_rebooted(now):  # an earlier value was requested by another program
             super()._on_value(value, now)
 
     def _update(self, now: float) -> None:

@@ -13,13 +13,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from arena.clock_reading import boot_id
 from arena.errors import InputError
 from arena.params.transfer.uid_check import NO_UID
 from arena.whole_file import replace_file
 
 FILE = "missing_reboots.json"
 _FORMAT = "arena missing reboots 1"
-_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 _LATEST_S = 1e11  # largest time in the file [s]; `datetime` has no year for much larger ones
 _UPTIME_ERROR_S = 1.0  # delay of the messages from which the time since the vehicle's boot is known
 
@@ -40,12 +40,8 @@ class ClockTime:
     @classmethod
     def now(cls) -> ClockTime:
         """Return the present time."""
-        try:
-            boot_id = _BOOT_ID.read_text().strip()
-        except OSError:
-            boot_id = ""
         since_boot_s = time.clock_gettime(time.CLOCK_BOOTTIME)
-        return cls(unix_s=time.time(), boot_id=boot_id, since_boot_s=since_boot_s)
+        return cls(unix_s=time.time(), boot_id=boot_id(), since_boot_s=since_boot_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,7 +206,7 @@ def _parse(raw: Any) -> MissingReboot:
 
 
 def _seconds(name: str, value: Any) -> float:
-    """Return a time of the file [s]. Raises ValueError if it is not a possible time."""
+    """Check a time from the file, and return it [s]. Raises ValueError for an impossible time."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not 0 <= value <= _LATEST_S:  # also refuses NaN and infinity
         raise ValueError(f"{name} is {value!r}, expected a time from 0 to {_LATEST_S:.0f} s")

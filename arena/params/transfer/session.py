@@ -89,7 +89,7 @@ class PullReport:
 
 
 OnRebootNeeded = Callable[[str, PushReport], None]
-"""Callback that gets a vehicle name, and the report so far of the push to this vehicle."""
+"""Callback that gets a vehicle name, and the present report of the push to this vehicle, which goes on."""
 
 
 def push(
