@@ -230,6 +230,10 @@ class FakeAutopilot(ParamServer):
         self._began = now if self._began is None else self._began
         return now - self._began
 
+    def reboot(self) -> None:
+        """Start the time since boot again at 0."""
+        self._began = None
+
     def receive(self, data: bytes, now: float) -> list[bytes]:
         """Take in a datagram that arrives at `now` [s] and return the replies."""
         if not self.alive:

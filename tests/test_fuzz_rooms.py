@@ -136,6 +136,7 @@ def test_the_link_arms_no_vehicle_on_hostile_frames():
                 "simulator": None,
                 "preflight": preflight,
                 "params": {},
+                "missing_reboots": {"folder": "/nowhere", "address": ""},
                 "params_file": "",
                 "simulated": False,
                 "body": "uav7",

@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 from arena.cli import main
-from arena.cli._params import address_text, targets_of
+from arena.cli._params import targets_of
 from arena.emergency import targets
 from arena.emergency.run_record import DirectAddress, recorded_down
 from arena.emergency.targets import Target
 from arena.plan import Plan
 from arena.schema import load_arena
+from arena.schema.address_text import address_text
 from arena.supervisor import active_runs, open_run
 from arena.supervisor.run_folder import myself, plan_of
 from arena.transport import ConnectionUrl

@@ -55,18 +55,6 @@ def has_board(v: Vehicle) -> bool:
     return v.autopilot in ("hardware", "hitl")
 
 
-def address_text(arena: Arena, v: Vehicle) -> str:
-    """Return the address of a vehicle as text, for the record of a parameter push.
-
-    Do not change the text, because existing records are compared with it.
-    """
-    if v.wire is None or v.simulated:
-        return f"id {v.id}, simulated on {arena.address}"
-    if v.wire.kind == "serial":
-        return f"id {v.id}, serial {v.wire.device} at {v.wire.baud}"
-    return f"id {v.id}, {v.wire}"
-
-
 def split_arena(what: Sequence[str], default: Path) -> tuple[Path, list[str]]:
     """Split the arguments of `arena params check` into the arena's YAML and the parameter sources to check.
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from arena.cli._params import address_text, has_board, required_parameters, version_for, writable
+from arena.cli._params import has_board, required_parameters, version_for, writable
 from arena.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, versi
     Raises InputError if an earlier push is not complete.
     """
     from arena.params.transfer.push_record import PushRecord
+    from arena.schema.address_text import address_text
 
     path = Path(arena.folder) / RECORD
     if path.exists() and PushRecord.read(path).unfinished:
@@ -62,6 +63,7 @@ def interrupted_record(
     address or hardware uid.
     """
     from arena.params.transfer.push_record import PushRecord
+    from arena.schema.address_text import address_text
 
     if file is not None:
         raise InputError(

@@ -16,7 +16,7 @@ from arena.cli._params import writable
 from arena.cli._params_output import ending_text
 
 if TYPE_CHECKING:
-    from arena.params.transfer.missing_reboots import ClockTime, MissingReboot
+    from arena.missing_reboots import ClockTime, MissingReboot
     from arena.params.transfer.push_record import PushRecord
     from arena.params.transfer.session import PullReport, PushReport
     from arena.params.transfer.transfer import ParamResult
@@ -40,7 +40,7 @@ class RebootsOfPush:
     """
 
     def __init__(self, folder: Path, addresses: Mapping[str, str]) -> None:
-        from arena.params.transfer.missing_reboots import MissingReboots
+        from arena.missing_reboots import MissingReboots
 
         self._earlier, self._addresses = MissingReboots.read(folder), addresses
         self._missing = self._earlier.copy()
@@ -58,7 +58,7 @@ class RebootsOfPush:
         record: record of the resumed push, before it is saved again.
         needed: vehicle -> parameters that were written and take effect only after a reboot.
         """
-        from arena.params.transfer.missing_reboots import ClockTime
+        from arena.missing_reboots import ClockTime
 
         saved_at = ClockTime(unix_s=record.path.stat().st_mtime)
         for name, parameters in needed.items():
@@ -70,7 +70,7 @@ class RebootsOfPush:
 
     def before_write(self, vehicle: str, report: PushReport) -> None:
         """Save the missing reboot of a vehicle before the first of its values is sent, because this process may be killed."""
-        from arena.params.transfer.missing_reboots import ClockTime
+        from arena.missing_reboots import ClockTime
 
         if vehicle in self._addresses:
             self._reports[vehicle] = (report, ClockTime.now())
@@ -86,7 +86,7 @@ class RebootsOfPush:
 
         dry_run: the file is not changed.
         """
-        from arena.params.transfer.missing_reboots import ClockTime
+        from arena.missing_reboots import ClockTime
 
         now = ClockTime.now()
         self._reports = {

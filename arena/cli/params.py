@@ -12,7 +12,6 @@ from arena.cli._options import File, Set
 from arena.cli._params import (
     YAML,
     ParamSources,
-    address_text,
     has_board,
     not_applicable,
     params_file_text,
@@ -144,6 +143,7 @@ def push(
     from arena.params.facts.parameter_table import parameters
     from arena.params.transfer.session import push as push_now
     from arena.schema import load_arena
+    from arena.schema.address_text import address_text
 
     lab = load_arena(arena, set_ or [])
     with nullcontext() if dry_run else only_push(Path(lab.folder)):

@@ -22,7 +22,7 @@ from arena.background_writer import BackgroundWriter
 from arena.clock_reading import boot_id
 from arena.fcu_link.axes_record import RecordFile
 from arena.fcu_link.core import SIMULATOR, FcuLink, Out
-from arena.fcu_link.identity import NO_UID
+from arena.fcu_link.missing_reboot_check import MissingRebootCheck
 from arena.fcu_link.room_capture import RoomCapture
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.signing import LinkSigning
@@ -37,6 +37,7 @@ from arena.process_context import (
     run_process,
 )
 from arena.transport import AgedSocket, StampAges, listen_udp
+from arena.wire.mavlink_minimal import NO_UID
 from arena.wire.qgc_params import format_params
 
 _TICK_S = 0.05
@@ -88,6 +89,8 @@ class FcuLinkShell:
         self._computer = boot_id()
         self._set_time(now)
         self._files, self._file_errors = BackgroundWriter("files", _MAX_FILES), SimpleQueue[str]()
+        self._reboots = MissingRebootCheck(settings.pushes)
+        self._check_reboot()
         self._write_params()
 
     def run(self) -> None:
@@ -203,6 +206,8 @@ class FcuLinkShell:
         self._write_last_address()
         if not self._types_written and self._core.params.complete:
             self._write_params()
+        if now >= self._next_second or self._core.identity.uid != self._reboot_uid:
+            self._check_reboot()
         orphaned = self._process.orphaned
         if orphaned:
             self._core.gate.on_request(SUPERVISOR_LOST, now)
@@ -210,6 +215,12 @@ class FcuLinkShell:
         if now >= self._next_second:
             self._report_stats(now)
             self._next_second = max(self._next_second + _SECOND_S, now)
+
+    def _check_reboot(self) -> None:
+        """Check whether the vehicle still needs the reboot after a parameter push."""
+        core, self._reboot_uid = self._core, self._core.identity.uid
+        if not core.checks.armed:  # a slow disk must not delay the messages of a flight
+            core.missing_reboot = self._reboots.reasons(self._reboot_uid, core.axes.boot)
 
     def _take_requests(self, now: float) -> None:
         for request in self._process.requests():
@@ -249,7 +260,12 @@ class FcuLinkShell:
             self._ready = True
             self._process.ready()
         simulator_events = self._simulator.events if self._simulator is not None else []
-        for events in (self._transport.events, self._signing.events, simulator_events):
+        for events in (
+            self._transport.events,
+            self._signing.events,
+            self._reboots.events,
+            simulator_events,
+        ):
             for text in events:
                 self._say(f"{self._s.vehicle}: {text}")
             events.clear()

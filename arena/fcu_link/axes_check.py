@@ -74,6 +74,11 @@ class AxesCheck:
         """
         return None if self.running else self._record
 
+    @property
+    def boot(self) -> BootTime | None:
+        """Time at which the autopilot booted; None if unknown, or if it may have booted again."""
+        return self._boot
+
     def reasons(self, uid: str) -> list[str]:
         """Return why the vehicle's axes check forbids arming; empty if arming is allowed.
 

@@ -87,12 +87,12 @@ class FcuLink:
         self._codec, self._autopilot_codec = Codec(s.id, LINK_COMPONENT), Codec(s.id, AUTOPILOT)
         self.own = OwnRequests(s.id, self._codec, self.identity, self.params, self._streams, self.axes)
         self._events: list[str] = []
-        self._panic_received_at = -math.inf
+        self._panic_received_at, self._refusals = -math.inf, RefusalReport()
         self._boot_ms, self._was_armed = 0, False
         self.signing_problem = ""  # why messages of the vehicle are not used, if it has a signing key
+        self.missing_reboot: list[str] = []  # why arming is forbidden after a parameter push
         self._silence = SilenceReport(s.connection, s.id, LINK_COMPONENT, self.counts, now)
         self._reasons_sent_at: dict[str, float] = {}
-        self._refusals = RefusalReport()
 
     # -- from the vehicle ----------------------------------------------------------------------------------------------
 
@@ -248,7 +248,7 @@ class FcuLink:
         identity = self.identity.problem(now)
         radio = self.radio.reasons(now, self.params.values()) if self.alive(now) else []
         found = [*map(sentence, [*([identity] if identity else []), *self.axes.reasons(self.identity.uid)])]
-        found += self.checks.reasons(now, [*radio, *self.params.reasons()])
+        found += self.checks.reasons(now, [*radio, *self.params.reasons(), *self.missing_reboot])
         return [*found, *map(sentence, self.permit.reasons)]
 
     def from_link(self, link: str, data: Buffer, now: float, age_s: float = 0.0) -> Out:

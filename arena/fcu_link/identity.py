@@ -15,10 +15,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.transport import Source, source_text
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, byte_at, uint_at
-from arena.wire.mavlink_minimal import HardwareUid, parse_hardware_uid
+from arena.wire.mavlink_minimal import NO_UID, HardwareUid, parse_hardware_uid
 
-NO_UID = "none"
-"""Value of the key `uid` for an autopilot that reports no hardware uid: its address is its identity."""
 SILENT_S = 3.0  # after this time without data, a vehicle must send its uid again
 _REQUEST_S = 0.25
 _MAX_CANDIDATES = 8

@@ -55,6 +55,17 @@ class Preflight:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PushRecords:
+    """Records of `arena params push` with which the missing reboot of a vehicle is found.
+
+    folder: folder of the YAML, with the file missing_reboots.json. address: address of the vehicle, as text
+    """
+
+    folder: str
+    address: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """Settings of one link process: addresses, limits of the preflight checks, required parameters.
 
@@ -66,6 +77,7 @@ class Settings:
     params: parameters that the vehicle must have before it can be armed
     uid: hardware uid of the vehicle in hexadecimal digits; "none": its autopilot reports no uid; "": any
     params_file: file for QGroundControl to which the parameters are written; "" for none
+    pushes: records of parameter pushes
     wire_file: file for land-all to which the vehicle's last address is written; "" for none
     key_file: file with the key of MAVLink signing; "" if the vehicle does not sign
     body: name of the vehicle's rigid body
@@ -83,6 +95,7 @@ class Settings:
     params_file: str
     simulated: bool
     uid: str
+    pushes: PushRecords
     wire_file: str = ""
     key_file: str = ""
     body: str = ""
@@ -114,6 +127,10 @@ class Settings:
                 params_file=str(raw["params_file"]),
                 simulated=bool(raw["simulated"]),
                 uid=str(raw["uid"]),
+                pushes=PushRecords(
+                    folder=str(raw["missing_reboots"]["folder"]),
+                    address=str(raw["missing_reboots"]["address"]),
+                ),
                 wire_file=str(raw.get("wire_file", "")),
                 key_file=str(raw.get("key_file", "")),
                 body=str(raw["body"]),

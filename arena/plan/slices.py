@@ -13,6 +13,7 @@ from arena.plan.job import Address, Job, Json, autopilot_ends, link_of, partner_
 from arena.plan.program_sensors import program_sensors
 from arena.plan.px4_startup import hitl_params, px4_params, px4_scripts, reset_by_startup, xrce_environment
 from arena.schema import Arena, Vehicle
+from arena.schema.address_text import address_text
 from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, RECORDER, SENSORS
 from arena.vehicle_models import VEHICLE_MODELS
 
@@ -187,6 +188,7 @@ def link(job: Job) -> Json:
         "key_file": v.key_file,
         "body": v.mocap_body,
         "capture": None if v.simulated or not v.forward else capture(arena, None, simulated=False),
+        "missing_reboots": {"folder": str(arena.folder), "address": address_text(arena, v)},
         "axes_file": "" if v.simulated else f"{arena.folder}/preflight/{v.name}.json",
         "simulated": v.simulated,
     }

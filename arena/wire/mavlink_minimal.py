@@ -32,6 +32,8 @@ RESULT_WORDS = {
     9: "unsupported frame",
 }
 """MAV_RESULT -> text for the user."""
+NO_UID = "none"
+"""Hardware uid, as text, of an autopilot that reports none: its address is its identity."""
 
 _HEARTBEAT, _COMMAND = struct.Struct("<IBBBBB"), struct.Struct("<7fHBBB")
 _ACK, _EXTENDED = struct.Struct("<HB"), struct.Struct("BB")

@@ -21,14 +21,15 @@ from served import Connection, Served, UdpPort, let_pass, until
 
 import arena.cli as cli
 from arena.cli import _params_reboot
-from arena.cli._params import address_text, required_parameters
+from arena.cli._params import required_parameters
 from arena.cli._params_push import only_push
 from arena.cli._params_reboot import RebootsOfPush
+from arena.missing_reboots import ClockTime, MissingReboots
 from arena.params.facts.parameter_table import parameters
-from arena.params.transfer.missing_reboots import ClockTime, MissingReboots
 from arena.params.transfer.push_record import PushRecord
 from arena.params.transfer.session import PullReport
 from arena.schema import load_arena
+from arena.schema.address_text import address_text
 from arena.wire.qgc_params import parse_params
 
 _count = itertools.count(1)

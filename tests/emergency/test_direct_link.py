@@ -83,6 +83,7 @@ class Lab:
             "simulator": None,
             "preflight": preflight,
             "params": {},
+            "missing_reboots": {"folder": "/nowhere", "address": ""},
             "params_file": "",
             "simulated": False,
             "uid": "",

@@ -58,6 +58,7 @@ def slice_of(address: str = "127.71.0.1", **changes: Any) -> dict[str, Any]:
         "simulator": None,
         "preflight": preflight,
         "params": {},
+        "missing_reboots": {"folder": "/nowhere", "address": "id 7"},
         "params_file": "",
         "simulated": False,
         "body": "uav7",

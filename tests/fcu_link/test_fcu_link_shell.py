@@ -22,6 +22,7 @@ from fake_autopilot import ARM, REQUEST, FakeAutopilot
 from pymavlink.dialects.v20 import common as mavlink
 from served import Connection, Served, UdpPort
 
+from arena.missing_reboots import ClockTime, MissingReboots
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Stream
 
@@ -181,6 +182,24 @@ def test_a_vehicle_on_udpin_is_served_guarded_and_left_on_sigterm(start, autopil
         )
         link.process.send_signal(signal.SIGTERM)
         assert link.process.wait(30) == 0
+
+
+def test_a_vehicle_that_needs_a_reboot_after_a_push_must_not_arm(start, autopilot, tmp_path):
+    missing = MissingReboots.read(tmp_path)
+    autopilot.telemetry = (*autopilot.telemetry, "SYSTEM_TIME")
+    uptime_s = autopilot.boot_s(time.monotonic() - 5.0) + 5.0
+    missing.add(UID.hex(), "uav7", ["EKF2_EV_CTRL"], ClockTime.now(), uptime_s=uptime_s)
+    missing.save()
+    link = start(missing_reboots={"folder": str(tmp_path), "address": "id 7"})
+    reason = "Preflight: reboot needed for EKF2_EV_CTRL"
+    text = "uav7: needs a reboot: a push has written EKF2_EV_CTRL"
+    with on_udp(autopilot, (link.address, 14999), (link.address, 14540)):
+        link.until(lambda: reason in link.stats.get("may_not_arm", ()) and text in link.events)
+        link.send("router", arm())
+        link.until(lambda: reason in {t.text for t in link.received("router", "STATUSTEXT")})
+        assert not any(c.command == ARM for c in list(autopilot.commands))
+        autopilot.reboot()
+        link.until(lambda: reason not in link.stats["may_not_arm"])
 
 
 def test_review_fault_4_a_stranger_does_not_replace_a_silent_vehicle(start, autopilot, tmp_path):

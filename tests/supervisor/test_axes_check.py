@@ -58,4 +58,5 @@ def test_real_vehicles_with_poses_need_the_check_by_default(tmp_path, more, need
     assert links["uav2"]["body"] == "tail" and links["uav2"]["capture"]["bodies"] is None
     assert links["uav3"]["capture"] is None
     assert links["uav2"]["axes_file"] == str(tmp_path / "preflight" / "uav2.json")
+    assert links["uav2"]["missing_reboots"]["folder"] == str(tmp_path)
     assert [v.axes_check for v in plan.vehicles] == ["", "required" if needed else "none", ""]

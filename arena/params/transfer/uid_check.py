@@ -5,10 +5,8 @@ Two vehicles may have the same MAVLink system id. Nothing is read from or writte
 
 from __future__ import annotations
 
-from arena.wire.mavlink_minimal import HardwareUid
+from arena.wire.mavlink_minimal import NO_UID, HardwareUid
 
-NO_UID = "none"
-"""Uid of an autopilot that reports no hardware uid."""
 _REQUEST_S = 0.4
 _TRIES = 6
 

@@ -15,8 +15,8 @@ from typing import Any
 
 from arena.clock_reading import boot_id
 from arena.errors import InputError
-from arena.params.transfer.uid_check import NO_UID
 from arena.whole_file import replace_file
+from arena.wire.mavlink_minimal import NO_UID
 
 FILE = "missing_reboots.json"
 _FORMAT = "arena missing reboots 1"
@@ -127,6 +127,14 @@ class MissingReboots:
             return uid
         same = [key for key, each in self.autopilots.items() if each.address == address and uid == ""]
         return max(same, key=lambda key: self.autopilots[key].written_at, default=address)
+
+    def of(self, uid: str, address: str) -> MissingReboot | None:
+        """Return the missing reboot of an autopilot; None if it needs none.
+
+        uid: its hardware uid; "" if unknown.  address: its address, as text.
+        """
+        found = self.copy()
+        return found.autopilots.get(found.key_of(uid, address))
 
     def add(
         self,

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from arena.errors import InputError
-from arena.params.transfer.missing_reboots import ClockTime, MissingReboots
+from arena.missing_reboots import ClockTime, MissingReboots
 
 
 def at(unix_s: float, **more: Any) -> ClockTime:
