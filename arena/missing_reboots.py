@@ -129,7 +129,7 @@ class MissingReboots:
         return max(same, key=lambda key: self.autopilots[key].written_at, default=address)
 
     def of(self, uid: str, address: str) -> MissingReboot | None:
-        """Return the missing reboot of an autopilot; None if it needs none.
+        """Return the reboot that an autopilot still needs; None if it needs none. This object is not changed.
 
         uid: its hardware uid; "" if unknown.  address: its address, as text.
         """

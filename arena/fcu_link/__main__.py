@@ -89,7 +89,7 @@ class FcuLinkShell:
         self._computer = boot_id()
         self._set_time(now)
         self._files, self._file_errors = BackgroundWriter("files", _MAX_FILES), SimpleQueue[str]()
-        self._reboots = MissingRebootCheck(settings.pushes)
+        self._reboots = MissingRebootCheck(settings.missing_reboots)
         self._check_reboot()
         self._write_params()
 
@@ -217,7 +217,7 @@ class FcuLinkShell:
             self._next_second = max(self._next_second + _SECOND_S, now)
 
     def _check_reboot(self) -> None:
-        """Check whether the vehicle still needs the reboot after a parameter push."""
+        """Check whether the vehicle must still be rebooted after `arena params push`."""
         core, self._reboot_uid = self._core, self._core.identity.uid
         if not core.checks.armed:  # a slow disk must not delay the messages of a flight
             core.missing_reboot = self._reboots.reasons(self._reboot_uid, core.axes.boot)

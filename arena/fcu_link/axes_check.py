@@ -76,7 +76,7 @@ class AxesCheck:
 
     @property
     def boot(self) -> BootTime | None:
-        """Time at which the autopilot booted; None if unknown, or if it may have booted again."""
+        """Time at which the autopilot booted; None if unknown, or if it may have booted since."""
         return self._boot
 
     def reasons(self, uid: str) -> list[str]:

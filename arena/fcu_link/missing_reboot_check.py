@@ -1,4 +1,4 @@
-"""Checks whether a vehicle still needs the reboot after a parameter push (file missing_reboots.json)."""
+"""Checks whether a vehicle must still be rebooted after `arena params push` (file missing_reboots.json)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from arena.errors import InputError
 from arena.fcu_link.axes_record import BootTime
-from arena.fcu_link.settings import PushRecords
+from arena.fcu_link.settings import RebootRecord
 from arena.missing_reboots import ClockTime, MissingReboots
 
 
@@ -18,21 +18,21 @@ class MissingRebootCheck:
     events: messages for the user; the caller takes them and empties the list
     """
 
-    def __init__(self, pushes: PushRecords) -> None:
-        self._pushes = pushes
+    def __init__(self, record: RebootRecord) -> None:
+        self._record = record
         self._last_event = ""
         self.events: list[str] = []
 
     def reasons(self, uid: str, boot: BootTime | None) -> list[str]:
-        """Read the file, and return why it forbids arming; empty if arming is allowed.
+        """Read missing_reboots.json, and return why the vehicle must not be armed; empty if it may be armed.
 
-        A file that cannot be read forbids arming, too.
+        If the file exists but cannot be read, the vehicle must not be armed.
 
         uid: hardware uid of the autopilot; "" if unknown.
         boot: time of its boot; None if unknown.
         """
         try:
-            missing = MissingReboots.read(Path(self._pushes.folder)).of(uid, self._pushes.address)
+            missing = MissingReboots.read(Path(self._record.folder)).of(uid, self._record.address)
         except InputError as error:
             self._report(f"must not arm: {error}")
             return ["cannot read missing_reboots.json"]

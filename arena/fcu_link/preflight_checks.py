@@ -96,7 +96,7 @@ class PreflightChecks:
     def reasons(self, now: float, more: Sequence[str] = ()) -> list[str]:
         """Return why the vehicle must not be armed, most severe first; empty if arming is allowed.
 
-        more: reasons of the parameter check.
+        more: reasons of other checks: RC transmitter, parameters, missing reboot.
         """
         found = [
             *self._connection(now),

@@ -55,10 +55,10 @@ class Preflight:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PushRecords:
-    """Records of `arena params push` with which the missing reboot of a vehicle is found.
+class RebootRecord:
+    """Place where `arena params push` records that a vehicle must still be rebooted.
 
-    folder: folder of the YAML, with the file missing_reboots.json. address: address of the vehicle, as text
+    folder: folder of the YAML, with the file missing_reboots.json. address: address of the vehicle, as text in that file
     """
 
     folder: str
@@ -77,7 +77,7 @@ class Settings:
     params: parameters that the vehicle must have before it can be armed
     uid: hardware uid of the vehicle in hexadecimal digits; "none": its autopilot reports no uid; "": any
     params_file: file for QGroundControl to which the parameters are written; "" for none
-    pushes: records of parameter pushes
+    missing_reboots: where a reboot is recorded that the vehicle still needs
     wire_file: file for land-all to which the vehicle's last address is written; "" for none
     key_file: file with the key of MAVLink signing; "" if the vehicle does not sign
     body: name of the vehicle's rigid body
@@ -95,7 +95,7 @@ class Settings:
     params_file: str
     simulated: bool
     uid: str
-    pushes: PushRecords
+    missing_reboots: RebootRecord
     wire_file: str = ""
     key_file: str = ""
     body: str = ""
@@ -127,7 +127,7 @@ class Settings:
                 params_file=str(raw["params_file"]),
                 simulated=bool(raw["simulated"]),
                 uid=str(raw["uid"]),
-                pushes=PushRecords(
+                missing_reboots=RebootRecord(
                     folder=str(raw["missing_reboots"]["folder"]),
                     address=str(raw["missing_reboots"]["address"]),
                 ),

@@ -1,4 +1,4 @@
-"""Text of a vehicle's address in records of parameter pushes. Pure."""
+"""Address of a vehicle as text, for the files push.json and missing_reboots.json. Pure."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from arena.schema.arena import Arena, Vehicle
 
 
 def address_text(arena: Arena, v: Vehicle) -> str:
-    """Return the address of a vehicle as text, for the record of a parameter push.
+    """Return the address of a vehicle as text, for the files of `arena params push`.
 
     Do not change the text, because existing records are compared with it.
     """

@@ -33,7 +33,7 @@ RESULT_WORDS = {
 }
 """MAV_RESULT -> text for the user."""
 NO_UID = "none"
-"""Hardware uid, as text, of an autopilot that reports none: its address is its identity."""
+"""Text in place of the hardware uid, for an autopilot that reports none. It is identified by its address."""
 
 _HEARTBEAT, _COMMAND = struct.Struct("<IBBBBB"), struct.Struct("<7fHBBB")
 _ACK, _EXTENDED = struct.Struct("<HB"), struct.Struct("BB")

@@ -10,7 +10,7 @@ import pytest
 from arena.clock_reading import boot_id
 from arena.fcu_link.axes_record import BootTime
 from arena.fcu_link.missing_reboot_check import MissingRebootCheck
-from arena.fcu_link.settings import PushRecords
+from arena.fcu_link.settings import RebootRecord
 from arena.missing_reboots import FILE, ClockTime, MissingReboots
 
 from .link_rig import Rig, arm
@@ -20,7 +20,7 @@ ADDRESS = "id 7, udpin://127.0.0.1:14540"
 
 
 def check_of(folder: Path) -> MissingRebootCheck:
-    return MissingRebootCheck(PushRecords(folder=str(folder), address=ADDRESS))
+    return MissingRebootCheck(RebootRecord(folder=str(folder), address=ADDRESS))
 
 
 def push(folder: Path, *parameters: str, key: str = UID) -> None:
