@@ -170,8 +170,9 @@ class SimClock(LockstepClock):
         return self._page[0]
 
     def sleep_only(self, t: float) -> float:
+        core = int(self._page[2])  # read first: the reply to the request may already publish another one
         self.request_wake(t)
-        cores = stay_on(int(self._page[2]))
+        cores = stay_on(core)
         try:
             while (now := self.wait_for_wake(None)) is None:
                 pass

@@ -108,6 +108,28 @@ def test_only_client_sleeps_on_the_core_of_the_world(
     assert [set_to for _, set_to in cores.log] == [{3}, CORES]
 
 
+class HeldClock(SimClock):
+    """Clock of a program that is preempted directly after its request, until the world has replied."""
+
+    def __init__(self, path: Path, replied: threading.Event) -> None:
+        super().__init__(path, "program")
+        self._replied = replied
+
+    def request_wake(self, t: float) -> None:
+        super().request_wake(t)
+        assert self._replied.wait(60)
+
+
+def test_core_counts_from_the_request_on(server: ClockServer, cores: Cores, tmp_path: Path) -> None:
+    replied, found = threading.Event(), []
+    thread = sleeper(HeldClock(tmp_path / "clock", replied), 0.5, found)
+    until_asleep(server)
+    server.tick(0.5)
+    replied.set()
+    thread.join(60)
+    assert found == [0.5, CORES] and cores.log == [], "the reply publishes the core for the next sleep"
+
+
 def test_world_waits_for_its_only_client_on_its_core(
     server: ClockServer, cores: Cores, tmp_path: Path
 ) -> None:
