@@ -3,7 +3,8 @@
 A landing is latched by the processes that pass commands to a vehicle: world, router and link process. A process that was still
 starting, or did not run, has not received the command. It gets the recorded landing from the supervisor instead. Otherwise a
 program that starts after land-all could arm the vehicle. A process that was ready has received the command, and has latched or
-refused it. It never gets the recorded landing.
+refused it. It does not get the recorded landing, except if a release of the vehicle was in progress at the time of the command:
+the process may have received the release after the landing.
 """
 
 from __future__ import annotations
@@ -78,9 +79,11 @@ class LandingRecord:
             released = at <= self._release.released.get(name, float("-inf"))
             if name not in entry.vehicles or released or self._refused_for_pilot(vehicle):
                 continue
+            may_be_cleared = self._release.was_in_progress(name, at)
             for guard in sorted(guards(self._processes.plan, name)):
                 missed = Missed(guard, name, entry.strength)
-                if self._may_have_missed(guard, at) and self._processes.missed.add(missed, at):
+                has_missed = may_be_cleared or self._may_have_missed(guard, at)
+                if has_missed and self._processes.missed.add(missed, at):
                     self._unsent.append(missed)
 
     def _refused_for_pilot(self, vehicle: VehiclePlan) -> bool:

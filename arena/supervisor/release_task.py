@@ -9,6 +9,7 @@ after `arena release` ignores it.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -30,7 +31,8 @@ class _Release:
     expires: time at which the release fails if a process has not confirmed it, monotonic [s].
     unsent: processes to which the request has not been sent yet.
     sent: process -> id of the request that was sent to this process.
-    failed: processes that did not confirm; None while the release is under way.
+    failed: processes that did not confirm; None while the release is in progress.
+    ended: time at which the result was known, monotonic [s].
     """
 
     packet: dict[str, Any]
@@ -39,6 +41,7 @@ class _Release:
     unsent: set[str]
     sent: dict[str, int] = field(default_factory=dict)
     failed: list[str] | None = None
+    ended: float = math.inf
 
 
 class ReleaseTask:
@@ -61,6 +64,14 @@ class ReleaseTask:
     def in_progress(self, vehicle: str) -> bool:
         """Return whether the release of a vehicle has begun and its result is not known yet."""
         return vehicle in self._releases and self._releases[vehicle].failed is None
+
+    def was_in_progress(self, vehicle: str, at: float) -> bool:
+        """Return whether the last release of a vehicle was in progress at the time `at`, monotonic [s].
+
+        A process may have received a landing of this time before the release, which then ended the latch of the landing.
+        """
+        release = self._releases.get(vehicle)
+        return release is not None and release.began < at <= release.ended
 
     def begin(self, vehicles: Sequence[str], by: str, now: float) -> None:
         """Start to release vehicles: programs may then fly them again. Raises ValueError if this is not possible.
@@ -98,7 +109,7 @@ class ReleaseTask:
             if not self._unconfirmed(release) and release.unsent:
                 self._ask(release, set(release.unsent))
             if now >= release.expires or not (self._unconfirmed(release) or release.unsent):
-                release.failed = sorted({*self._unconfirmed(release), *release.unsent})
+                release.failed, release.ended = sorted({*self._unconfirmed(release), *release.unsent}), now
                 if not release.failed:
                     self.released[vehicle] = release.began
                     self._processes.missed.release(vehicle, release.began)

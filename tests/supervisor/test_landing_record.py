@@ -250,6 +250,50 @@ def test_landing_after_the_begin_of_a_release_stays(tmp_path, success):
     assert rig.got() == [3] and rig.processes.missed.vehicles == {"uav1"}
 
 
+@pytest.mark.parametrize("read", ["during the release", "after the release"])
+def test_landing_during_a_release_is_sent_to_all_processes_after_it(tmp_path, read):
+    """A ready router latches the landing, then receives the release, which ends the latch."""
+    rig = Rig(tmp_path)
+    rig.begin_release()
+    landing_at = rig.now + 0.5
+    if read == "during the release":
+        rig.record(landing_at)
+    rig.confirm("link.uav1")
+    assert (rig.got("router"), rig.got("link.uav1")) == ([], [])
+    rig.confirm("router")
+    if read == "after the release":
+        rig.record(landing_at)
+    rig.step()
+    assert (rig.got("router"), rig.got("link.uav1")) == ([3], [3])
+
+
+def test_landing_after_a_release_is_not_sent_to_processes_that_were_ready(tmp_path):
+    rig = Rig(tmp_path)
+    rig.begin_release()
+    rig.confirm("link.uav1")
+    rig.confirm("router")
+    rig.record(at=rig.now + 0.5)
+    rig.step()
+    assert (rig.got("router"), rig.got("link.uav1")) == ([], [])
+
+
+def test_second_release_ends_a_landing_during_the_first(tmp_path):
+    rig = Rig(tmp_path)
+    rig.begin_release()
+    rig.record(at=rig.now + 0.5)
+    rig.confirm("link.uav1")
+    rig.confirm("router")
+    rig.processes.facts |= {"uav1.control": "land-all", "uav1.blocked": "land-all has control"}
+    for child in rig.processes.children.values():
+        child.got.clear()
+    rig.begin_release()
+    rig.confirm("link.uav1")
+    rig.confirm("router")
+    rig.step()
+    assert rig.release.results == {"uav1": []} and rig.processes.missed.vehicles == set()
+    assert (rig.got("router"), rig.got("link.uav1")) == ([], [])
+
+
 def test_motor_stop_stays_latched_after_a_later_landing(tmp_path):
     rig = missing_router(tmp_path)
     for at, command in ((12.0, "kill-all"), (13.0, "land-all")):
