@@ -14,20 +14,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from arena.authority.requests import Kind, Request
+from arena.authority.requests import PROGRAM_MODES, Kind, Request
 from arena.authority.roles import Change, Role
 from arena.constants import PILOT_HAS_CONTROL
 from arena.wire.px4_mode import MANUAL_MODES
 
-PROGRAM_MODES = frozenset(
-    {"OFFBOARD", "AUTO.MISSION", "AUTO.TAKEOFF", "AUTO.FOLLOW_TARGET", "ORBIT", "REPOSITION"}
-)
-"""Modes in which a computer moves the vehicle."""
 COPILOT_HOLD_S = 1.0  # a hold of the copilot ends this long after its last command
 _ASKED_S = 5.0  # a mode that appears within this time after a command for it was commanded
 _INPUT_S, _INPUT_HEARTBEATS = 2.0, 2  # stick positions count as present this long, and for as many heartbeats
 _SETPOINTS_S = 1.0  # a program that has sent setpoints within this time is in use
-_STRENGTH = {"AUTO.LOITER": 1, "AUTO.RTL": 2, "AUTO.LAND": 3, "AUTO.PRECLAND": 3, "TERMINATION": 4}
+_STRENGTH = {"AUTO.LOITER": 1, "AUTO.RTL": 2, "AUTO.LAND": 3, "TERMINATION": 4}
 _LAND, _KILL = 3, 4
 
 
