@@ -63,13 +63,14 @@ class ProcessContext:
     name: name of the process, such as `forward.uav1`.
     settings: JSON configuration of the process (slice).
     stopping: True after SIGTERM or SIGINT; the loop of the process checks it and ends.
-    unsent: number of packets that could not be sent, because the supervisor is stopped or dead.
+    unsent: number of times that a packet could not be sent, because the supervisor is stopped or dead.
     """
 
     def __init__(self, name: str, settings: dict[str, Any], channel: socket.socket | None) -> None:
         self.name, self.settings = name, settings
         self.stopping = False
         self.unsent = 0
+        self._unsent_ready, self._unsent_facts = False, dict[str, Any]()
         self._socket = channel
         self._orphaned = False
         self._requests: list[dict[str, Any]] = []
@@ -157,20 +158,31 @@ class ProcessContext:
 
         facts: first facts, sent in the same packet.
         """
-        self.send({"ready": True, "facts": facts} if facts else {"ready": True})
+        self._unsent_ready = True
+        self.facts(facts)
 
     def facts(self, facts: dict[str, Any]) -> None:
         """Send facts, which the supervisor uses for its decisions, such as {"uav1.armed": True}.
 
-        The decisions of the supervisor depend on them.
+        The decisions of the supervisor depend on them. Facts that cannot be sent are sent again before the next measurements,
+        because a process sends a fact only when it changes.
         """
-        self.send({"facts": facts})
+        self._unsent_facts |= facts
+        self._send_facts()
+
+    def _send_facts(self) -> None:
+        """Send the facts, and that the process is ready, unless they were sent before."""
+        facts = {"facts": self._unsent_facts} if self._unsent_facts else {}
+        packet = {"ready": True, **facts} if self._unsent_ready else facts
+        if packet and self.send(packet):
+            self._unsent_ready, self._unsent_facts = False, {}
 
     def stats(self, stats: dict[str, Any]) -> None:
         """Send measurements to the supervisor, such as {"rate_hz": 99.8}.
 
-        They are shown in the status table and in the summary.
+        They are shown in the status table and in the summary. Facts that could not be sent are sent first.
         """
+        self._send_facts()
         self.send({"stats": stats})
 
     def event(self, text: str) -> None:
@@ -211,17 +223,19 @@ class ProcessContext:
         else:
             self._requests.append(packet)
 
-    def send(self, packet: dict[str, Any]) -> None:
-        """Send one packet to the supervisor.
+    def send(self, packet: dict[str, Any]) -> bool:
+        """Send one packet to the supervisor. Return False if it could not be sent.
 
-        A packet that cannot be sent is dropped and counted.
+        Such a packet is counted. Without a supervisor, nothing is sent.
         """
         if self._socket is None:
-            return
+            return True
         try:
             self._socket.send(json.dumps(packet).encode())
         except OSError:  # the supervisor is stopped or dead: the flight goes on
             self.unsent += 1
+            return False
+        return True
 
     def _stop(self, signum: int, frame: FrameType | None) -> None:
         self.stopping = True

@@ -6,7 +6,7 @@ frames and encodes the replies. Pure.
 Imports only the standard library and `wire`, because land-all uses it and must start fast.
 """
 
-from arena.authority.authority import PROGRAM_MODES, Authority
+from arena.authority.authority import Authority
 from arena.authority.command_gate import (
     TEMPORARILY_REJECTED,
     CommandGate,
@@ -15,12 +15,22 @@ from arena.authority.command_gate import (
     role_of_tool,
     role_on_link,
 )
-from arena.authority.requests import COMMANDS, MESSAGES, Kind, Request, command_of, parse_request
+from arena.authority.requests import (
+    COMMANDS,
+    MESSAGES,
+    MISSION_STARTS,
+    PROGRAM_MODES,
+    Kind,
+    Request,
+    command_of,
+    parse_request,
+)
 from arena.authority.roles import Role
 
 __all__ = [
     "COMMANDS",
     "MESSAGES",
+    "MISSION_STARTS",
     "PROGRAM_MODES",
     "TEMPORARILY_REJECTED",
     "Authority",

@@ -14,20 +14,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from arena.authority.requests import Kind, Request
+from arena.authority.requests import PROGRAM_MODES, Kind, Request
 from arena.authority.roles import Change, Role
 from arena.constants import PILOT_HAS_CONTROL
 from arena.wire.px4_mode import MANUAL_MODES
 
-PROGRAM_MODES = frozenset(
-    {"OFFBOARD", "AUTO.MISSION", "AUTO.TAKEOFF", "AUTO.FOLLOW_TARGET", "ORBIT", "REPOSITION"}
-)
-"""Modes in which a computer moves the vehicle."""
 COPILOT_HOLD_S = 1.0  # a hold of the copilot ends this long after its last command
 _ASKED_S = 5.0  # a mode that appears within this time after a command for it was commanded
 _INPUT_S, _INPUT_HEARTBEATS = 2.0, 2  # stick positions count as present this long, and for as many heartbeats
 _SETPOINTS_S = 1.0  # a program that has sent setpoints within this time is in use
-_STRENGTH = {"AUTO.LOITER": 1, "AUTO.RTL": 2, "AUTO.LAND": 3, "AUTO.PRECLAND": 3, "TERMINATION": 4}
+_STRENGTH = {"AUTO.LOITER": 1, "AUTO.RTL": 2, "AUTO.LAND": 3, "TERMINATION": 4}
 _LAND, _KILL = 3, 4
 
 
@@ -57,7 +53,7 @@ class Authority:
         self._armed, self._mode = False, ""
         self._latch: _Latch | None = None
         self._obeyed = False
-        self._taken, self._taken_until_disarmed = "", False
+        self._taken, self._taken_until_disarmed, self._by_failsafe = "", False, False
         self._arming_off = ""
         self._asked: dict[str, tuple[Role, float]] = {}  # requested mode -> sender and time
         self._arm_asked: tuple[Role, float] | None = None
@@ -81,14 +77,12 @@ class Authority:
         return why
 
     def passes_program_setpoint(self, now: float) -> bool:
-        """Return True if a program's setpoint may be sent, because no commanded landing or motor stop is active.
+        """Return True if a program's setpoint may be sent, because no landing, motor stop or failsafe forbids it.
 
         If the result is False, call `refusal`, which decides. This test is fast, because setpoints are the
-        most frequent requests. If the result is True, the time of the setpoint is stored.
-
-        now: monotonic [s].
+        most frequent requests. If the result is True, the time of the setpoint is stored. now: monotonic [s].
         """
-        if self._latch is not None:
+        if self._latch is not None or (self._taken and self._by_failsafe):
             return False
         self._program_setpoint_at = now
         return True
@@ -121,6 +115,8 @@ class Authority:
     def _refusal_to_program(self, kind: Kind, moves: bool, now: float) -> str:
         if kind is not Kind.SETPOINT and self._is_flown_with_sticks(now):
             return "a person flies with sticks"
+        # after a failsafe, PX4 enters OFFBOARD again without a command as soon as setpoints arrive
+        moves = moves or (kind is Kind.SETPOINT and self._by_failsafe)
         return f"{self._taken}: run `arena release`" if moves and self._taken else ""
 
     def _is_flown_with_sticks(self, now: float) -> bool:
@@ -211,10 +207,7 @@ class Authority:
             self._change(Role.PILOT, self._mode, now)
 
     def _has_pilot(self, now: float) -> bool:
-        """Return False if no pilot can have control in a manual mode, because no stick positions arrive.
-
-        This applies only to a real vehicle with `radio: none` in the YAML. Otherwise the result is True.
-        """
+        """Return False if no pilot can have control: a real vehicle has `radio: none`, and no stick positions arrive."""
         silent = self._heartbeats_since > _INPUT_HEARTBEATS and now - self._input_at > _INPUT_S
         return not (self._input_needed and silent)
 
@@ -225,11 +218,13 @@ class Authority:
     def _on_mode(self, before: str, mode: str, now: float) -> None:
         """Update who commands the armed vehicle after a mode change. before: previous mode; "" if it was disarmed."""
         role = self._role_that_asked(mode, armed_now=not before, now=now)
+        # PX4 does not leave a commanded mode by itself
+        self._by_failsafe = self._by_failsafe and (role is None or mode == "OFFBOARD")
         if mode in MANUAL_MODES:
             self._on_manual_mode(role, before, mode, now)
             return
         if mode == "OFFBOARD":
-            if role is None and before:
+            if role is None and before and not self._by_failsafe:
                 self._taken = ""  # the pilot's switch gives control to the program
             by_switch = "OFFBOARD, by the pilot's switch" if before else "OFFBOARD"
             why = "OFFBOARD commanded" if role is not None else by_switch
@@ -250,7 +245,7 @@ class Authority:
         )
         who = f"{role.words} took control" if role is not None else f"{mode} ended OFFBOARD"
         if (role is None or self._obeyed) and self._has_pilot(now):
-            role, who = Role.PILOT, "pilot took control"
+            role, who, self._by_failsafe = Role.PILOT, "pilot took control", False
         if role is None:
             self._change(self._latched_role, f"{mode}, but no stick positions of a pilot", now, always=True)
         else:
@@ -263,6 +258,7 @@ class Authority:
             self._set_taken("ground station took control", until_disarmed=False)
         elif role is None:
             self._set_taken(f"{mode} ended OFFBOARD"[:29], until_disarmed=self._simulated)
+            self._by_failsafe = True
 
     def _on_disarmed(self, now: float) -> None:
         self._obeyed = False
@@ -289,7 +285,7 @@ class Authority:
 
     def _set_taken(self, why: str, *, until_disarmed: bool) -> None:
         if not self._taken or self._taken_until_disarmed:
-            self._taken, self._taken_until_disarmed = why, until_disarmed
+            self._taken, self._taken_until_disarmed, self._by_failsafe = why, until_disarmed, False
 
     # -- requests of the operator --------------------------------------------------------------------------------------
 
@@ -323,6 +319,7 @@ class Authority:
 
         latch: role that commanded the latched landing or motor stop, and its strength (3 landing, 4 motor stop).
         taken: text that says why programs cannot take OFFBOARD. until_disarmed: true if `taken` ends when the vehicle disarms.
+        by_failsafe: a failsafe has ended OFFBOARD.
         pilot: true if the pilot has control.
         """
         found: dict[str, Any] = {"pilot": True} if self.holder is Role.PILOT else {}
@@ -330,6 +327,7 @@ class Authority:
             found["latch"] = [int(self._latch.by), self._latch.strength]
         if self._taken:
             found |= {"taken": self._taken, "until_disarmed": self._taken_until_disarmed}
+            found |= {"by_failsafe": True} if self._by_failsafe else {}
         return found
 
     def restore(self, standing: Mapping[str, Any], now: float) -> None:
@@ -344,6 +342,7 @@ class Authority:
         pilot = self.holder is Role.PILOT
         if taken := standing.get("taken"):
             self._set_taken(str(taken), until_disarmed=standing.get("until_disarmed") is True)
+            self._by_failsafe = self._by_failsafe or standing.get("by_failsafe") is True
         if latch := standing.get("latch"):
             self._set_latch(Role(latch[0]), int(latch[1]), now)
             if pilot:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from arena.constants import FORCE_ARM_DISARM
 from arena.wire.age_limits import MANUAL_INPUTS, SETPOINTS
 from arena.wire.mavlink_frame import Buffer, Frame, uint_at
-from arena.wire.px4_mode import mode_words
+from arena.wire.px4_mode import mode_words, split_mode
 
 COMMAND_INT, COMMAND_LONG, SET_MODE, PARAM_SET, SERIAL_CONTROL, TUNNEL = 75, 76, 11, 23, 126, 385
 COMMANDS = frozenset({COMMAND_INT, COMMAND_LONG})
@@ -22,8 +22,11 @@ MESSAGES = COMMANDS | SETPOINTS | MANUAL_INPUTS | {SET_MODE, PARAM_SET, SERIAL_C
 _PARAM_ID_OFFSET = 6  # in PARAM_SET, after the value and the target
 _COMMAND_OFFSET = 28  # in COMMAND_INT and COMMAND_LONG, after seven numbers of four bytes
 _NAV_LOITER, _NAV_RTL, _NAV_LAND, _NAV_TAKEOFF, _DO_ORBIT, _DO_REPOSITION = 17, 20, 21, 22, 34, 192
+_NAV_PRECLAND, _NAV_VTOL_TAKEOFF, _DO_CHANGE_ALTITUDE = 23, 84, 186
 _DO_SET_MODE, _DO_TERMINATE, _DO_STANDARD_MODE = 176, 185, 262
-_MISSION_START, _ARM_DISARM = 300, 400
+_DO_LAND_START, _MISSION_START, _ARM_DISARM = 189, 300, 400
+MISSION_STARTS = frozenset({_DO_LAND_START, _MISSION_START})
+"""Commands that arm PX4 and start its mission. PX4's navigator sends MISSION_START itself when it receives DO_LAND_START."""
 _PREFLIGHT_CALIBRATION, _PREFLIGHT_UAVCAN = 241, 243
 _ESC_PASSTHROUGH = 211  # MAV_TUNNEL_PAYLOAD_TYPE_MODALAI_ESC_UART_PASSTHRU
 _SPINS = frozenset({183, 187, 209, 310, 311})
@@ -35,7 +38,22 @@ _COMMANDED_MODES = {
     _NAV_TAKEOFF: "AUTO.TAKEOFF",
     _DO_ORBIT: "ORBIT",
     _DO_REPOSITION: "REPOSITION",
+    _DO_CHANGE_ALTITUDE: "REPOSITION",
+    _NAV_PRECLAND: "AUTO.PRECLAND",
+    _NAV_VTOL_TAKEOFF: "AUTO.VTOL_TAKEOFF",
 }
+UNCLEAR_MODE = "unclear mode"
+"""Mode of a request whose numbers are no bytes. Each processor converts such numbers differently."""
+PROGRAM_MODES = frozenset(
+    {
+        *("OFFBOARD", "AUTO.MISSION", "AUTO.TAKEOFF", "AUTO.VTOL_TAKEOFF", "AUTO.FOLLOW_TARGET", "ORBIT"),
+        *("REPOSITION", "AUTO.PRECLAND", UNCLEAR_MODE),
+        *(f"AUTO.{sub}" for sub in range(11, 19)),  # modes of ROS 2 nodes: EXTERNAL1 to EXTERNAL8
+    }
+)
+"""Modes in which a computer moves the vehicle. AUTO.PRECLAND climbs to PLD_SRCH_ALT (10 m) to search its target."""
+_CUSTOM_MODE, _AUTO, _GUIDED, _STABILIZE, _MANUAL = 1, 4, 8, 16, 64  # MAV_MODE_FLAG
+_AUTO_MAIN_MODE, _SET_MODE_BASE_OFFSET = 4, 5
 _STANDARD_MODES = {
     1: "POSCTL",
     2: "ORBIT",
@@ -98,7 +116,8 @@ def parse_request(data: Buffer, frame: Frame) -> Request | None:
     if frame.msgid in MANUAL_INPUTS:
         return _MANUAL_INPUT
     if frame.msgid == SET_MODE:
-        return Request(Kind.MODE, mode_words(uint_at(data, frame, 0, 4)))
+        base = uint_at(data, frame, _SET_MODE_BASE_OFFSET, 1)
+        return Request(Kind.MODE, _set_mode_words(base, *split_mode(uint_at(data, frame, 0, 4))))
     if frame.msgid == PARAM_SET:
         name = uint_at(data, frame, _PARAM_ID_OFFSET, 16).to_bytes(16, "little")
         return Request(Kind.WRITE, param=name.partition(b"\0")[0].decode(errors="replace"))
@@ -114,24 +133,42 @@ def _of_command(data: Buffer, frame: Frame) -> Request | None:
     if command == _ARM_DISARM:
         return Request(_arming_kind(data, frame), command=command)
     if command == _DO_SET_MODE:
-        main, sub = _integer(data, frame, 1), _integer(data, frame, 2)
-        return Request(Kind.MODE, mode_words(main << 16 | sub << 24), command)
+        return Request(
+            Kind.MODE, _set_mode_words(*(_byte(_number(data, frame, i)) for i in range(3))), command
+        )
     if command == _DO_STANDARD_MODE:
-        mode = _integer(data, frame, 0)
-        return Request(Kind.MODE, _STANDARD_MODES.get(mode, f"standard mode {mode}"), command)
+        mode = _byte(_number(data, frame, 0) + 0.5)  # PX4 rounds this number
+        words = UNCLEAR_MODE if mode is None else _STANDARD_MODES.get(mode, f"standard mode {mode}")
+        return Request(Kind.MODE, words, command)
     if command in _COMMANDED_MODES:
         return Request(Kind.MODE, _COMMANDED_MODES[command], command)
-    if command == _MISSION_START:
+    if command in MISSION_STARTS:
         return Request(Kind.ARM, command=command)
     if command == _DO_TERMINATE:
         return Request(Kind.KILL, command=command)
-    calibrates_esc = command == _PREFLIGHT_CALIBRATION and _is_set(
-        _number(data, frame, 6)
-    )  # PX4 cuts 1.9 to 1
-    configures = command == _PREFLIGHT_UAVCAN and _integer(data, frame, 0) != 0
+    # PX4 cuts 1.9 to 1
+    calibrates_esc = command == _PREFLIGHT_CALIBRATION and _is_set(_number(data, frame, 6))
+    configures = command == _PREFLIGHT_UAVCAN and _is_set(_number(data, frame, 0))
     if command in _SPINS or calibrates_esc or configures:
         return Request(Kind.SPIN, command=command)
     return None
+
+
+def _set_mode_words(base_mode: int | None, main: int | None, sub: int | None) -> str:
+    """Return the name of the mode that PX4 selects for DO_SET_MODE and SET_MODE.
+
+    PX4 uses the main mode and the sub mode only if `base_mode` has the flag CUSTOM_MODE_ENABLED.
+    None is a number that is no byte: the result is then UNCLEAR_MODE.
+    """
+    if base_mode is None or main is None or sub is None:
+        return UNCLEAR_MODE
+    if base_mode & _CUSTOM_MODE:
+        return "AUTO.MISSION" if (main, sub) == (_AUTO_MAIN_MODE, 0) else mode_words(main << 16 | sub << 24)
+    if base_mode & _AUTO:
+        return "AUTO.MISSION"
+    if base_mode & _MANUAL:
+        return "POSCTL" if base_mode & _GUIDED else "STABILIZED" if base_mode & _STABILIZE else "MANUAL"
+    return f"base mode {base_mode}"  # PX4 changes nothing
 
 
 def _arming_kind(data: Buffer, frame: Frame) -> Kind:
@@ -159,7 +196,11 @@ def _is_set(value: float) -> bool:
     return value != 0.0 and not math.isnan(value)
 
 
-def _integer(data: Buffer, frame: Frame, index: int) -> int:
-    """Return a parameter of a command message as an integer 0..255; 0 if the value is not finite or out of range."""
-    value = _number(data, frame, index)
-    return round(value) if 0.0 <= value < 255.5 else 0
+def _byte(value: float) -> int | None:
+    """Return a number of a command as PX4 converts it to a byte: its fraction is cut, and NaN becomes 0.
+
+    None if the number does not fit in a byte, because the result then depends on the processor of the autopilot.
+    """
+    if math.isnan(value):
+        return 0
+    return int(value) if -1.0 < value < 256.0 else None

@@ -160,8 +160,8 @@ def _command_found(action: Action, selection: Selection, found: Found, targets: 
 
 def _record(command: str, targets: Sequence[Target], at: float) -> None:
     """Record the command in the run folders. at: time before the first command, monotonic [s]."""
-    for folder in {t.run for t in targets if t.run is not None}:
-        names_in_run = [t.name for t in targets if t.run == folder]
+    for folder in {t.run_folder for t in targets if t.run_folder is not None}:
+        names_in_run = [t.name for t in targets if t.run_folder == folder]
         _RECORDS.submit(partial(_write_record, folder, command, names_in_run, at))
 
 

@@ -53,9 +53,14 @@ class Target:
     direct: DirectAddress | None = field(default=None, compare=False)
 
     @property
+    def run_folder(self) -> Path | None:
+        """Run folder of a simulated or real vehicle; None for a vehicle that was found in a YAML."""
+        return self.run or (self.direct.run if self.direct is not None else None)
+
+    @property
     def name_in_run(self) -> str:
         """Name with the run folder, such as `uav1 of lab/runs/2026-01-31_12-00-00`, for vehicles of several runs."""
-        run = self.run or (self.direct.run if self.direct is not None else None)
+        run = self.run_folder
         return f"{self.name} of {run}" if run is not None else f"{self.name} (system id {self.id})"
 
     @property

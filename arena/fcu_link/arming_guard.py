@@ -10,7 +10,7 @@ import re
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.authority import COMMANDS, Kind, command_of, parse_request
+from arena.authority import COMMANDS, MISSION_STARTS, Kind, command_of, parse_request
 from arena.fcu_link.harmless_commands import HARMLESS
 from arena.wire.mavlink_frame import Buffer, Frame
 
@@ -49,8 +49,8 @@ def needs_checks(data: Buffer, frame: Frame, system: int, *, armed: bool) -> boo
         return not armed and frame.msgid in COMMANDS and command_of(data, frame) not in HARMLESS
     if request.kind is Kind.SPIN:
         return not armed
-    # MISSION_START arms; in flight it only changes the mode
-    return request.kind is Kind.ARM and not (armed and request.command == mavlink.MAV_CMD_MISSION_START)
+    # these commands arm; in flight they only change the mode
+    return request.kind is Kind.ARM and not (armed and request.command in MISSION_STARTS)
 
 
 def request_words(data: Buffer, frame: Frame) -> str:

@@ -5,7 +5,7 @@ vehicle -> vision     the messages that the pose forwarder reads
 vehicle -> panic      everything, while land-all sends
 vehicle -> simulator  HIL_ACTUATOR_CONTROLS only, for hardware in the loop (HITL)
 links -> vehicle      everything except refused requests to arm, commands of senders that must not command the vehicle now
-(arena.authority), and TIMESYNC replies, because with these PX4 would shift the time stamps of poses
+(arena.authority), poses that are not those of the forwarder, and TIMESYNC replies: PX4 would shift the time stamps of poses
 Nothing is carried to or from an autopilot that has not sent the hardware uid of the vehicle (identity.py).
 simulator -> vehicle  the sensors, but not HIL_STATE_QUATERNION, which PX4 in HITL would use as its own estimate
 """
@@ -25,6 +25,7 @@ from arena.fcu_link.arm_permit import ArmPermit
 from arena.fcu_link.arming_guard import RefusalReport, needs_checks, request_words
 from arena.fcu_link.axes_check import AxesCheck
 from arena.fcu_link.axes_record import AxesRecord
+from arena.fcu_link.foreign_poses import ForeignPoses
 from arena.fcu_link.identity import SILENT_S, Identity
 from arena.fcu_link.message_sets import ACTUATORS, DECODED, IMU, SENSORS, TIMESYNC, VISION_MESSAGES
 from arena.fcu_link.own_requests import OwnRequests
@@ -79,7 +80,7 @@ class FcuLink:
         self.identity = Identity(s.id, s.uid or uid, last_source, needs_uid=not s.simulated)
         self.permit = ArmPermit(s.vehicle, needed=not s.simulated)
         self.checks = PreflightChecks(s.preflight)
-        self.radio = RadioCheck(s.preflight.radio)
+        self.radio, self.foreign = RadioCheck(s.preflight.radio), ForeignPoses(forwarded=s.preflight.poses)
         self.axes = AxesCheck(s, axes_record)
         self.params = ParamCheck(s.params, "/".join(s.params_file.split("/")[-2:]), self.radio.params)
         wide = s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD
@@ -260,8 +261,7 @@ class FcuLink:
         if age_s > SHORTEST_LIMIT_S:
             data, dropped = without_old_frames(data, age_s)
             self.counts[f"from {link}: waited too long"] += dropped
-        found = parse_frames(data)
-        if found.garbage:
+        if (found := parse_frames(data)).garbage:
             self.counts[f"from {link}: garbage bytes"] += found.garbage
         if link == "panic" and found.frames:
             self._panic_received_at = now
@@ -269,6 +269,8 @@ class FcuLink:
         for frame in found.frames:
             if frame.msgid == TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
                 self.counts["to the vehicle: TIMESYNC reply"] += 1
+            elif self.foreign.refuses(link, frame):
+                self.counts["to the vehicle: pose of another sender"] += 1
             elif needs_checks(data, frame, self.system, armed=self.checks.armed and self.alive(now)):
                 out += self._guard(link, data, frame, now, age_s)
             elif frame.msgid in MANUAL_INPUTS and not self.checks.armed and self.reasons(now):
@@ -289,8 +291,7 @@ class FcuLink:
 
     def next_out(self, now: float) -> bytes | None:
         """Return the next frame to send to the vehicle; None if there is none."""
-        queued = self.queue.take(now)
-        if queued is None:
+        if (queued := self.queue.take(now)) is None:
             return None
         self.flow["to_vehicle"] += 1
         # only a pose that is sent counts for the preflight checks: older poses in the queue may be dropped
@@ -326,8 +327,7 @@ class FcuLink:
         if refusal is None:
             return None
         self.counts[f"to the vehicle: refused: {refusal.why}"] += 1
-        reply = refusal.reply(self._autopilot_codec)
-        return [(link, reply)] if reply else []
+        return [(link, reply)] if (reply := refusal.reply(self._autopilot_codec)) else []
 
     def _guard(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
         """Pass on a request to arm or to spin a motor, or refuse it because a preflight check fails.
@@ -392,7 +392,7 @@ class FcuLink:
 
     def events(self) -> list[str]:
         """Return the new messages for the user, each only once and with the vehicle's name."""
-        for source in (self.identity, self.permit, self.axes, self.params, self._streams):
+        for source in (self.identity, self.permit, self.axes, self.params, self._streams, self.foreign):
             for text in source.events:
                 self._say(text)
             source.events.clear()

@@ -44,5 +44,5 @@ class MemberContext(ProcessContext):
             self.is_ready = True
             super().ready(**facts)
 
-    def send(self, packet: dict[str, Any]) -> None:
-        self._process.send({**packet, "of": self.name})
+    def send(self, packet: dict[str, Any]) -> bool:
+        return self._process.send({**packet, "of": self.name})

@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from arena.authority import Role
+from arena.authority import Role, role_of_tool
 from arena.mavlink_router.routing_table import Vehicle
 from arena.mavlink_router.vehicle_status import VehicleStatus
 from arena.mavlink_router.vehicle_telemetry import VehicleTelemetry
 from arena.transport import Address
-from arena.wire.mavlink_frame import Buffer
+from arena.wire.mavlink_frame import Buffer, Frame, byte_at
 
 Destinations = tuple[tuple[int, Address], ...]
 """(index in `Router.sockets` to send from, address to send to) of each receiver."""
@@ -19,6 +19,7 @@ TO_ALL = 0
 """Target of a message that is addressed to no system."""
 MAX_TOOLS = 16
 """Largest number of tools of a vehicle. If another one connects, the tool that has been silent for longest is removed."""
+_HEARTBEAT_TYPE, _TYPE_GCS = 4, 6  # payload offset of `type` in HEARTBEAT; MAV_TYPE_GCS
 Out = tuple[Buffer, Destinations]
 """A datagram to send, and its receivers. It is usually a part of the received datagram."""
 
@@ -135,6 +136,16 @@ class VehicleRoutes:
         for address in silent:
             del self.tools[address]
         return bool(silent)
+
+    def simulates_operator(self, endpoint: Endpoint, data: Buffer, frame: Frame) -> bool:
+        """Return whether a HEARTBEAT must not reach the vehicle: a program sends it as a ground station.
+
+        Libraries such as MAVSDK do so. While the vehicle receives such heartbeats, its failsafe `data_link_loss` does not act.
+        Only an operator may prevent it, not a program that still runs when nobody is present.
+        """
+        role = role_of_tool(frame.sysid) if endpoint.role is None else endpoint.role
+        is_station = byte_at(data, frame, _HEARTBEAT_TYPE) == _TYPE_GCS
+        return self.vehicle.needs_operator and role is Role.PROGRAM and is_station
 
     def receivers(self, link: AutopilotLink, target: int, stations: Iterable[Endpoint]) -> Destinations:
         """Return the receivers of a message that an autopilot has sent on `link`.

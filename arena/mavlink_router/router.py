@@ -346,6 +346,9 @@ class Router:
         if msgid == TIMESYNC and any(data[payload : payload + min(8, size)]):
             self._counts.dropped["TIMESYNC reply"] += 1
             return NO_TARGET
+        if v is not None and msgid == HEARTBEAT and v.simulates_operator(endpoint, data, frame):
+            self._counts.dropped["a program's heartbeat as a ground station"] += 1
+            return NO_TARGET
         if v is not None and (target in (0, v.vehicle.id)):
             target = v.vehicle.id
         elif v is not None or (target and target not in self._ids):

@@ -56,10 +56,10 @@ class Shortcut:
         self._number_of_address = {address: address_number(*address) for address in addresses}
         self._client_of = {id(endpoint): k for k, (_, endpoint) in enumerate(clients)}
         ids = [v.vehicle.id for v, _ in links]
-        number_of = self._number_of_address
+        number_of, checks_beats = self._number_of_address, any(v.vehicle.needs_operator for v in vehicles)
         self.ordinary = kernel(
             {
-                msgid: (_kind(msgid), seed, TARGETS.get(msgid, (-1, -1))[0])
+                msgid: (_kind(msgid, checks_beats), seed, TARGETS.get(msgid, (-1, -1))[0])
                 for msgid, seed in CRC_EXTRA.items()
             },
             ids,
@@ -111,13 +111,16 @@ class Shortcut:
             v.telemetry.on_z_n(*_FLOAT.unpack(_BITS.pack(bits)))
 
 
-def _kind(msgid: int) -> int:
-    """Return the properties of a MAVLink message as bits, such as SETPOINT, for the kernel `ordinary_datagrams`."""
+def _kind(msgid: int, checks_beats: bool) -> int:
+    """Return the properties of a MAVLink message as bits, such as SETPOINT, for the kernel `ordinary_datagrams`.
+
+    checks_beats: the router must check the heartbeats of programs (`VehicleRoutes.simulates_operator`)
+    """
     kind = NOT_FROM_AUTOPILOT if msgid in _STATUS else 0
     if msgid == LOCAL_POSITION_NED:
         kind |= POSITION
     if msgid in SETPOINTS:
         kind |= SETPOINT
-    elif msgid in MESSAGES or msgid == TIMESYNC:
+    elif msgid in MESSAGES or msgid == TIMESYNC or (checks_beats and msgid == HEARTBEAT):
         kind |= NOT_FROM_CLIENT
     return kind

@@ -112,7 +112,7 @@ class Forwarder:
             str(settings["body"]),
             round(float(settings["frame_rate_hz"]) / float(settings["rate_hz"])),
             float(settings["stale_s"]),
-            var_p > 0.0 or var_a > 0.0,
+            var_p > 0.0 or var_a > 0.0 or settings.get("simulated") is not True,  # real cameras have noise
             self.counts,
         )
         self.lateness, self.autopilot = self.selection.lateness, Autopilot(self.selection)

@@ -77,6 +77,49 @@ def test_pilot_loses_control_when_the_mode_is_not_manual_any_more():
     assert a.holder is Role.NOBODY and a.refusal(Role.EMERGENCY, LAND, 20.1) == ""
 
 
+@pytest.mark.parametrize("simulated", [True, False])
+def test_setpoints_do_not_take_a_vehicle_out_of_its_failsafe(simulated):
+    """PX4 v1.16 enters OFFBOARD again without a command when setpoints arrive after the failsafe of their loss."""
+    a = in_offboard(simulated=simulated)
+    a.on_state(True, "AUTO.LAND", 10.0)
+    assert not a.passes_program_setpoint(10.1)
+    assert a.refusal(Role.PROGRAM, SETPOINT, 10.1) == "AUTO.LAND ended OFFBOARD: run `arena release`"
+    a.on_state(
+        True, "OFFBOARD", 11.0
+    )  # because of a setpoint before the report of AUTO.LAND: no switch of a pilot
+    assert a.refusal(Role.PROGRAM, SETPOINT, 11.1) and a.refusal(Role.PROGRAM, OFFBOARD, 11.1)
+    b = Authority(simulated=simulated)
+    b.restore(json.loads(json.dumps(a.standing)), 12.0)
+    assert b.refusal(Role.PROGRAM, SETPOINT, 12.1)
+    a.release("ada", 13.0)
+    assert a.passes_program_setpoint(13.1) and a.refusal(Role.PROGRAM, OFFBOARD, 13.1) == ""
+
+
+def test_setpoints_pass_after_a_failsafe_while_a_pilot_has_control():
+    a = in_offboard()
+    a.on_state(True, "AUTO.LAND", 10.0)
+    a.on_state(True, "POSCTL", 11.0)
+    assert a.holder is Role.PILOT and a.refusal(Role.PROGRAM, SETPOINT, 11.1) == ""
+    a.on_state(True, "OFFBOARD", 12.0)
+    assert a.holder is Role.PROGRAM and a.blocked == ""
+
+
+@pytest.mark.parametrize("request_", [HOLD, POSCTL])
+def test_setpoints_pass_after_a_failsafe_if_a_ground_station_commands_a_mode(request_):
+    a = in_offboard()
+    a.on_state(True, "AUTO.LAND", 10.0)
+    assert a.refusal(Role.GROUND_STATION, request_, 11.0) == ""
+    a.on_state(True, request_.mode, 11.5)
+    assert a.refusal(Role.PROGRAM, SETPOINT, 11.6) == "" and a.refusal(Role.PROGRAM, OFFBOARD, 11.6)
+
+
+def test_setpoints_pass_after_a_failsafe_of_a_simulated_vehicle_that_has_landed():
+    a = in_offboard(simulated=True)
+    a.on_state(True, "AUTO.LAND", 10.0)
+    a.on_state(False, "AUTO.LAND", 15.0)
+    assert a.passes_program_setpoint(15.1) and a.refusal(Role.PROGRAM, OFFBOARD, 15.1) == ""
+
+
 def test_program_gets_control_back_by_the_pilots_switch_only():  # review fault 9
     a = taken_by_pilot()
     assert a.refusal(Role.PROGRAM, SETPOINT, 11.0) == ""

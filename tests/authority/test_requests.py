@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import common as mav
 
-from arena.authority import Kind, Request, parse_request
+from arena.authority import PROGRAM_MODES, Kind, Request, parse_request
 from arena.wire.mavlink_frame import parse_frames
 
 SENDER = mav.MAVLink(None, srcSystem=255, srcComponent=190)
@@ -45,11 +45,53 @@ def test_arming_commands(params, kind):
         (long(20), "AUTO.RTL"),
         (long(22), "AUTO.TAKEOFF"),
         (long(262, 7), "AUTO.LAND"),
+        (long(262, 6.5), "AUTO.LAND"),
+        (long(262, 263), "unclear mode"),
+        (long(186, 12), "REPOSITION"),
+        (long(84), "AUTO.VTOL_TAKEOFF"),
+        (long(23), "AUTO.PRECLAND"),
         (mav.MAVLink_set_mode_message(1, 1, 6 << 16), "OFFBOARD"),
     ],
 )
 def test_commands_that_set_a_mode(message, mode):
     assert parse(message) == Request(Kind.MODE, mode, getattr(message, "command", 0))
+
+
+BASE_MODES = [(4, "AUTO.MISSION"), (68, "AUTO.MISSION"), (64, "MANUAL"), (72, "POSCTL"), (80, "STABILIZED")]
+
+
+@pytest.mark.parametrize(("base", "mode"), [*BASE_MODES, (0, "base mode 0"), (128, "base mode 128")])
+def test_without_the_flag_custom_mode_px4_uses_the_base_mode(base, mode):
+    """PX4 then ignores the numbers of AUTO.LAND, which also follow."""
+    assert parse(long(176, base, 4, 6)).mode == mode
+    assert parse(mav.MAVLink_set_mode_message(1, base, 4 << 16 | 6 << 24)).mode == mode
+
+
+@pytest.mark.parametrize(
+    ("numbers", "mode"),
+    [
+        ((1, 4, 0), "AUTO.MISSION"),
+        ((1, 6.9, 0), "OFFBOARD"),
+        ((1, 4, 5.6), "AUTO.RTL"),
+        ((1, 3.6, 6), "POSCTL"),
+        ((1.9, 4.9, 6.9), "AUTO.LAND"),
+        ((0.9, 4, 6), "base mode 0"),
+        ((1, 262, 0), "unclear mode"),
+        ((1, 4, -250), "unclear mode"),
+        ((257, 4, 6), "unclear mode"),
+        ((1, float("inf"), 0), "unclear mode"),
+    ],
+)
+def test_numbers_of_a_mode_are_cut_to_bytes_as_in_px4(numbers, mode):
+    assert parse(long(176, *numbers)).mode == mode
+    if mode in ("unclear mode", "OFFBOARD", "AUTO.MISSION"):
+        assert mode in PROGRAM_MODES
+
+
+@pytest.mark.parametrize("command", [300, 189])
+def test_commands_that_start_a_mission_arm(command):
+    """PX4's navigator replies to DO_LAND_START with a MISSION_START of its own, which arms."""
+    assert parse(long(command)).kind is Kind.ARM
 
 
 def test_command_int_is_read_like_command_long():
@@ -81,6 +123,7 @@ def test_command_int_and_command_long_are_judged_alike(params):
         long(209, 1, 1, 20),
         long(241, 0, 0, 0, 0, 0, 0, 1),
         long(187, 1),
+        long(243, 0.5),
         mav.MAVLink_serial_control_message(10, 6, 0, 0, 14, list(b"commander arm\n".ljust(70, b"\0"))),
     ],
 )

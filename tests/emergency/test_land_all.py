@@ -22,7 +22,7 @@ from served import let_pass, until
 from arena.emergency import dispatch, land_all, landing_sequence
 from arena.emergency.dispatch import TargetConnections, bring_down
 from arena.emergency.run_record import recorded_down
-from arena.emergency.targets import Found, Target
+from arena.emergency.targets import Found, Target, from_plan
 from arena.supervisor import proc_fs
 from arena.wire.mavlink_ids import EMERGENCY
 
@@ -629,6 +629,20 @@ def test_the_record_has_the_time_before_the_first_command(monkeypatch, tmp_path)
     assert land_all._RECORDS.flush(60.0)
     (line,) = filter(None, (tmp_path / "emergency.jsonl").read_text().splitlines())
     assert first[0] - 1.0 < json.loads(line)["mono"] <= first[0]
+
+
+def test_the_record_has_real_vehicles_too(tmp_path):
+    """The supervisor latches the recorded landing in a router or hardware link that was not ready."""
+    ends = {"panic": {"autopilot_host": "127.0.0.1", "autopilot_port": 1, "partner_host": "127.0.0.1"}}
+    ends["panic"]["partner_port"] = 2
+    ends |= {"router": {"partner_host": "127.0.0.1"}, "tools_port": 3}
+    vehicles = [{"name": f"uav{k}", "id": k, "simulated": k == 1, **ends} for k in (1, 2)]
+    wire = {"kind": "serial", "device": "/dev/none", "baud": 57600}
+    plan = {"vehicles": vehicles, "slices": {"link.uav2.json": {"wire": wire, "uid": ""}}}
+    land_all._record("land-all", from_plan(json.dumps(plan), tmp_path), 5.0)
+    assert land_all._RECORDS.flush(60.0)
+    (line,) = filter(None, (tmp_path / "emergency.jsonl").read_text().splitlines())
+    assert json.loads(line) == {"mono": 5.0, "command": "land-all", "vehicles": ["uav1", "uav2"]}
 
 
 def test_a_command_that_could_not_be_recorded_is_reported(monkeypatch, tmp_path, capfd):

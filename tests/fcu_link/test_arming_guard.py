@@ -46,6 +46,8 @@ ARMING = {
     "what PX4 takes for 1 when it cuts it to a byte": arm(param1=257.0),
     "MISSION_START": command(300),
     "COMMAND_INT MISSION_START": command_int(300, 0.0),
+    "DO_LAND_START": command(189),
+    "COMMAND_INT DO_LAND_START": command_int(189, 0.0),
 }
 
 
@@ -267,8 +269,8 @@ def test_in_flight_without_poses_commands_pass():
     assert rig.reasons()
     rig.out.clear()
     stick = mavlink.MAVLink_manual_control_message(ID, 0, 0, 500, 0, 0)
-    rig.send("router", command(176, *LAND), stick, command(300))
-    assert [m.get_type() for m in rig.out] == ["COMMAND_LONG", "MANUAL_CONTROL", "COMMAND_LONG"]
+    rig.send("router", command(176, *LAND), stick, command(300), command(189))
+    assert [m.get_type() for m in rig.out] == ["COMMAND_LONG", "MANUAL_CONTROL", *["COMMAND_LONG"] * 2]
 
 
 @pytest.mark.parametrize(

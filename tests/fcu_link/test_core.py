@@ -102,6 +102,24 @@ def test_the_controller_gets_sensors_and_no_truth():
     assert [m.get_type() for m in rig.flush()] == ["HIL_SENSOR"]
 
 
+@pytest.mark.parametrize("link", ["router", "panic"])
+def test_poses_of_other_senders_than_the_forwarder_are_dropped(link):
+    """PX4 fuses the poses of all senders: those of a MAVROS relay, for example, pass no check of the forwarder."""
+    rig = Rig()
+    other = mavlink.MAVLink_vision_position_estimate_message(0, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
+    fill(rig, (link, odometry()), (link, other), (link, other), ("vision", odometry()))
+    assert [m.get_type() for m in rig.flush()] == ["ODOMETRY"]
+    assert rig.core.counts["to the vehicle: pose of another sender"] == 3
+    found = [event for event in rig.core.events() if "is not sent to the vehicle" in event]
+    assert [event.split()[1] for event in found] == ["ODOMETRY", "VISION_POSITION_ESTIMATE"]
+
+
+def test_poses_of_programs_pass_without_a_forwarder():
+    rig = Rig(preflight={"poses": False})
+    fill(rig, ("router", odometry()))
+    assert [m.get_type() for m in rig.flush()] == ["ODOMETRY"]
+
+
 # -- priorities ------------------------------------------------------------------------------------------------------------
 
 

@@ -299,6 +299,21 @@ def test_vehicle_with_a_data_link_failsafe_needs_an_operator_for_the_heartbeat()
     assert names == ["autopilot1", "recorder", "autopilot2", "recorder"]
 
 
+@pytest.mark.parametrize("shortcut", [True, False])
+def test_program_cannot_send_the_heartbeat_of_a_ground_station(shortcut):
+    """MAVSDK sends this heartbeat. The failsafe `data_link_loss` must act although such a program still runs."""
+    fleet = Fleet(real=(2,), needs_operator=(2,), use_shortcut=shortcut)
+    as_station, as_computer = heartbeat(245, 190, kind=6), heartbeat(245, 190, kind=18)
+    for _ in range(2):
+        assert "autopilot2" not in fleet.send_as("sdk2", as_station)
+        assert "autopilot2" not in fleet.tool(as_station, 2)
+        assert fleet.send_as("sdk2", as_computer)["autopilot2"] == as_computer
+        assert fleet.send_as("sdk1", as_station)["autopilot1"] == as_station
+    assert fleet.send_as("gcs", heartbeat(255, 190, kind=6)).keys() == {"autopilot1", "autopilot2"}
+    assert fleet.dropped == {"a program's heartbeat as a ground station": 4}
+    assert "sdk2" in fleet.send_as("autopilot2", ack((245, 190), 2))  # the program still gets its replies
+
+
 def test_a_client_on_another_computer_has_a_socket_that_can_reach_it():
     """A socket bound to loopback cannot: the kernel refuses to send."""
     far = ("192.0.2.7", 14550)

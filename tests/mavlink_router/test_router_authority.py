@@ -52,6 +52,29 @@ def land_all(fleet, k=1):
     return fleet.tool(set_mode(LAND, LAND_ALL, k), k)
 
 
+@pytest.mark.parametrize(
+    ("number", "params"),
+    [
+        (176, (4, 4, 6)),
+        (176, (1, 4, 5.6)),
+        (176, (1, 4, -250)),
+        (186, (20, 0)),
+        (189, ()),
+        (84, ()),
+        (23, ()),
+    ],
+    ids=["base mode", "fraction", "no byte", "CHANGE_ALTITUDE", "LAND_START", "VTOL_TAKEOFF", "PRECLAND"],
+)
+@pytest.mark.parametrize("sender", [PROGRAM, GROUND_STATION])
+def test_no_command_ends_a_landing_of_land_all(fleet, sender, number, params):
+    """PX4 obeys each of these commands: it leaves AUTO.LAND or climbs."""
+    land_all(fleet)
+    numbers = (*params, *(0,) * (7 - len(params)))
+    message = mavlink.MAVLink_command_long_message(1, 1, number, 0, *numbers)
+    name = "program1" if sender == PROGRAM else "gcs"
+    assert "autopilot1" not in fleet.send_as(name, packed(message, *sender))
+
+
 def test_refused_command_is_answered_and_not_forwarded(fleet):  # review fault 9
     land_all(fleet)
     received = fleet.send_as("program1", set_mode(OFFBOARD))

@@ -26,6 +26,7 @@ SETTINGS = {
     "noise": {"position_m": 0.001, "rotation_deg": 0.5},
     "origin": {"lat_deg": 38.7, "lon_deg": -9.1, "alt_m": 100.0},
 }
+WITHOUT_NOISE = {"noise": {"position_m": 0.0, "rotation_deg": 0.0}}
 
 
 def frame(number: int, stamp: float | None = None, pose: Pose | None = None) -> CapturedFrame:
@@ -123,8 +124,16 @@ def test_server_clock_set_forward_is_accepted_after_nine_frames():
 
 def test_body_at_rest_without_noise_is_not_frozen():
     still = Pose("b", (1.0, 2.0, -1.0), (1.0, 0.0, 0.0, 0.0))
-    ideal = Forwarder({**SETTINGS, "noise": {"position_m": 0.0, "rotation_deg": 0.0}})
+    ideal = Forwarder({**SETTINGS, **WITHOUT_NOISE, "simulated": True})
     assert sum(ideal.on_frame(frame(n, pose=still), n / RATE) is not None for n in range(180)) == 60
+
+
+def test_frozen_pose_of_real_cameras_is_dropped_whatever_the_noise():
+    """`mocap.noise` is the noise of the emulator: 0 in the YAML does not switch off this check for a real vehicle."""
+    still = Pose("b", (1.0, 2.0, -1.0), (1.0, 0.0, 0.0, 0.0))
+    real = Forwarder({**SETTINGS, **WITHOUT_NOISE, "simulated": False})
+    assert sum(real.on_frame(frame(n, pose=still), n / RATE) is not None for n in range(180)) == 1
+    assert real.counts["frozen"] == 179
 
 
 @given(st.tuples(*[st.floats()] * 3), st.tuples(*[st.floats()] * 4), st.floats(), st.integers(0, 2**31))

@@ -67,6 +67,27 @@ def test_stopped_supervisor_does_not_block_a_process(line):
     assert room.unsent > 0
 
 
+def test_facts_of_the_time_of_a_stopped_supervisor_are_sent_later(line):
+    """The supervisor restores the refusals of a router from its facts, which are sent only when they change."""
+    ours, theirs = line
+    room = ProcessContext("x", {}, theirs)
+    while not room.unsent:
+        room.stats({"n": 1})
+    room.facts({"uav1.armed": False, "uav1.standing": {}})
+    room.ready(**{"uav1.armed": True})
+    room.facts({"uav1.standing": {"latch": [4, 3]}})
+    ours.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        while True:
+            assert "facts" not in json.loads(ours.recv(4096))
+    room.stats({"n": 2})
+    facts = {"uav1.armed": True, "uav1.standing": {"latch": [4, 3]}}
+    assert json.loads(ours.recv(4096)) == {"ready": True, "facts": facts}
+    assert json.loads(ours.recv(4096)) == {"stats": {"n": 2}}
+    with pytest.raises(BlockingIOError):
+        ours.recv(4096)
+
+
 def test_process_without_supervisor_is_no_orphan():
     room = ProcessContext("x", {}, None)
     room.ready()

@@ -37,8 +37,9 @@ class Process(ProcessContext):
         super().__init__("recorder", {**SETTINGS, "folder": str(folder), **more}, None)
         self.packets: list[dict[str, Any]] = []
 
-    def send(self, packet: dict[str, Any]) -> None:
+    def send(self, packet: dict[str, Any]) -> bool:
         self.packets.append(packet)
+        return True
 
     @property
     def events(self) -> list[str]:
