@@ -19,13 +19,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from arena.authority import PROGRAM_MODES
 from arena.copilot.fleet_state import Violation
 from arena.copilot.settings import STEPS, Rules, Step
 
 MODES: dict[Step, str] = {"hold": "AUTO.LOITER", "land": "AUTO.LAND", "terminate": "disarmed"}
-OPEN = frozenset(
-    {"OFFBOARD", "AUTO.LOITER", "AUTO.TAKEOFF", "AUTO.MISSION", "AUTO.FOLLOW_TARGET", "AUTO.READY"}
-)
+OPEN = PROGRAM_MODES | {"AUTO.LOITER", "AUTO.READY"}
 """Modes that the copilot may end: those of programs and SDKs. All others belong to a pilot or a failsafe."""
 REPEAT_S = 0.2
 RENEW_S = 0.5

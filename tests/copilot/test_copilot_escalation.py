@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -154,6 +155,12 @@ def test_hold_is_not_repeated_for_long_to_a_silent_vehicle() -> None:
     assert holds(60.0, 62.0, [FENCE]) >= 5  # another reason
     assert holds(62.1, 70.0, [FENCE]) == 0
     assert holds(70.0, 71.0, [], fresh=True) >= 2  # heartbeat received again
+
+
+@pytest.mark.parametrize("mode", ["ORBIT", "AUTO.FOLLOW_TARGET", "AUTO.PRECLAND", "AUTO.11"])
+def test_vehicle_in_any_mode_of_a_computer_is_held(mode: str) -> None:
+    """ORBIT is a circle that PX4 flies by itself, AUTO.11 a mode of a ROS 2 node."""
+    assert helm().decide([NEAR], at(mode), 1.0).send == "hold"
 
 
 def test_pilot_ends_an_order() -> None:
