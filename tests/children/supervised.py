@@ -1,4 +1,4 @@
-"""Run a plan file with the real supervisor: `supervised.py PLAN RUNS [until_done] [limit=S] [forks]`."""
+"""Run a plan file with the real supervisor: `supervised.py PLAN RUNS [until_done] [limit=S] [settle=S] [forks]`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from arena.plan.model import Plan
-from arena.supervisor import Level, Lines, Options, Supervisor, create
+from arena.supervisor import Level, Lines, Options, Supervisor, create, run_end
 from arena.supervisor.fork_client import ForkClient
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ def live_table() -> LiveTable:
 def main() -> int:
     plan = Plan.from_json(Path(sys.argv[1]).read_text())
     limits = [float(a[6:]) for a in sys.argv[3:] if a.startswith("limit=")]
+    if settles := [float(a[7:]) for a in sys.argv[3:] if a.startswith("settle=")]:
+        run_end.settle_s = lambda plan, stats: settles[0]
     options = Options(
         until_done="until_done" in sys.argv,
         time_limit_s=limits[0] if limits else None,
