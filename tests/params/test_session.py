@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -26,7 +27,7 @@ from signing_autopilot import SigningAutopilot
 
 from arena.builtin_parameters import SPECS
 from arena.errors import InputError
-from arena.params.transfer import transfer
+from arena.params.transfer import transfer, transfer_loop
 from arena.params.transfer.push_record import PushRecord
 from arena.params.transfer.session import PushReport, pull, push, read_after_reboot, reboot
 from arena.params.transfer.transfer import Progress, Transfer
@@ -195,6 +196,24 @@ def test_unplugged_device_ends_as_connection_lost(
     assert report.ending == "connection lost" and report.with_outcome("unread") == ["P_03"]
     assert len(reads) < 1000
     assert over_at_close == [False, True], "the device is closed at once, so that it can get its name again"
+
+
+def test_pause_of_this_computer_is_no_lost_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The messages of the vehicle wait in the socket, and are read before the time-out is checked."""
+    autopilot, pauses, read = vehicle(), [], Transfers.read
+
+    def read_then_pause(connection: Any) -> None:
+        read(connection)
+        if autopilot.written_names and not pauses:
+            let_pass(autopilot, 2)
+            pauses.append(10.0 * transfer.VEHICLE_TIMEOUT_S)
+
+    monkeypatch.setattr(Transfers, "read", read_then_pause)
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + sum(pauses))
+    monkeypatch.setattr(transfer_loop, "time", clock)
+    with serve([autopilot]) as targets:
+        report = push(targets, same_for(targets, new_values()))["uav1"]
+    assert pauses and report.holds, report
 
 
 def test_device_that_disappears_in_the_reboot_is_opened_again(
