@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from arena.plan.model import Plan
 from arena.supervisor import Level, Lines, Options, Supervisor, create, run_end
-from arena.supervisor.fork_client import ForkClient
+from arena.supervisor.fork_client import LOAD_TIMEOUT_S, ForkClient
 
 if TYPE_CHECKING:
     from arena.supervisor import LiveTable
@@ -31,7 +31,10 @@ def main() -> int:
         adopt="no_adopt" not in sys.argv,
     )
     show = live_table() if "live" in sys.argv else Lines(Level.DETAIL)
-    forks = ForkClient() if "forks" in sys.argv else None
+    LOAD_TIMEOUT_S["processes"] = (
+        120.0  # on a busy machine, too, tests with "forks" get processes of the fork server
+    )
+    forks = ForkClient(reply_timeout_s=120.0) if "forks" in sys.argv else None
     code = Supervisor(plan, create(plan, Path(sys.argv[2])), show, options, forks).run()
     show.close()
     return code
