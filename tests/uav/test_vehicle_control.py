@@ -336,16 +336,16 @@ def test_unanswered_command_is_repeated_with_a_counter(autopilot, uav, monkeypat
 
 
 def test_later_heartbeat_confirms_a_landing_without_acknowledgement(autopilot, uav, monkeypatch):
-    monkeypatch.setattr(vehicle_control, "_RETRY_S", 0.1)
     uav.start_offboard_mission()
+    monkeypatch.setattr(vehicle_control, "_RETRY_S", 0.5)
     autopilot.ack_to = (253, 190)  # the autopilot obeys, and its acknowledgements are lost
     uav.auto_land(wait=False)
     assert autopilot.mode == "AUTO.LAND"
 
 
 def test_older_heartbeat_does_not_confirm_a_landing_without_acknowledgement(autopilot, uav, monkeypatch):
-    monkeypatch.setattr(vehicle_control, "_RETRY_S", 0.1)
     uav.start_offboard_mission()
+    monkeypatch.setattr(vehicle_control, "_RETRY_S", 0.1)
     autopilot.mode = "AUTO.LAND"
     until(lambda: uav.info.flight_mode == "AUTO.LAND")
     autopilot.ignore.add(mavlink.MAV_CMD_DO_SET_MODE)
