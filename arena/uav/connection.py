@@ -170,7 +170,6 @@ class Connection:
         with self._receiving:
             if self._closed:
                 return
-            self._polled = time.monotonic()
             now = self._polled_at = self._clock.now()
             self._received.extend(read_datagrams(self._socket, _MAX_DATAGRAMS))
             while self._received:  # after an exception the next call processes the datagrams that are left
@@ -182,6 +181,9 @@ class Connection:
                     self._relative.on_datagram(datagram, now)
             if self._capture is not None:
                 self._capture.poll(now, once=self._lockstep)
+            self._polled = (
+                time.monotonic()
+            )  # last: `refresh` waits for a thread that has not stored its data yet
 
     def chores(self) -> None:
         """Receive data, and send the program's heartbeat to the vehicle if it is due."""

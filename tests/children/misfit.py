@@ -87,16 +87,16 @@ def kills_itself() -> None:
 
 
 def grandchild() -> None:
-    """Start a grandchild in the same group and one in a new session, then end."""
+    """Start a grandchild in the same group and one in a new session; end when both run and their lines are in the log."""
     import subprocess
 
     code = "import os, signal, sys; print('grandchild', os.getpid(), flush=True); signal.signal(15, signal.SIG_IGN); signal.pause()"
-    subprocess.Popen([sys.executable, "-c", code])
-    subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
+    for own_session in (False, True):
+        command = [sys.executable, "-c", code]
+        child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=own_session)
+        assert child.stdout is not None
+        print(child.stdout.readline(), end="", flush=True)
     tell(ready=True)
-    if sys.argv[2:] == ["stay"]:
-        forever()
-    time.sleep(0.3)
 
 
 def grandchild_in_group() -> None:

@@ -28,7 +28,7 @@ def in_thread(work):
     return thread, found
 
 
-def serve_until(server, condition, now=0.0, deadline_s=5.0):
+def serve_until(server, condition, now=0.0, deadline_s=60.0):
     end = time.monotonic() + deadline_s
     while not condition():
         assert time.monotonic() < end, "the clock's client was not ready in time"

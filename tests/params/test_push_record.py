@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from fake_autopilot import FakeAutopilot
 
+from arena.params.transfer import transfer
 from arena.params.transfer.push_record import PushRecord
 from arena.params.transfer.session import push
 
@@ -52,11 +53,17 @@ def unacknowledging(*, obeys: bool, dies: bool) -> Unacknowledging:
 def test_value_without_acknowledgement_is_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, obeys: bool, dies: bool
 ) -> None:
-    monkeypatch.setattr("arena.params.transfer.transfer.VEHICLE_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(transfer, "VEHICLE_TIMEOUT_S", 60.0)
     autopilot, file = unacknowledging(obeys=obeys, dies=dies), tmp_path / "push.json"
     wanted, reboot_names = {"uav1": {"P_03": 9.0}}, frozenset({"P_03"})
+
+    def lose_the_dead(_: object) -> None:
+        if not autopilot.alive:
+            monkeypatch.setattr(transfer, "VEHICLE_TIMEOUT_S", 0.1)
+
     with serve([autopilot]) as targets:
-        report = push(targets, wanted, record=PushRecord.begin(file, wanted), reboot_names=reboot_names)[
+        began = PushRecord.begin(file, wanted)
+        report = push(targets, wanted, record=began, reboot_names=reboot_names, on_progress=lose_the_dead)[
             "uav1"
         ]
         assert report.ending == ("connection lost" if dies else "done")
@@ -64,6 +71,7 @@ def test_value_without_acknowledgement_is_resumed(
         left = PushRecord.read(file)
         assert left.unfinished and left.wanted == wanted
         assert left.vehicles["uav1"].unknown == {"P_03": 9.0} and left.vehicles["uav1"].written == {}
+        monkeypatch.setattr(transfer, "VEHICLE_TIMEOUT_S", 60.0)
         autopilot.recover()
         report = push(targets, left.wanted, record=left, reboot_names=reboot_names)["uav1"]
     assert report.holds and autopilot.params["P_03"][0] == 9 and report.needs_reboot == ("P_03",)

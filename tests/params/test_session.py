@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -26,9 +27,10 @@ from signing_autopilot import SigningAutopilot
 
 from arena.builtin_parameters import SPECS
 from arena.errors import InputError
+from arena.params.transfer import transfer, transfer_loop
 from arena.params.transfer.push_record import PushRecord
 from arena.params.transfer.session import PushReport, pull, push, read_after_reboot, reboot
-from arena.params.transfer.transfer import Progress
+from arena.params.transfer.transfer import Progress, Transfer
 from arena.params.transfer.transfer_loop import Connection as Transfers
 from arena.params.transfer.transports import ParamTarget, SerialParamTransport
 from arena.signing_key import TimestampFile, read_key, write_new_key
@@ -78,11 +80,22 @@ def test_ten_vehicles_over_lossy_links() -> None:
 def test_missing_and_armed_vehicles_do_not_delay_others(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("arena.params.transfer.transfer.CONNECT_TIMEOUT_S", 1.5)
-    vehicles = fleet(1, 2, 3)
+    """The missing vehicle is given up when the transfers of the others have ended, and not before."""
+    monkeypatch.setattr(transfer, "CONNECT_TIMEOUT_S", 60.0)
+    vehicles, over, update = fleet(1, 2, 3), set(), Transfer._update
     vehicles[0].alive, vehicles[1].armed = False, True
+
+    def give_up(one: Transfer, now: float) -> None:
+        if one.system == 1 and over == {2, 3}:
+            now += 60.0
+        update(one, now)
+        if one.done:
+            over.add(one.system)
+
     with serve(vehicles) as targets:
-        reports = push(targets, same_for(targets, {"P_03": 9}))
+        with monkeypatch.context() as patch:
+            patch.setattr(Transfer, "_update", give_up)
+            reports = push(targets, same_for(targets, {"P_03": 9}))
         assert reboot({"uav2": targets["uav2"], "uav3": targets["uav3"]}) == {"uav2": "armed", "uav3": ""}
     assert [r.ending for r in reports.values()] == ["no connection", "armed", "done"]
     assert reports["uav1"].with_outcome("unread") == ["P_03"] and reports["uav3"].with_outcome("written") == [
@@ -152,11 +165,17 @@ def test_serial_device(serial_cable: tuple[str, str]) -> None:
 def test_unplugged_device_ends_as_connection_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("arena.params.transfer.transfer.VEHICLE_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(transfer, "VEHICLE_TIMEOUT_S", 60.0)
     reads, read = [], SerialParamTransport.read
     monkeypatch.setattr(SerialParamTransport, "read", lambda wire: reads.append(1) or read(wire))
     over_at_close, close = [], Transfers.close
-    monkeypatch.setattr(Transfers, "close", lambda c: over_at_close.append(c.transfer.done) or close(c))
+
+    def closed(connection: Any) -> None:
+        over_at_close.append(connection.transfer.done)
+        close(connection)
+        monkeypatch.setattr(transfer, "VEHICLE_TIMEOUT_S", 0.0)
+
+    monkeypatch.setattr(Transfers, "close", closed)
     board, device = pty.openpty()
     tty.setraw(device)
     name = os.ttyname(device)
@@ -177,6 +196,24 @@ def test_unplugged_device_ends_as_connection_lost(
     assert report.ending == "connection lost" and report.with_outcome("unread") == ["P_03"]
     assert len(reads) < 1000
     assert over_at_close == [False, True], "the device is closed at once, so that it can get its name again"
+
+
+def test_pause_of_this_computer_is_no_lost_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The messages of the vehicle wait in the socket, and are read before the time-out is checked."""
+    autopilot, pauses, read = vehicle(), [], Transfers.read
+
+    def read_then_pause(connection: Any) -> None:
+        read(connection)
+        if autopilot.written_names and not pauses:
+            let_pass(autopilot, 2)
+            pauses.append(10.0 * transfer.VEHICLE_TIMEOUT_S)
+
+    monkeypatch.setattr(Transfers, "read", read_then_pause)
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + sum(pauses))
+    monkeypatch.setattr(transfer_loop, "time", clock)
+    with serve([autopilot]) as targets:
+        report = push(targets, same_for(targets, new_values()))["uav1"]
+    assert pauses and report.holds, report
 
 
 def test_device_that_disappears_in_the_reboot_is_opened_again(

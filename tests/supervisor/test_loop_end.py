@@ -170,7 +170,7 @@ def test_short_disarm_does_not_end_a_run(start):
     plan = plan_of(
         world(), spec("router", "flickers", kind="router"), program("p", "exits", "0"), vehicles=(vehicle(),)
     )
-    run = start(plan, "until_done")
+    run = start(plan, "until_done", "settle=5")
     assert run.wait() == 0
     assert run.outcome["processes"]["router"]["stats"] == {"disarmed": True}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -83,7 +84,7 @@ def test_process_that_serves_an_armed_vehicle_is_not_killed(
     """
     by_radio, go = tmp_path / "armed by radio", tmp_path / "go"
     link = spec(
-        "link.uav1", "armed_at_its_end", str(by_radio), kind="link", vehicle="uav1", stop_timeout_s=0.2
+        "link.uav1", "armed_at_its_end", str(by_radio), kind="link", vehicle="uav1", stop_timeout_s=3.0
     )
     plan = armed_by(
         tmp_path / "armed",
@@ -97,6 +98,8 @@ def test_process_that_serves_an_armed_vehicle_is_not_killed(
     run.signal(signal.SIGTERM)
     run.until_said("uav1 was armed while the arena was stopping: landing again")
     run.until("router", "READY", times=2)
+    stopped_at = run.until("link.uav1", "STOPPING")["mono"]
+    eventually(lambda: time.monotonic() > stopped_at + 4.0, what="the stop timeout of the link has passed")
     assert is_running(run.pid("link.uav1")) and "SIGKILL" not in run.said()
     by_radio.unlink()
     go.touch()

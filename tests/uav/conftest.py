@@ -10,6 +10,8 @@ from served import Address, Connection, Served, UdpPort, until
 from arena.uav import UAV, connection, vehicle_control
 
 CURVE = {"kind": "quadratic", "a": 34.068, "b": 7.1202, "fade_speed_m_s": 25.0}
+STALE_S = 60.0
+"""Age limit of the tests' vehicles [s]. A busy machine may stop the whole test for seconds, with the fake autopilot in it."""
 _hosts = itertools.count(1)
 
 
@@ -20,10 +22,9 @@ def free_address() -> Address:
     return port.address
 
 
-def make_uav(address: Address, **more: object) -> UAV:
-    return UAV(
-        "uav1", 1.52, 0.275, 0.1, 4, CURVE, link=f"udpin:{address[0]}:{address[1]}", system_id=1, **more
-    )
+def make_uav(address: Address, ns: str = "uav1", **more: object) -> UAV:
+    given = {"link": f"udpin:{address[0]}:{address[1]}", "system_id": 1, "stale_s": STALE_S, **more}
+    return UAV(ns, 1.52, 0.275, 0.1, 4, CURVE, **given)
 
 
 def sending_to(address: Address, autopilot: FakeAutopilot) -> Served:
@@ -33,8 +34,12 @@ def sending_to(address: Address, autopilot: FakeAutopilot) -> Served:
 
 @pytest.fixture(autouse=True)
 def short_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The fake autopilot asks for no stream before OFFBOARD. Tests wait for heartbeats: they are more frequent."""
+    """The fake autopilot asks for no stream before OFFBOARD. Tests wait for heartbeats: they are more frequent.
+
+    Tests count commands: a late reply of a busy machine causes no repetition.
+    """
     monkeypatch.setattr(vehicle_control, "_STREAM_FIRST_S", 0.1)
+    monkeypatch.setattr(vehicle_control, "_RETRY_S", 30.0)
     monkeypatch.setattr(connection, "_HEARTBEAT_S", 0.2)
 
 

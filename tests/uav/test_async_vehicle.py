@@ -21,7 +21,7 @@ from arena.errors import InputError, NotConfirmedError, OffboardLostError, RunEr
 from arena.uav import UAV, AsyncUAV, Swarm, run, vehicle_control
 from arena.uav.simulated_loop import LoopClock, SimulatedLoop, running_clock
 
-from .conftest import CURVE, Address, free_address, sending_to
+from .conftest import Address, free_address, make_uav, sending_to
 
 HANDS = ["--ns", "uav1", "--id", "1"]
 
@@ -123,10 +123,7 @@ class Pair:
         self.addresses, self.autopilots = addresses, autopilots
 
     def swarm(self) -> Swarm:
-        uavs = [
-            UAV(f"uav{i}", 1.52, 0.275, 0.1, 4, CURVE, link=f"udpin:{a[0]}:{a[1]}", system_id=i)
-            for i, a in enumerate(self.addresses, 1)
-        ]
+        uavs = [make_uav(a, ns=f"uav{i}", system_id=i) for i, a in enumerate(self.addresses, 1)]
         return Swarm([AsyncUAV(uav) for uav in uavs])
 
     def fly(self, part) -> None:
@@ -179,6 +176,7 @@ def test_vehicle_that_waits_at_a_barrier_sends_setpoints(pair):
 def test_missing_vehicle_ends_the_barrier_by_its_deadline_and_all_land(pair):
     async def part(uav: AsyncUAV, swarm: Swarm) -> None:
         await uav.start_offboard_mission()
+        await swarm.barrier(uav, "started")
         if uav.info.drone_ns == "uav2":
             await uav.set_pos_yaw(uav.ekf.pos, 0.0, 600.0)
         await swarm.barrier(uav, "up", timeout=0.5)

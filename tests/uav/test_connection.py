@@ -17,6 +17,7 @@ from arena.uav.poses import Poses
 from arena.uav.receiver import Receiver
 from arena.uav.setpoints import Encoder
 from arena.wire.mavlink_codec import Codec
+from arena.wire.telemetry import Telemetry
 
 from .conftest import free_address, sending_to
 
@@ -187,6 +188,35 @@ def test_backend_is_not_closed_while_another_thread_passes_it_a_datagram(monkeyp
         closing.join(10.0)
     receiver.remove(other)
     assert not closing.is_alive() and not backend.closed_in_receive
+
+
+def test_refresh_waits_for_the_thread_that_stores_new_telemetry(monkeypatch):
+    """After a stall of the program, its autopilot would else count as silent."""
+    storing, may_store, found, store = threading.Event(), threading.Event(), [], Telemetry.on_datagram
+
+    def slow(telemetry: Telemetry, *given: object) -> bool:
+        storing.set()
+        may_store.wait(60.0)
+        return store(telemetry, *given)
+
+    monkeypatch.setattr(Telemetry, "on_datagram", slow)
+    monkeypatch.setattr("arena.uav.connection._MIN_REFRESH_S", 60.0)
+    port = free_address()
+    connection = Connection(f"udpin:{port[0]}:{port[1]}", 1, WallClock(), Poses(None))
+
+    def read() -> None:
+        connection.refresh()
+        found.append(connection.telemetry.heartbeat)
+
+    with sending_to(port, FakeAutopilot(telemetry=("HEARTBEAT",))):
+        assert storing.wait(60.0)
+        reading = threading.Thread(target=read)
+        reading.start()
+        reading.join(0.2)  # without the mend, it reads no heartbeat here
+        may_store.set()
+        reading.join(60.0)
+    connection.close()
+    assert found[0] is not None
 
 
 class FailingBackend:

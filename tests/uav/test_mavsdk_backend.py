@@ -122,6 +122,25 @@ except NotConfirmedError as error:
     )
 
 
+def test_close_directly_after_an_acknowledgement_does_not_end_the_process():
+    """A thread of MAVSDK reports the result at this moment. Without the mend, 4 of 5 processes ended within 100."""
+    code = """
+from uav.test_mavsdk_backend import ENCODER, FakeAutopilot, Sent
+for _ in range(200):
+    sent = Sent()
+    sent.backend.command(400).send(ENCODER.command(400, (1.0,), 0))
+    for reply in FakeAutopilot().receive(sent.codec.pack(sent.messages[0]), 0.0):
+        sent.receive(reply)
+    sent.backend.close()
+print("closed")
+"""
+    here = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    ended = subprocess.run(
+        [sys.executable, "-c", code], env=here, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert (ended.returncode, ended.stdout.splitlines()[-1:]) == (0, ["closed"]), ended.stderr
+
+
 @pytest.mark.parametrize("name", ["Mavsdk", "add_any_connection", "subscribe_raw_bytes_to_be_sent"])
 def test_backend_that_cannot_be_made_gives_its_channel_back(monkeypatch, name):
     def refuse(*_: object) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 import time
 
@@ -11,6 +12,7 @@ from fake_autopilot import TELEMETRY, FakeAutopilot
 from pymavlink.dialects.v20 import common as mavlink
 from served import let_pass, until
 
+from arena.clock import WallClock
 from arena.errors import CommandRefusedError, NotConfirmedError, OffboardLostError, StaleDataError
 from arena.trajectories import Circle
 from arena.uav import UAV, vehicle_control
@@ -231,12 +233,34 @@ def test_program_that_may_not_fly_raises_with_the_holder_and_the_remedy(
     assert not autopilot.armed
 
 
-def test_refused_mode_is_requested_again_then_raises(autopilot, uav, monkeypatch):
-    monkeypatch.setattr(vehicle_control, "_CONFIRM_TIMEOUT_S", 0.8)
-    autopilot.refuse[mavlink.MAV_CMD_DO_SET_MODE] = (1, b"No offboard signal")
-    with pytest.raises(CommandRefusedError, match=r"temporarily rejected.*No offboard signal"):
-        uav.start_offboard_mode()
-    assert len(autopilot.commands) >= 2
+class MovedClock(WallClock):
+    """Wall clock that a test sets forward by `ahead_s` [s]."""
+
+    ahead_s = 0.0
+
+    def now(self) -> float:
+        return super().now() + self.ahead_s
+
+    def sleep_until(self, t: float) -> float:
+        return super().sleep_until(t - self.ahead_s) + self.ahead_s
+
+
+def test_refused_mode_is_requested_again_then_raises(autopilot, address, backend):
+    autopilot.refuse[MODE] = (1, b"No offboard signal")
+    clock = MovedClock()
+
+    def pass_time() -> None:
+        until(lambda: sum(c.command == MODE for c in autopilot.orders) >= 2)
+        clock.ahead_s = 1.5 * vehicle_control._CONFIRM_TIMEOUT_S
+
+    watch = threading.Thread(target=pass_time)
+    with make_uav(address, backend=backend, clock=clock) as uav:
+        until(lambda: uav.ekf.age_s < 0.5 and uav.info.is_connected)
+        watch.start()
+        with pytest.raises(CommandRefusedError, match=r"temporarily rejected.*No offboard signal"):
+            uav.start_offboard_mode()
+    watch.join()
+    assert clock.ahead_s > 0.0, "OFFBOARD was requested once only"
 
 
 def test_vehicle_that_is_not_ready_is_not_armed_and_raises_why(autopilot, uav, monkeypatch):
@@ -244,6 +268,7 @@ def test_vehicle_that_is_not_ready_is_not_armed_and_raises_why(autopilot, uav, m
     autopilot.prearm = False
     until(lambda: uav._source.telemetry.status.prearm is False)
     autopilot.say(b"Preflight Fail: Compass not calibrated")
+    until(lambda: uav._source.telemetry.recent_texts(0.0))
     with pytest.raises(NotConfirmedError, match=r"not ready.*pre-arm checks fail.*Compass not calibrated"):
         uav.start_offboard_mission()
     assert autopilot.orders == []
@@ -267,7 +292,10 @@ def test_vehicle_that_is_disarmed_in_land_enters_offboard_before_it_is_ready(add
 def test_vehicle_without_attitude_is_not_armed_and_raises_why(autopilot, uav, monkeypatch):
     monkeypatch.setattr(vehicle_control, "READY_TIMEOUT_S", 0.4)
     autopilot.telemetry = [name for name in autopilot.telemetry if not name.startswith("ATTITUDE")]
-    until(lambda: uav._source.age(uav._source.telemetry.attitude) > uav._source.stale_s)
+    telemetry = uav._source.telemetry
+    until(lambda: telemetry.local.received_at > telemetry.attitude.received_at)
+    old_at = telemetry.attitude.received_at - 2.0 * uav._source.stale_s
+    telemetry.attitude = dataclasses.replace(telemetry.attitude, received_at=old_at)
     with pytest.raises(NotConfirmedError, match=r"the autopilot has no attitude estimate"):
         uav.start_offboard_mission()
     assert autopilot.orders == []
@@ -289,6 +317,7 @@ def test_mission_needs_a_position_estimate(monkeypatch):
         FakeAutopilot(telemetry=sorted(TELEMETRY.keys() - {"LOCAL_POSITION_NED"})),
     )
     with sending_to(address, autopilot), make_uav(address) as uav:
+        until(lambda: uav.info.is_connected)
         with pytest.raises(NotConfirmedError, match="no position estimate"):
             uav.start_offboard_mission()
         let_pass(autopilot, 3)
@@ -307,16 +336,16 @@ def test_unanswered_command_is_repeated_with_a_counter(autopilot, uav, monkeypat
 
 
 def test_later_heartbeat_confirms_a_landing_without_acknowledgement(autopilot, uav, monkeypatch):
-    monkeypatch.setattr(vehicle_control, "_RETRY_S", 0.1)
     uav.start_offboard_mission()
+    monkeypatch.setattr(vehicle_control, "_RETRY_S", 0.5)
     autopilot.ack_to = (253, 190)  # the autopilot obeys, and its acknowledgements are lost
     uav.auto_land(wait=False)
     assert autopilot.mode == "AUTO.LAND"
 
 
 def test_older_heartbeat_does_not_confirm_a_landing_without_acknowledgement(autopilot, uav, monkeypatch):
-    monkeypatch.setattr(vehicle_control, "_RETRY_S", 0.1)
     uav.start_offboard_mission()
+    monkeypatch.setattr(vehicle_control, "_RETRY_S", 0.1)
     autopilot.mode = "AUTO.LAND"
     until(lambda: uav.info.flight_mode == "AUTO.LAND")
     autopilot.ignore.add(mavlink.MAV_CMD_DO_SET_MODE)
@@ -381,10 +410,11 @@ def test_pilot_may_take_over_while_a_mission_starts(autopilot, uav):
     assert autopilot.mode == "POSCTL"
 
 
-def test_silent_autopilot_makes_setters_raise(autopilot, uav):
+def test_silent_autopilot_makes_setters_raise(autopilot, uav, monkeypatch):
     uav.start_offboard_mission()
     autopilot.mute = True
-    with pytest.raises(StaleDataError, match="silent"):
+    monkeypatch.setattr(vehicle_control, "_MAX_SILENCE", 1.0 / uav._source.stale_s)
+    with pytest.raises(StaleDataError, match=r"silent for .* s \(limit 1 s\)"):
         uav.set_pos_yaw([0, 0, -1], 0.0, 5.0)
 
 

@@ -134,9 +134,11 @@ def _loop(
         poll.register(fd, select.POLLIN)
     next_progress = 0.0
     while True:
-        frames = [
-            (connection, connection.transfer.due(time.monotonic())) for connection in connections.values()
-        ]
+        now = time.monotonic()
+        _read(
+            poll, owners, 0.0
+        )  # after a pause of this computer, a vehicle that has sent meanwhile is not lost
+        frames = [(connection, connection.transfer.due(now)) for connection in connections.values()]
         before_send(connections)
         for connection, due in frames:
             connection.send(due)
@@ -146,10 +148,15 @@ def _loop(
             on_progress({name: connection.transfer.progress for name, connection in connections.items()})
         if over:
             return
-        for fd, event in poll.poll(_POLL_PERIOD_S * 1e3):
-            owners[fd].read()
-            if event & select.POLLHUP:
-                # The device was unplugged or reboots. Only a closed device gets the same name again. The time-out of the
-                # vehicle will end the transfer.
-                poll.unregister(fd)
-                owners[fd].close()
+        _read(poll, owners, _POLL_PERIOD_S)
+
+
+def _read(poll: select.poll, owners: Mapping[int, Connection[AnyTransfer]], timeout_s: float) -> None:
+    """Read what has arrived on all connections. Wait for it for `timeout_s` [s]."""
+    for fd, event in poll.poll(timeout_s * 1e3):
+        owners[fd].read()
+        if event & select.POLLHUP:
+            # The device was unplugged or reboots. Only a closed device gets the same name again. The time-out of the
+            # vehicle will end the transfer.
+            poll.unregister(fd)
+            owners[fd].close()
