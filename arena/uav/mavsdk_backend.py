@@ -230,10 +230,10 @@ class MavsdkBackend:
         with self._opening:
             if not self._is_closed:
                 self._is_closed = True
-                # The plugins free the functions for MAVSDK's results before its threads have ended. One may still run.
-                running = [list(plugin._callbacks) for plugin in self._plugins or ()]
+                # The plugins free the functions for MAVSDK's results while its threads still call them. So they are kept.
+                kept = [list(getattr(plugin, "_callbacks", ())) for plugin in self._plugins or ()]
                 self._mavsdk.destroy()
-                running.clear()
+                kept.clear()
                 _CHANNELS.release()
 
     def _open_plugins(self) -> tuple[Offboard, MavlinkDirect]:
