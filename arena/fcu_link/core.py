@@ -19,10 +19,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.authority import MESSAGES, TEMPORARILY_REJECTED, CommandGate, command_of, pack_reply, role_on_link
+from arena.authority import MESSAGES, CommandGate, command_of, role_on_link
 from arena.constants import REORDERED_MS
 from arena.fcu_link.arm_permit import ArmPermit
-from arena.fcu_link.arming_guard import RefusalReport, needs_checks, request_words
+from arena.fcu_link.arming_guard import needs_checks
 from arena.fcu_link.axes_check import AxesCheck
 from arena.fcu_link.axes_record import AxesRecord
 from arena.fcu_link.foreign_poses import ForeignPoses
@@ -32,6 +32,7 @@ from arena.fcu_link.own_requests import OwnRequests
 from arena.fcu_link.param_check import ParamCheck
 from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks, sentence
 from arena.fcu_link.radio_check import RadioCheck
+from arena.fcu_link.refusal_replies import RefusalReplies
 from arena.fcu_link.send_queue import Priority, SendQueue
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.silence_report import SilenceReport
@@ -46,7 +47,6 @@ from arena.wire.px4_mode import mode_words
 
 SIMULATOR = "simulator"
 PANIC_TIMEOUT_S = 5.0  # after its last frame, land-all no longer receives telemetry
-_REPEAT_REASONS_S = 0.5
 _PRIORITIES = {"panic": Priority.PANIC, "router": Priority.ROUTER, "vision": Priority.VISION}
 
 Out = list[tuple[str, bytes]]
@@ -86,14 +86,14 @@ class FcuLink:
         wide = s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD
         self._streams = StreamRequests(wide=wide, radio=self.radio.required)
         self._codec, self._autopilot_codec = Codec(s.id, LINK_COMPONENT), Codec(s.id, AUTOPILOT)
+        self._replies = RefusalReplies(self._autopilot_codec)
         self.own = OwnRequests(s.id, self._codec, self.identity, self.params, self._streams, self.axes)
         self._events: list[str] = []
-        self._panic_received_at, self._refusals = -math.inf, RefusalReport()
+        self._panic_received_at = -math.inf
         self._boot_ms, self._was_armed = 0, False
         self.signing_problem = ""  # why messages of the vehicle are not used, if it has a signing key
         self.missing_reboot: list[str] = []  # why arming is forbidden after a parameter push
         self._silence = SilenceReport(s.connection, s.id, LINK_COMPONENT, self.counts, now)
-        self._reasons_sent_at: dict[str, float] = {}
 
     # -- from the vehicle ----------------------------------------------------------------------------------------------
 
@@ -340,16 +340,9 @@ class FcuLink:
         if (refused := self._refuse(link, data, frame, now, sent=False)) is not None:
             return refused  # a final refusal: the sender must not wait for the checks
         self.counts["to the vehicle: arming refused"] += 1
-        what = request_words(data, frame)
-        text = f"{what} refused (requested by {frame.sysid}/{frame.compid}): {'; '.join(reasons)}"
-        if self._refusals.is_due(text, now):
+        if text := self._replies.text(data, frame, reasons, now):
             self._say(text)
-        fresh = now - self._reasons_sent_at.get(link, -math.inf) >= _REPEAT_REASONS_S
-        if fresh:
-            self._reasons_sent_at[link] = now
-        sender = frame.sysid, frame.compid
-        texts, command = reasons if fresh else (), command_of(data, frame)
-        answer = pack_reply(self._autopilot_codec, command, sender, texts, TEMPORARILY_REJECTED)
+        answer = self._replies.reply(link, data, frame, reasons, now)
         return [(end, answer) for end in dict.fromkeys((link, "router"))]
 
     # -- periodic -----------------------------------------------------------------------------------------------------
