@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.authority import MESSAGES, CommandGate, command_of, role_on_link
 from arena.constants import REORDERED_MS
 from arena.fcu_link.arm_permit import ArmPermit
-from arena.fcu_link.arming_guard import needs_checks
+from arena.fcu_link.arming_guard import needs_checks, sticks_can_arm
 from arena.fcu_link.axes_check import AxesCheck
 from arena.fcu_link.axes_record import AxesRecord
 from arena.fcu_link.foreign_poses import ForeignPoses
@@ -38,7 +38,7 @@ from arena.fcu_link.settings import Settings
 from arena.fcu_link.silence_report import SilenceReport
 from arena.fcu_link.stream_requests import WIDE_BAUD, StreamRequests
 from arena.transport import Source
-from arena.wire.age_limits import MANUAL_INPUTS, SHORTEST_LIMIT_S, without_old_frames
+from arena.wire.age_limits import SHORTEST_LIMIT_S, without_old_frames
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, ParsedFrames, parse_frames
 from arena.wire.mavlink_ids import LINK_COMPONENT
@@ -266,14 +266,18 @@ class FcuLink:
         if link == "panic" and found.frames:
             self._panic_received_at = now
         out: Out = []
+        on_ground = self.checks.on_ground(now)
+        flying = self.checks.armed and self.alive(now) and not on_ground
         for frame in found.frames:
             if frame.msgid == TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
                 self.counts["to the vehicle: TIMESYNC reply"] += 1
             elif self.foreign.refuses(link, frame):
                 self.counts["to the vehicle: pose of another sender"] += 1
-            elif needs_checks(data, frame, self.system, armed=self.checks.armed and self.alive(now)):
+            elif needs_checks(data, frame, self.system, flying=flying):
                 out += self._guard(link, data, frame, now, age_s)
-            elif frame.msgid in MANUAL_INPUTS and not self.checks.armed and self.reasons(now):
+            elif sticks_can_arm(data, frame, armed=self.checks.armed, on_ground=on_ground) and self.reasons(
+                now
+            ):
                 self.counts["to the vehicle: sticks refused"] += 1
             else:
                 out += self._pass(link, data, frame, now, age_s)
