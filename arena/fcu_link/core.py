@@ -5,7 +5,7 @@ vehicle -> vision     the messages that the pose forwarder reads
 vehicle -> panic      everything, while land-all sends
 vehicle -> simulator  HIL_ACTUATOR_CONTROLS only, for hardware in the loop (HITL)
 links -> vehicle      everything except refused requests to arm, commands of senders that must not command the vehicle now
-(arena.authority), poses that are not those of the forwarder, and TIMESYNC replies: PX4 would shift the time stamps of poses
+(arena.authority), poses and position resets of others than the forwarder, and TIMESYNC replies: PX4 would shift its time stamps
 Nothing is carried to or from an autopilot that has not sent the hardware uid of the vehicle (identity.py).
 simulator -> vehicle  the sensors, but not HIL_STATE_QUATERNION, which PX4 in HITL would use as its own estimate
 """
@@ -80,7 +80,10 @@ class FcuLink:
         self.identity = Identity(s.id, s.uid or uid, last_source, needs_uid=not s.simulated)
         self.permit = ArmPermit(s.vehicle, needed=not s.simulated)
         self.checks = PreflightChecks(s.preflight)
-        self.radio, self.foreign = RadioCheck(s.preflight.radio), ForeignPoses(forwarded=s.preflight.poses)
+        self.radio, self.foreign = (
+            RadioCheck(s.preflight.radio),
+            ForeignPoses(s.id, forwarded=s.preflight.poses),
+        )
         self.axes = AxesCheck(s, axes_record)
         self.params = ParamCheck(s.params, "/".join(s.params_file.split("/")[-2:]), self.radio.params)
         wide = s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD
@@ -266,18 +269,18 @@ class FcuLink:
         if link == "panic" and found.frames:
             self._panic_received_at = now
         out: Out = []
-        on_ground = self.checks.on_ground(now)
-        flying = self.checks.armed and self.alive(now) and not on_ground
+        armed, on_ground = self.checks.armed, self.checks.on_ground(now)
+        flying = armed and self.alive(now) and not on_ground
         for frame in found.frames:
             if frame.msgid == TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
                 self.counts["to the vehicle: TIMESYNC reply"] += 1
-            elif self.foreign.refuses(link, frame):
-                self.counts["to the vehicle: pose of another sender"] += 1
+            elif why := self.foreign.refusal(link, data, frame, armed=self.armed(now)):
+                self.counts[f"to the vehicle: {why}"] += 1
+                if command_of(data, frame):
+                    out.append((link, self._replies.reply(link, data, frame, (f"refused: {why}",), now)))
             elif needs_checks(data, frame, self.system, flying=flying):
                 out += self._guard(link, data, frame, now, age_s)
-            elif sticks_can_arm(data, frame, armed=self.checks.armed, on_ground=on_ground) and self.reasons(
-                now
-            ):
+            elif sticks_can_arm(data, frame, armed=armed, on_ground=on_ground) and self.reasons(now):
                 self.counts["to the vehicle: sticks refused"] += 1
             else:
                 out += self._pass(link, data, frame, now, age_s)
