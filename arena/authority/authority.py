@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from arena.authority.requests import PROGRAM_MODES, Kind, Request
+from arena.authority.requests import MOVING_KINDS, PROGRAM_MODES, Kind, Request
 from arena.authority.roles import Change, Role
 from arena.constants import PILOT_HAS_CONTROL
 from arena.wire.px4_mode import MANUAL_MODES
@@ -99,7 +99,7 @@ class Authority:
             return self._refusal_with_pilot(role, kind)
         if self._latch is not None and role < self._latch.by:
             return self._refusal_with_latch(self._latch, role, request)
-        moves = kind is Kind.ARM or gesture or (kind is Kind.MODE and request.mode in PROGRAM_MODES)
+        moves = gesture or kind in MOVING_KINDS or (kind is Kind.MODE and request.mode in PROGRAM_MODES)
         if moves and role < Role.COPILOT and now < self._hold_until:
             return "copilot holds the vehicle"
         if role is Role.PROGRAM and (why := self._refusal_to_program(kind, moves, now)):

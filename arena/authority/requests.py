@@ -83,6 +83,10 @@ class Kind(Enum):
     WRITE = "write parameter"
 
 
+MOVING_KINDS = frozenset({Kind.ARM, Kind.SPIN})
+"""Kinds of requests that can always move the vehicle. SPIN also contains the shell of the autopilot, which can change the mode."""
+
+
 class Request(NamedTuple):
     """Request that a MAVLink frame makes to a vehicle, such as to arm or to change the flight mode.
 
