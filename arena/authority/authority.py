@@ -89,7 +89,7 @@ class Authority:
 
     def _refusal(self, role: Role, request: Request, now: float) -> str:
         kind = request.kind
-        if kind is Kind.WRITE:
+        if kind is Kind.WRITE or (kind is Kind.FAILURE and self._simulated):
             return ""
         starts = kind is Kind.SPIN or (kind is Kind.ARM and not self._armed)
         gesture = kind is Kind.MANUAL_INPUT and not self._armed  # a stick gesture arms
@@ -135,7 +135,7 @@ class Authority:
         if self._simulated and role is Role.EMERGENCY:
             return ""
         if role is Role.GROUND_STATION:
-            return PILOT_HAS_CONTROL if kind is Kind.SETPOINT else ""
+            return PILOT_HAS_CONTROL if kind in (Kind.SETPOINT, Kind.FAILURE) else ""
         return "" if kind is Kind.SETPOINT else PILOT_HAS_CONTROL
 
     def _refusal_with_latch(self, latch: _Latch, role: Role, request: Request) -> str:

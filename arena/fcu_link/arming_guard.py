@@ -31,7 +31,7 @@ def needs_checks(data: Buffer, frame: Frame, system: int, *, flying: bool) -> bo
     request = parse_request(data, frame)
     if request is None:
         return not flying and frame.msgid in COMMANDS and command_of(data, frame) not in HARMLESS
-    if request.kind is Kind.SPIN:
+    if request.kind in (Kind.SPIN, Kind.FAILURE):
         return not flying
     # these commands arm; in flight they only change the mode
     return request.kind is Kind.ARM and not (flying and request.command in MISSION_STARTS)

@@ -172,6 +172,7 @@ SPINNING = {  # review fault 16
     "an unknown command": command(31010, 1.0),
     "a command of PX4 itself": command(100),
     "INJECT_FAILURE": command(420, 101.0, 1.0),
+    "end of INJECT_FAILURE": command(420, 101.0, 0.0),
     "SERIAL_CONTROL": shell(b"commander arm\n"),
     "TUNNEL to the ESCs": tunnel(211),
 }
