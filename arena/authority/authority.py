@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from arena.authority.requests import PROGRAM_MODES, Kind, Request
+from arena.authority.requests import MOVING_KINDS, PROGRAM_MODES, Kind, Request
 from arena.authority.roles import Change, Role
 from arena.constants import PILOT_HAS_CONTROL
 from arena.wire.px4_mode import MANUAL_MODES
@@ -89,7 +89,7 @@ class Authority:
 
     def _refusal(self, role: Role, request: Request, now: float) -> str:
         kind = request.kind
-        if kind is Kind.WRITE:
+        if kind is Kind.WRITE or (kind is Kind.FAILURE and self._simulated):
             return ""
         starts = kind is Kind.SPIN or (kind is Kind.ARM and not self._armed)
         gesture = kind is Kind.MANUAL_INPUT and not self._armed  # a stick gesture arms
@@ -99,7 +99,7 @@ class Authority:
             return self._refusal_with_pilot(role, kind)
         if self._latch is not None and role < self._latch.by:
             return self._refusal_with_latch(self._latch, role, request)
-        moves = kind is Kind.ARM or gesture or (kind is Kind.MODE and request.mode in PROGRAM_MODES)
+        moves = gesture or kind in MOVING_KINDS or (kind is Kind.MODE and request.mode in PROGRAM_MODES)
         if moves and role < Role.COPILOT and now < self._hold_until:
             return "copilot holds the vehicle"
         if role is Role.PROGRAM and (why := self._refusal_to_program(kind, moves, now)):
@@ -135,7 +135,7 @@ class Authority:
         if self._simulated and role is Role.EMERGENCY:
             return ""
         if role is Role.GROUND_STATION:
-            return PILOT_HAS_CONTROL if kind is Kind.SETPOINT else ""
+            return PILOT_HAS_CONTROL if kind in (Kind.SETPOINT, Kind.FAILURE) else ""
         return "" if kind is Kind.SETPOINT else PILOT_HAS_CONTROL
 
     def _refusal_with_latch(self, latch: _Latch, role: Role, request: Request) -> str:

@@ -27,7 +27,7 @@ _DO_SET_MODE, _DO_TERMINATE, _DO_STANDARD_MODE = 176, 185, 262
 _DO_LAND_START, _MISSION_START, _ARM_DISARM = 189, 300, 400
 MISSION_STARTS = frozenset({_DO_LAND_START, _MISSION_START})
 """Commands that arm PX4 and start its mission. PX4's navigator sends MISSION_START itself when it receives DO_LAND_START."""
-_PREFLIGHT_CALIBRATION, _PREFLIGHT_UAVCAN = 241, 243
+_PREFLIGHT_CALIBRATION, _PREFLIGHT_UAVCAN, _INJECT_FAILURE = 241, 243, 420
 _ESC_PASSTHROUGH = 211  # MAV_TUNNEL_PAYLOAD_TYPE_MODALAI_ESC_UART_PASSTHRU
 _SPINS = frozenset({183, 187, 209, 310, 311})
 """DO_SET_SERVO, DO_SET_ACTUATOR, DO_MOTOR_TEST, ACTUATOR_TEST, CONFIGURE_ACTUATOR."""
@@ -70,7 +70,7 @@ class Kind(Enum):
 
     SETPOINT: fly to a setpoint, in OFFBOARD. MANUAL_INPUT: stick positions. MODE: change the flight mode.
     ARM, DISARM: start or stop the motors. KILL: stop the motors also in flight. SPIN: turn a motor without arming.
-    WRITE: write a parameter.
+    WRITE: write a parameter. FAILURE: inject a failure, such as of a motor.
     """
 
     SETPOINT = "setpoint"
@@ -81,6 +81,11 @@ class Kind(Enum):
     KILL = "kill"
     SPIN = "spin a motor"
     WRITE = "write parameter"
+    FAILURE = "inject a failure"
+
+
+MOVING_KINDS = frozenset({Kind.ARM, Kind.SPIN, Kind.FAILURE})
+"""Kinds of requests that can always move the vehicle. SPIN also contains the shell of the autopilot, which can change the mode."""
 
 
 class Request(NamedTuple):
@@ -146,11 +151,18 @@ def _of_command(data: Buffer, frame: Frame) -> Request | None:
         return Request(Kind.ARM, command=command)
     if command == _DO_TERMINATE:
         return Request(Kind.KILL, command=command)
+    return _of_motor_command(command, data, frame)
+
+
+def _of_motor_command(command: int, data: Buffer, frame: Frame) -> Request | None:
     # PX4 cuts 1.9 to 1
     calibrates_esc = command == _PREFLIGHT_CALIBRATION and _is_set(_number(data, frame, 6))
     configures = command == _PREFLIGHT_UAVCAN and _is_set(_number(data, frame, 0))
     if command in _SPINS or calibrates_esc or configures:
         return Request(Kind.SPIN, command=command)
+    # PX4 rounds the type of the failure; 0 (FAILURE_TYPE_OK) ends a failure
+    if command == _INJECT_FAILURE and not -1.5 < _number(data, frame, 1) < 0.5:
+        return Request(Kind.FAILURE, command=command)
     return None
 
 

@@ -1,65 +1,54 @@
 """Filter for frames that could arm a vehicle or spin a motor while a preflight check fails. Pure.
 
 A mode change never arms PX4. MAVLink FTP, parameters and the upload of missions always pass.
+
+PX4 reports that it is disarmed only once a second, in its HEARTBEAT. So a vehicle on the ground is treated like a disarmed
+one, although it was armed a moment ago. Stick positions are an exception: PX4 treats missing stick positions of an armed
+vehicle as a lost radio. So only the stick gesture that arms is dropped.
 """
 
 from __future__ import annotations
 
-import math
-import re
-
-from pymavlink.dialects.v20 import common as mavlink
-
 from arena.authority import COMMANDS, MISSION_STARTS, Kind, command_of, parse_request
 from arena.fcu_link.harmless_commands import HARMLESS
-from arena.wire.mavlink_frame import Buffer, Frame
+from arena.wire.age_limits import MANUAL_INPUTS
+from arena.wire.mavlink_frame import Buffer, Frame, uint_at
 
-_SAY_NEW_S = 1.0  # a program requests arming once a second
-_SAY_AGAIN_S = 10.0
-_NUMBER = re.compile(r"\d+(\.\d+)?")
-
-
-class RefusalReport:
-    """Decides which refusals the user sees: one with new reasons soon, the same refusal every 10 s.
-
-    Refusals that differ only in their numbers are the same.
-    """
-
-    def __init__(self) -> None:
-        self._words, self._said_at = "", -math.inf
-
-    def is_due(self, text: str, now: float) -> bool:
-        """Return whether to show a refusal now. now: monotonic time [s]."""
-        words = _NUMBER.sub("", text)
-        if now - self._said_at < (_SAY_AGAIN_S if words == self._words else _SAY_NEW_S):
-            return False
-        self._words, self._said_at = words, now
-        return True
+_MANUAL_CONTROL = 69
+_THROTTLE_OFFSET, _YAW_OFFSET = 4, 6
+_LOW_THROTTLE, _RIGHT_YAW = 100, 900  # limits of PX4's stick gesture that arms (ManualControl.cpp, v1.16)
 
 
-def needs_checks(data: Buffer, frame: Frame, system: int, *, armed: bool) -> bool:
+def needs_checks(data: Buffer, frame: Frame, system: int, *, flying: bool) -> bool:
     """Return whether a frame may pass to the vehicle only if all preflight checks pass.
 
-    armed: the vehicle is armed for certain; then only a request to arm waits. A broadcast (target system 0) is a frame to the vehicle, too.
+    A broadcast (target system 0) is a frame to the vehicle, too.
+
+    flying: the vehicle is armed for certain, and does not report that it is on the ground; then only a request to arm waits
     """
     if frame.target_sys not in (0, system):
         return False
     request = parse_request(data, frame)
     if request is None:
-        return not armed and frame.msgid in COMMANDS and command_of(data, frame) not in HARMLESS
-    if request.kind is Kind.SPIN:
-        return not armed
+        return not flying and frame.msgid in COMMANDS and command_of(data, frame) not in HARMLESS
+    if request.kind in (Kind.SPIN, Kind.FAILURE):
+        return not flying
     # these commands arm; in flight they only change the mode
-    return request.kind is Kind.ARM and not (armed and request.command in MISSION_STARTS)
+    return request.kind is Kind.ARM and not (flying and request.command in MISSION_STARTS)
 
 
-def request_words(data: Buffer, frame: Frame) -> str:
-    """Return the request in a frame as text for the user, such as `arming` or `SERIAL_CONTROL`."""
-    request = parse_request(data, frame)
-    if request is not None and request.kind is Kind.ARM:
-        return "arming"
-    if command := command_of(data, frame):
-        known = mavlink.enums["MAV_CMD"].get(command)
-        return f"{known.name.removeprefix('MAV_CMD_')} (command {command})" if known else f"command {command}"
-    name = mavlink.mavlink_map[frame.msgid].msgname
-    return str(name)
+def sticks_can_arm(data: Buffer, frame: Frame, *, armed: bool, on_ground: bool) -> bool:
+    """Return whether a frame has stick positions that can arm the vehicle. They may pass only if all preflight checks pass.
+
+    armed: as in the last HEARTBEAT
+    on_ground: the vehicle reports that it is on the ground; False if this is unknown
+    """
+    if frame.msgid not in MANUAL_INPUTS:
+        return False
+    return not armed or (on_ground and frame.msgid == _MANUAL_CONTROL and _is_arming_gesture(data, frame))
+
+
+def _is_arming_gesture(data: Buffer, frame: Frame) -> bool:
+    """Return whether a MANUAL_CONTROL has the throttle stick at the bottom and the yaw stick at the right end."""
+    yaw = uint_at(data, frame, _YAW_OFFSET, 2)
+    return uint_at(data, frame, _THROTTLE_OFFSET, 2) < _LOW_THROTTLE and _RIGHT_YAW < yaw <= 1000

@@ -5,7 +5,7 @@ vehicle -> vision     the messages that the pose forwarder reads
 vehicle -> panic      everything, while land-all sends
 vehicle -> simulator  HIL_ACTUATOR_CONTROLS only, for hardware in the loop (HITL)
 links -> vehicle      everything except refused requests to arm, commands of senders that must not command the vehicle now
-(arena.authority), poses that are not those of the forwarder, and TIMESYNC replies: PX4 would shift the time stamps of poses
+(arena.authority), poses and position resets of others than the forwarder, and TIMESYNC replies: PX4 would shift its time stamps
 Nothing is carried to or from an autopilot that has not sent the hardware uid of the vehicle (identity.py).
 simulator -> vehicle  the sensors, but not HIL_STATE_QUATERNION, which PX4 in HITL would use as its own estimate
 """
@@ -19,10 +19,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.authority import MESSAGES, TEMPORARILY_REJECTED, CommandGate, command_of, pack_reply, role_on_link
+from arena.authority import MESSAGES, CommandGate, command_of, role_on_link
 from arena.constants import REORDERED_MS
 from arena.fcu_link.arm_permit import ArmPermit
-from arena.fcu_link.arming_guard import RefusalReport, needs_checks, request_words
+from arena.fcu_link.arming_guard import needs_checks, sticks_can_arm
 from arena.fcu_link.axes_check import AxesCheck
 from arena.fcu_link.axes_record import AxesRecord
 from arena.fcu_link.foreign_poses import ForeignPoses
@@ -32,12 +32,13 @@ from arena.fcu_link.own_requests import OwnRequests
 from arena.fcu_link.param_check import ParamCheck
 from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks, sentence
 from arena.fcu_link.radio_check import RadioCheck
+from arena.fcu_link.refusal_replies import RefusalReplies
 from arena.fcu_link.send_queue import Priority, SendQueue
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.silence_report import SilenceReport
 from arena.fcu_link.stream_requests import WIDE_BAUD, StreamRequests
 from arena.transport import Source
-from arena.wire.age_limits import MANUAL_INPUTS, SHORTEST_LIMIT_S, without_old_frames
+from arena.wire.age_limits import SHORTEST_LIMIT_S, without_old_frames
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, ParsedFrames, parse_frames
 from arena.wire.mavlink_ids import LINK_COMPONENT
@@ -46,7 +47,6 @@ from arena.wire.px4_mode import mode_words
 
 SIMULATOR = "simulator"
 PANIC_TIMEOUT_S = 5.0  # after its last frame, land-all no longer receives telemetry
-_REPEAT_REASONS_S = 0.5
 _PRIORITIES = {"panic": Priority.PANIC, "router": Priority.ROUTER, "vision": Priority.VISION}
 
 Out = list[tuple[str, bytes]]
@@ -80,20 +80,23 @@ class FcuLink:
         self.identity = Identity(s.id, s.uid or uid, last_source, needs_uid=not s.simulated)
         self.permit = ArmPermit(s.vehicle, needed=not s.simulated)
         self.checks = PreflightChecks(s.preflight)
-        self.radio, self.foreign = RadioCheck(s.preflight.radio), ForeignPoses(forwarded=s.preflight.poses)
+        self.radio, self.foreign = (
+            RadioCheck(s.preflight.radio),
+            ForeignPoses(s.id, forwarded=s.preflight.poses),
+        )
         self.axes = AxesCheck(s, axes_record)
         self.params = ParamCheck(s.params, "/".join(s.params_file.split("/")[-2:]), self.radio.params)
         wide = s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD
         self._streams = StreamRequests(wide=wide, radio=self.radio.required)
         self._codec, self._autopilot_codec = Codec(s.id, LINK_COMPONENT), Codec(s.id, AUTOPILOT)
+        self._replies = RefusalReplies(self._autopilot_codec)
         self.own = OwnRequests(s.id, self._codec, self.identity, self.params, self._streams, self.axes)
         self._events: list[str] = []
-        self._panic_received_at, self._refusals = -math.inf, RefusalReport()
+        self._panic_received_at = -math.inf
         self._boot_ms, self._was_armed = 0, False
         self.signing_problem = ""  # why messages of the vehicle are not used, if it has a signing key
         self.missing_reboot: list[str] = []  # why arming is forbidden after a parameter push
         self._silence = SilenceReport(s.connection, s.id, LINK_COMPONENT, self.counts, now)
-        self._reasons_sent_at: dict[str, float] = {}
 
     # -- from the vehicle ----------------------------------------------------------------------------------------------
 
@@ -266,14 +269,18 @@ class FcuLink:
         if link == "panic" and found.frames:
             self._panic_received_at = now
         out: Out = []
+        armed, on_ground = self.checks.armed, self.checks.on_ground(now)
+        flying = armed and self.alive(now) and not on_ground
         for frame in found.frames:
             if frame.msgid == TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
                 self.counts["to the vehicle: TIMESYNC reply"] += 1
-            elif self.foreign.refuses(link, frame):
-                self.counts["to the vehicle: pose of another sender"] += 1
-            elif needs_checks(data, frame, self.system, armed=self.checks.armed and self.alive(now)):
+            elif why := self.foreign.refusal(link, data, frame, armed=self.armed(now)):
+                self.counts[f"to the vehicle: {why}"] += 1
+                if command_of(data, frame):
+                    out.append((link, self._replies.reply(link, data, frame, (f"refused: {why}",), now)))
+            elif needs_checks(data, frame, self.system, flying=flying):
                 out += self._guard(link, data, frame, now, age_s)
-            elif frame.msgid in MANUAL_INPUTS and not self.checks.armed and self.reasons(now):
+            elif sticks_can_arm(data, frame, armed=armed, on_ground=on_ground) and self.reasons(now):
                 self.counts["to the vehicle: sticks refused"] += 1
             else:
                 out += self._pass(link, data, frame, now, age_s)
@@ -340,16 +347,9 @@ class FcuLink:
         if (refused := self._refuse(link, data, frame, now, sent=False)) is not None:
             return refused  # a final refusal: the sender must not wait for the checks
         self.counts["to the vehicle: arming refused"] += 1
-        what = request_words(data, frame)
-        text = f"{what} refused (requested by {frame.sysid}/{frame.compid}): {'; '.join(reasons)}"
-        if self._refusals.is_due(text, now):
+        if text := self._replies.text(data, frame, reasons, now):
             self._say(text)
-        fresh = now - self._reasons_sent_at.get(link, -math.inf) >= _REPEAT_REASONS_S
-        if fresh:
-            self._reasons_sent_at[link] = now
-        sender = frame.sysid, frame.compid
-        texts, command = reasons if fresh else (), command_of(data, frame)
-        answer = pack_reply(self._autopilot_codec, command, sender, texts, TEMPORARILY_REJECTED)
+        answer = self._replies.reply(link, data, frame, reasons, now)
         return [(end, answer) for end in dict.fromkeys((link, "router"))]
 
     # -- periodic -----------------------------------------------------------------------------------------------------

@@ -34,5 +34,6 @@ DECODED = frozenset(
         TIMESYNC,
         mavlink.MAVLINK_MSG_ID_RC_CHANNELS,
         mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
+        mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
     }
 )

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
 
 from arena.fcu_link.pose_consistency import PoseConsistency
 from arena.fcu_link.settings import Preflight
@@ -57,6 +58,7 @@ class PreflightChecks:
         """Delete all stored telemetry after a reboot of the autopilot."""
         self._local: tuple[float, Vector] | None = None
         self._yaw: tuple[float, float] | None = None
+        self._on_ground_at = -math.inf
         self._battery: tuple[float, int] | None = None
         self._packs: dict[int, tuple[float, int]] = {}
         self._pose: tuple[float, Vector, float] | None = None
@@ -82,8 +84,15 @@ class PreflightChecks:
             self._battery = now, m.battery_remaining
         elif kind == "BATTERY_STATUS":
             self._packs[m.id] = now, m.battery_remaining
+        elif kind == "EXTENDED_SYS_STATE":
+            landed = m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
+            self._on_ground_at = now if landed else -math.inf
         elif not self.armed and self._p.poses:
             self._consistency.on_autopilot(m, now)
+
+    def on_ground(self, now: float) -> bool:
+        """Return whether the autopilot reports that the vehicle is on the ground; False if this is unknown."""
+        return now - self._on_ground_at <= CONNECTION_TIMEOUT_S
 
     def on_pose(self, m: Any, now: float) -> None:
         """Store a captured pose that is sent to the vehicle as ODOMETRY."""

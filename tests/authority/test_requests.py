@@ -131,6 +131,17 @@ def test_everything_that_can_spin_a_motor(message):  # review fault 16
     assert parse(message).kind is Kind.SPIN
 
 
+@pytest.mark.parametrize("kind", [1, 3, 0.5, -1.6, float("nan")])
+def test_injection_of_a_failure(kind):
+    assert parse(long(420, 101, kind, 1)) == Request(Kind.FAILURE, command=420)
+
+
+@pytest.mark.parametrize("kind", [0, 0.4, -1.4])
+def test_end_of_an_injected_failure_is_no_request(kind):
+    """FAILURE_TYPE_OK, as PX4 rounds it, must end a failure in every state."""
+    assert parse(long(420, 101, kind, 1)) is None
+
+
 @pytest.mark.parametrize(
     "message", [long(511, 30, 20000), long(241, 1), mav.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)]
 )

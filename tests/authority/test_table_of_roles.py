@@ -23,6 +23,8 @@ REQUESTS = {
     "OFFBOARD": [OFFBOARD],
     "mission": [mode("AUTO.MISSION")],
     "take-off": [mode("AUTO.TAKEOFF")],
+    "failure": [Request(Kind.FAILURE)],
+    "shell and motor commands": [Request(Kind.SPIN)],
     "setpoint": [Request(Kind.SETPOINT)],
     "AUTO.LAND": [LAND],
     "disarm": [Request(Kind.DISARM)],

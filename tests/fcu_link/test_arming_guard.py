@@ -172,6 +172,7 @@ SPINNING = {  # review fault 16
     "an unknown command": command(31010, 1.0),
     "a command of PX4 itself": command(100),
     "INJECT_FAILURE": command(420, 101.0, 1.0),
+    "end of INJECT_FAILURE": command(420, 101.0, 0.0),
     "SERIAL_CONTROL": shell(b"commander arm\n"),
     "TUNNEL to the ESCs": tunnel(211),
 }
@@ -320,3 +321,66 @@ def test_a_silent_armed_vehicle_stays_armed_only_when_real():
         rig.fly(6.0, telemetry=False, poses=False)
     assert real.core.armed(real.now)
     assert not simulated.core.armed(simulated.now)
+
+
+def landed(state: int = mavlink.MAV_LANDED_STATE_ON_GROUND) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_extended_sys_state_message(0, state)
+
+
+def armed_rig(*reports: mavlink.MAVLink_message) -> Rig:
+    """Return a link whose vehicle was armed in its last heartbeat, has sent `reports`, and fails a check."""
+    rig = Rig()
+    rig.fly(1.0, armed=True, poses=False)
+    rig.receive(*reports)
+    assert rig.reasons() and rig.core.armed(rig.now)
+    rig.out.clear()
+    return rig
+
+
+STARTS = {"MISSION_START": command(300), "DO_LAND_START": command(189), **SPINNING}
+GESTURE = mavlink.MAVLink_manual_control_message(ID, 0, 0, 50, 950, 0)
+
+
+@pytest.mark.parametrize("message", [*STARTS.values(), GESTURE], ids=[*STARTS.keys(), "stick gesture"])
+def test_starts_are_refused_on_the_ground_after_an_armed_heartbeat(message):
+    """PX4 sends its HEARTBEAT once a second, so a vehicle can be disarmed although it was armed in the last one."""
+    rig = armed_rig(landed())
+    rig.send("router", message)
+    assert [m for m in rig.out if m.get_msgId() == message.get_msgId()] == []
+
+
+@pytest.mark.parametrize("message", [*STARTS.values(), GESTURE], ids=[*STARTS.keys(), "stick gesture"])
+def test_armed_vehicle_with_unknown_landed_state_is_treated_as_flying(message):
+    silent = armed_rig(landed())
+    silent.fly(1.6, armed=True, poses=False)  # no more EXTENDED_SYS_STATE
+    for state in (0, 2, 3, 4):
+        for rig in (armed_rig(landed(), landed(state)), armed_rig(landed(state)), silent):
+            rig.out.clear()
+            rig.send("router", message)
+            assert [m.get_msgId() for m in rig.out] == [message.get_msgId()]
+
+
+STICKS = {
+    "disarming gesture": mavlink.MAVLink_manual_control_message(ID, 0, 0, 0, -1000, 0),
+    "take-off": mavlink.MAVLink_manual_control_message(ID, 0, 0, 800, 0, 0),
+    "yaw that PX4 ignores": mavlink.MAVLink_manual_control_message(ID, 0, 0, 0, 1001, 0),
+    "override": mavlink.MAVLink_rc_channels_override_message(ID, 1, *[1000] * 8),
+}
+
+
+@pytest.mark.parametrize("message", STICKS.values(), ids=STICKS.keys())
+def test_other_sticks_pass_to_an_armed_vehicle_on_the_ground(message):
+    """PX4 takes missing stick positions for a lost radio, and its pilot must be able to disarm."""
+    rig = armed_rig(landed())
+    rig.send("router", message)
+    assert [m.get_msgId() for m in rig.out] == [message.get_msgId()]
+
+
+@pytest.mark.parametrize(
+    "message",
+    [arm(param1=0.0), arm(param1=0.0, magic=21196.0), command(21), command(185, 1.0), command(176, *LAND)],
+)
+def test_disarming_and_landing_pass_to_an_armed_vehicle_on_the_ground(message):
+    rig = armed_rig(landed())
+    rig.send("router", message)
+    assert [m.command for m in rig.out] == [message.command]

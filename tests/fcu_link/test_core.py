@@ -123,6 +123,55 @@ def test_poses_of_programs_pass_without_a_forwarder():
 # -- priorities ------------------------------------------------------------------------------------------------------------
 
 
+POSITION_RESETS = {
+    "origin": mavlink.MAVLink_set_gps_global_origin_message(ID, 387000000, -91000000, 0),
+    "position": mavlink.MAVLink_command_int_message(
+        ID, 1, 0, 43003, 0, 0, 0, 0, 1, 0, 387000000, -91000000, 0
+    ),
+    "position by long": mavlink.MAVLink_command_long_message(ID, 1, 43003, 0, 0, 0, 1, 0, 38.7, -9.1, 0),
+    "position of all": mavlink.MAVLink_command_long_message(0, 0, 43003, 0, 0, 0, 1, 0, 38.7, -9.1, 0),
+}
+
+
+@pytest.mark.parametrize("forwarded", [True, False])
+@pytest.mark.parametrize("link", ["router", "panic"])
+@pytest.mark.parametrize("message", POSITION_RESETS.values(), ids=POSITION_RESETS.keys())
+def test_position_resets_of_an_armed_vehicle_are_dropped(message, link, forwarded):
+    """PX4 moves its local position, and the vehicle flies after it."""
+    rig = Rig(preflight={"poses": forwarded})
+    rig.receive(heartbeat(armed=True))
+    fill(rig, (link, message), (link, message))
+    assert rig.flush() == []
+    assert rig.core.counts["to the vehicle: position reset of an armed vehicle"] == 2
+    assert len([e for e in rig.core.events() if "its position would jump" in e]) == 1
+
+
+def test_sender_of_a_position_reset_gets_a_refusal():
+    rig = Rig()
+    rig.receive(heartbeat(armed=True))
+    rig.send("router", *POSITION_RESETS.values())
+    acks = [(a.command, a.result) for a in rig.received("router", "COMMAND_ACK")]
+    assert acks == [(43003, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)] * 3
+    (text,) = rig.received("router", "STATUSTEXT")
+    assert text.text == "refused: position reset of an armed vehicle"
+
+
+@pytest.mark.parametrize(("link", "armed"), [("vision", True), ("vision", False), ("router", False)])
+@pytest.mark.parametrize("message", POSITION_RESETS.values(), ids=POSITION_RESETS.keys())
+def test_position_resets_of_the_forwarder_or_on_the_ground_pass(message, link, armed):
+    rig = Rig()
+    rig.receive(heartbeat(armed=armed))
+    fill(rig, (link, message))
+    assert [m.get_msgId() for m in rig.flush()] == [message.get_msgId()]
+
+
+def test_position_reset_of_another_vehicle_passes():
+    rig = Rig()
+    rig.receive(heartbeat(armed=True))
+    fill(rig, ("router", mavlink.MAVLink_set_gps_global_origin_message(ID + 1, 387000000, -91000000, 0)))
+    assert len(rig.flush()) == 1
+
+
 def fill(rig: Rig, *what: tuple[str, mavlink.MAVLink_message]) -> None:
     """Queue messages; nothing is sent meanwhile."""
     for link, message in what:
