@@ -80,10 +80,8 @@ class FcuLink:
         self.identity = Identity(s.id, s.uid or uid, last_source, needs_uid=not s.simulated)
         self.permit = ArmPermit(s.vehicle, needed=not s.simulated)
         self.checks = PreflightChecks(s.preflight)
-        self.radio, self.foreign = (
-            RadioCheck(s.preflight.radio),
-            ForeignPoses(s.id, forwarded=s.preflight.poses),
-        )
+        self.radio = RadioCheck(s.preflight.radio)
+        self.foreign = ForeignPoses(s.id, forwarded=s.preflight.poses)
         self.axes = AxesCheck(s, axes_record)
         self.params = ParamCheck(s.params, "/".join(s.params_file.split("/")[-2:]), self.radio.params)
         wide = s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD
