@@ -148,10 +148,10 @@ class VehicleControl:
 
         until: time until which a temporarily rejected request is repeated, when the vehicle is ready [s]
         """
+        self._hold = None
         while True:
             result = yield from self._result_of(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,), "arming")
-            rejected = result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-            if not rejected or self._clock.now() + _REARM_S > until:
+            if result != mavlink.MAV_RESULT_TEMPORARILY_REJECTED or self._clock.now() + _REARM_S > until:
                 break
             yield from self._wait(lambda: False, _REARM_S)
             yield from self._wait(self._reported.is_ready, until - self._clock.now())
@@ -160,8 +160,8 @@ class VehicleControl:
         self._armed = True
 
     def disarm(self) -> Steps[None]:
-        """Disarm, and wait until the heartbeat confirms it."""
-        offboard, self._offboard = self._offboard, False  # a disarming that was requested is no loss
+        """Disarm, and wait until the heartbeat confirms it. In the air the vehicle holds its position while it waits."""
+        offboard, self._offboard, self._hold = self._offboard, False, None  # a requested disarming is no loss
         yield from self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0.0,), "disarming")
         yield from self._confirm(lambda: self._reported.has(armed=False), "disarmed")
         self._offboard, self._armed = offboard, False
@@ -338,8 +338,8 @@ class VehicleControl:
 
         The acknowledgement of the request is not checked.
         """
-        heartbeat = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),)
-        self._connection.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
+        request = mavlink.MAV_CMD_REQUEST_MESSAGE, (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),)
+        self._connection.send(self.encoder.command(*request, 0))
 
     def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> Steps[T | None]:
         """Call `done` repeatedly until it returns a true value, and return this value. Return None after `timeout_s`.
