@@ -43,7 +43,7 @@ class StartBarrier:
 
     vehicle: name of the program's vehicle.
     folder: folder for the files of all programs of the run; None if `arena up` did not start the program.
-    programs: vehicles of the run that have a program.
+    programs: vehicles of the run that have a program, with the same clock as this program. Other programs are ignored.
     """
 
     def __init__(self, vehicle: str, folder: Path | None, programs: Sequence[str]) -> None:
@@ -94,7 +94,7 @@ class _Waiting:
     def arrivals(self) -> Arrivals:
         times = {}
         for file in self._folder.iterdir():
-            if not file.name.startswith("."):
+            if file.name in self._programs:
                 times[file.name] = float(json.loads(file.read_text()))
         return Arrivals(times=times, count=self._count)
 

@@ -43,6 +43,14 @@ def test_second_use_of_a_name_is_a_barrier_of_its_own(barriers):
     assert {w.arrivals().start_s for w in again} == {21.0 + START_DELAY_S}
 
 
+def test_time_of_a_program_with_another_clock_is_ignored(tmp_path):
+    StartBarrier("sim", tmp_path, ["sim"]).arrive("start", 12.0)
+    real = StartBarrier("uav1", tmp_path, ["uav1", "uav2"]).arrive("start", 70000.0)
+    assert real.arrivals().start_s is None
+    StartBarrier("uav2", tmp_path, ["uav1", "uav2"]).arrive("start", 70010.0)
+    assert real.arrivals().start_s == 70010.0 + START_DELAY_S
+
+
 def test_withdrawn_program_starts_nobody(barriers):
     one, two = barriers[0].arrive("start", 1.0), barriers[1].arrive("start", 1.0)
     assert one.withdraw() == "2 of 3 programs have arrived (uav1, uav2; missing: uav3)"
