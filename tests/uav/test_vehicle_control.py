@@ -556,3 +556,15 @@ def test_refused_command_in_the_air_holds_the_present_position(autopilot, uav, c
     until(lambda: len(autopilot.setpoints) > before)
     sent = np.array([[m.x, m.y, m.z] for _, m in autopilot.setpoints[before:]])
     np.testing.assert_allclose(sent, np.broadcast_to(there, sent.shape))
+
+
+def test_takeover_after_a_refused_disarming_is_a_loss(autopilot, uav):
+    uav.start_offboard_mission()
+    autopilot.landed = False
+    autopilot.refuse[mavlink.MAV_CMD_COMPONENT_ARM_DISARM] = (mavlink.MAV_RESULT_DENIED, b"in the air")
+    with pytest.raises(CommandRefusedError):
+        uav.disarm_drone()
+    take(autopilot)
+    until(lambda: uav.info.flight_mode == "POSCTL")
+    with pytest.raises(OffboardLostError, match="POSCTL"):
+        uav.set_vel_yaw([0, 0, 0], 0.0, 50)
