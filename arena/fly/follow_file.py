@@ -82,7 +82,7 @@ def fly_file(vehicle: RunningVehicle, trajectory: Trajectory, say: Say) -> int:
             _fly(uav, trajectory, limits, say)
             say("landing")
             uav.auto_land()
-        except VehicleError as error:
+        except (VehicleError, RunError) as error:
             say(f"TRAJECTORY NOT COMPLETED: {error}")
             return land_after_error(uav, vehicle, say)
         except KeyboardInterrupt:
@@ -153,7 +153,7 @@ def land_after_error(uav: UAV, vehicle: RunningVehicle, say: Say, code: int = EX
         elif uav.info.is_armed:
             mode = uav.info.flight_mode
             say(f"the vehicle is still armed, in {mode}. This command does not control it any more")
-    except VehicleError as error:
+    except (VehicleError, RunError) as error:
         say(f"LANDING NOT CONFIRMED: {error}. Use `arena land-all`")
         return EXIT_FAILED
     return code

@@ -8,6 +8,7 @@ from arena.errors import InputError, Problem
 from arena.params.checks.findings import Finding
 from arena.params.facts.failsafe_table import rc_priority_modes
 from arena.params.facts.parameter_table import Version, parameter
+from arena.params.generation.generate import contradictions
 from arena.plan.firmware import FORWARDING_MS, px4_version, requirements, written_param_findings
 from arena.schema import Arena
 from arena.schema.loader import YamlPath
@@ -29,6 +30,7 @@ def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
     if not problems:
         problems += [
             *_parameters(arena),
+            *_contradictions(arena),
             *_radio(arena),
             *_signing(arena),
             *_rotors(arena),
@@ -128,6 +130,21 @@ def _parameters(arena: Arena) -> Iterator[Problem]:
         if finding.name in _LIMITS_NOT_KEPT or unknown or not arena.source.given(path):
             continue
         yield arena.source.problem(path, _sentences(finding))
+
+
+def _contradictions(arena: Arena) -> Iterator[Problem]:
+    """Find parameters under `params` or `measured` whose value is not the one that a failsafe of the same YAML needs.
+
+    The parameter would win, so the vehicle would not react as the section `failsafe` says.
+    """
+    for v in arena.vehicles:
+        for name, (needed, key) in sorted(contradictions(requirements(arena, v), px4_version(v)).items()):
+            path = arena.source.layer(v.name, "measured" if name in v.measured else "params", name)
+            file, line = arena.source.place(tuple(key.split(".")))
+            message = (
+                f"got {v.own_params[name]:g}, but {key} ({file}:{line}) needs {needed:g}. Remove one of them."
+            )
+            yield arena.source.problem(path, message)
 
 
 def _radio(arena: Arena) -> Iterator[Problem]:

@@ -1,4 +1,4 @@
-"""Makes the part of a user program's configuration (slice) about emulated relative sensors. Pure."""
+"""Makes parts of a user program's configuration (slice): emulated relative sensors, and other programs of the arena. Pure."""
 
 from __future__ import annotations
 
@@ -29,3 +29,12 @@ def beacon_names(arena: Arena, v: Vehicle) -> list[str]:
     if sensor is None:
         return []
     return [name for name in arena.beacons if sensor.beacons is None or name in sensor.beacons]
+
+
+def programs_with_same_clock(arena: Arena, vehicle: Vehicle) -> list[str]:
+    """Return the vehicles with a program for which `uav.wait_for` of this vehicle's program waits.
+
+    Programs of real vehicles use the wall clock, those of simulated vehicles the simulation clock. Their times cannot be compared.
+    """
+    programs = [v for v in arena.vehicles if v.program is not None and not v.program.once]
+    return [v.name for v in programs if v.simulated == vehicle.simulated]

@@ -10,7 +10,7 @@ import math
 from arena.mocap.vendors import vendor_settings
 from arena.params.facts.failsafe_table import rc_priority_modes
 from arena.plan.job import Address, Job, Json, autopilot_ends, link_of, partner_end, program_args
-from arena.plan.program_sensors import program_sensors
+from arena.plan.program_sensors import program_sensors, programs_with_same_clock
 from arena.plan.px4_startup import hitl_params, px4_params, px4_scripts, reset_by_startup, xrce_environment
 from arena.schema import Arena, Vehicle
 from arena.schema.address_text import address_text
@@ -365,7 +365,7 @@ def program(job: Job) -> Json:
         "log": recorder_address(arena),
         "run": "{run}",
         "barriers": "{rt}/barriers",
-        "programs": [x.name for x in arena.vehicles if x.program is not None and not x.program.once],
+        "programs": programs_with_same_clock(arena, v),
         "backend": v.backend,
     }
 

@@ -21,7 +21,7 @@ class SetpointList:
     There is no feed-forward: the autopilot plans the way between the positions.
 
     setpoints: (position [m] [NED] (3,), yaw [rad], time for which it is held [s]) of each setpoint.
-    Raises InputError if the list is empty or a time is not above 0.
+    Raises InputError if the list is empty, a time is not above 0, or a position or yaw is not finite.
     """
 
     def __init__(self, setpoints: Sequence[tuple[ArrayLike, float, float]]) -> None:
@@ -32,6 +32,11 @@ class SetpointList:
         held = np.array([held_s for _, _, held_s in setpoints], float)
         if not (held > 0.0).all() or not np.isfinite(held).all():
             raise InputError(f"setpoint list: got the times {held.tolist()} s, expected numbers above 0")
+        for number, (pos, yaw) in enumerate(zip(self._pos.tolist(), self._yaw, strict=True), start=1):
+            if not np.isfinite([*pos, yaw]).all():
+                raise InputError(
+                    f"setpoint list: setpoint {number} has the position {pos} m and yaw {yaw:g} rad, expected finite numbers"
+                )
         self._ends: Array = np.cumsum(held)
 
     @property

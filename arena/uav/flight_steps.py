@@ -135,11 +135,18 @@ class FlightSteps:
         """Wait until the other programs of the run have called `wait_for`, too. Return the common start time [s]."""
         limit = duration_s(timeout)
         waiting = self._barrier.arrive(name, self._clock.now(), n)
-        start = yield from self._control.wait_until(lambda: waiting.arrivals().start_s, limit)
+        try:
+            start = yield from self._control.wait_until(lambda: waiting.arrivals().start_s, limit)
+        except (
+            BaseException
+        ):  # control lost, Ctrl-C or cancelled: the others must not start without this vehicle
+            waiting.withdraw()
+            raise
         if start is None:
             raise NotConfirmedError(
                 f"{self._source.ns}: wait_for({name!r}) timed out after {limit:g} s: {waiting.withdraw()}"
             )
+        waiting.start(start)
         return (yield from self.hold_until_time(start))
 
     def hold_until_time(self, start: float) -> Steps[float]:

@@ -1,20 +1,27 @@
 """Barrier at which the programs of one run wait for each other, so that all start at the same time.
 
-Each program writes a file with its time of arrival to the run's private folder. When all files are present,
-every program reads the same times and waits for the same start time: 0.5 s after the last arrival, on the
-clock that all programs share.
+Each program writes a file with its time of arrival to the run's private folder, and keeps the file locked until it ends. When
+all files are present, every program reads the same times and waits for the same start time: 0.5 s after the last arrival, on
+the clock that all programs share.
+
+A program may be started again in flight. Then the arrivals of ended programs do not count, because their files are not locked, and
+those of programs that have already started do not count either: without this, the program would start alone.
 """
 
 from __future__ import annotations
 
+import fcntl
 import json
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 from arena.errors import InputError, RunError
 
+_ROUNDING_S = 1e-6
 START_DELAY_S = 0.5  # after the last arrival: longer than the 0.02 s between two looks at the folder
 
 
@@ -43,12 +50,18 @@ class StartBarrier:
 
     vehicle: name of the program's vehicle.
     folder: folder for the files of all programs of the run; None if `arena up` did not start the program.
-    programs: vehicles of the run that have a program.
+    programs: vehicles of the run that have a program, with the same clock as this program. Other programs are ignored.
     """
 
     def __init__(self, vehicle: str, folder: Path | None, programs: Sequence[str]) -> None:
         self._vehicle, self._folder, self._programs = vehicle, folder, tuple(programs)
         self._uses: Counter[str] = Counter()
+        self._files: list[TextIO] = []
+
+    def close(self) -> None:
+        """Unlock the files of this program. Its arrivals do not count any more."""
+        while self._files:
+            self._files.pop().close()
 
     def arrive(self, name: str, now: float, count: int | None = None) -> _Waiting:
         """Record that this program has arrived at the barrier `name`.
@@ -74,12 +87,16 @@ class StartBarrier:
         folder = self._folder / f"{name}.{self._uses[name]}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            _started_file(folder, self._vehicle).unlink(missing_ok=True)
             part = folder / f".{self._vehicle}"
-            part.write_text(json.dumps(now))
+            self._files.append(part.open("w"))
+            fcntl.flock(self._files[-1], fcntl.LOCK_EX)
+            self._files[-1].write(json.dumps(now))
+            self._files[-1].flush()
             part.replace(folder / self._vehicle)
         except OSError as error:
             raise RunError(f"wait_for: cannot write in {folder}: {error.strerror}") from error
-        return _Waiting(self._vehicle, folder, count, self._programs)
+        return _Waiting(self._vehicle, now, folder, count, self._programs)
 
 
 class _Waiting:
@@ -88,15 +105,28 @@ class _Waiting:
     The object finds which programs have arrived. The arrival can be withdrawn after a timeout.
     """
 
-    def __init__(self, vehicle: str, folder: Path, count: int, programs: Sequence[str]) -> None:
-        self._vehicle, self._folder, self._count, self._programs = vehicle, folder, count, programs
+    def __init__(self, vehicle: str, now: float, folder: Path, count: int, programs: Sequence[str]) -> None:
+        self._vehicle, self._now, self._folder = vehicle, now, folder
+        self._count, self._programs = count, programs
 
     def arrivals(self) -> Arrivals:
-        times = {}
-        for file in self._folder.iterdir():
-            if not file.name.startswith("."):
-                times[file.name] = float(json.loads(file.read_text()))
+        """Return the programs that have arrived and still wait, and this program."""
+        times = {self._vehicle: self._now}
+        for name in self._programs:
+            since = None if name == self._vehicle else _waiting_since(self._folder / name)
+            if (
+                since is not None
+                and self._now + START_DELAY_S <= _started_s(self._folder, name) + _ROUNDING_S
+            ):
+                times[name] = since
         return Arrivals(times=times, count=self._count)
+
+    def start(self, start_s: float) -> None:
+        """Record the common start time, so that a program that arrives later does not count this arrival.
+
+        start_s: [s].
+        """
+        _started_file(self._folder, self._vehicle).write_text(json.dumps(start_s))
 
     def withdraw(self) -> str:
         """Remove the record of this program's arrival, because the program no longer waits.
@@ -107,3 +137,29 @@ class _Waiting:
         (self._folder / self._vehicle).unlink(missing_ok=True)
         missing = [name for name in self._programs if name not in here]
         return f"{len(here)} of {self._count} programs have arrived ({', '.join(sorted(here))}; missing: {', '.join(missing)})"
+
+
+def _waiting_since(file: Path) -> float | None:
+    """Return the time of arrival in the file of a program [s]; None without a file, or if the program has ended."""
+    try:
+        found = file.open()
+    except FileNotFoundError:
+        return None
+    with found:
+        try:
+            fcntl.flock(found, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:  # its program has locked it
+            return float(json.loads(found.read()))
+    return None
+
+
+def _started_file(folder: Path, vehicle: str) -> Path:
+    return folder / f".{vehicle}.started"
+
+
+def _started_s(folder: Path, vehicle: str) -> float:
+    """Return the start time that the program of a vehicle has read at a barrier [s]; infinite if it still waits."""
+    try:
+        return float(json.loads(_started_file(folder, vehicle).read_text()))
+    except FileNotFoundError:
+        return math.inf

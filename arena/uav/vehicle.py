@@ -116,10 +116,10 @@ class UAV:
             self._heartbeat,
             None if run is None else Path(run),
         )
-        barrier = StartBarrier(ns, None if barriers is None else Path(barriers), programs)
+        self._barrier = StartBarrier(ns, None if barriers is None else Path(barriers), programs)
         paths = PathPublisher(None if log is None else lambda m: self._connection.send_to(m, log))
         curve = curve_of(thrust_curve)
-        self.steps = FlightSteps(self.control, self._source, self.clock, barrier, curve, paths)
+        self.steps = FlightSteps(self.control, self._source, self.clock, self._barrier, curve, paths)
         live = Snapshot.of(self._source, self._body)
         self.ekf: Ekf = live.ekf
         self.sen: Sensors = live.sen
@@ -343,6 +343,7 @@ class UAV:
         """Close the connection. No command is sent: a vehicle in the air enters its offboard failsafe."""
         self._connection.close()
         self._heartbeat.close()
+        self._barrier.close()
 
     def __enter__(self) -> Self:
         return self

@@ -148,10 +148,10 @@ class VehicleControl:
 
         until: time until which a temporarily rejected request is repeated, when the vehicle is ready [s]
         """
+        self._hold = None if self._reported.has(armed=True) else self._hold
         while True:
             result = yield from self._result_of(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,), "arming")
-            rejected = result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-            if not rejected or self._clock.now() + _REARM_S > until:
+            if result != mavlink.MAV_RESULT_TEMPORARILY_REJECTED or self._clock.now() + _REARM_S > until:
                 break
             yield from self._wait(lambda: False, _REARM_S)
             yield from self._wait(self._reported.is_ready, until - self._clock.now())
@@ -160,11 +160,14 @@ class VehicleControl:
         self._armed = True
 
     def disarm(self) -> Steps[None]:
-        """Disarm, and wait until the heartbeat confirms it."""
-        offboard, self._offboard = self._offboard, False  # a disarming that was requested is no loss
-        yield from self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0.0,), "disarming")
-        yield from self._confirm(lambda: self._reported.has(armed=False), "disarmed")
-        self._offboard, self._armed = offboard, False
+        """Disarm, and wait until the heartbeat confirms it. In the air the vehicle holds its position while it waits."""
+        offboard, self._offboard, self._hold = self._offboard, False, None  # a requested disarming is no loss
+        try:
+            yield from self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0.0,), "disarming")
+            yield from self._confirm(lambda: self._reported.has(armed=False), "disarmed")
+            self._armed = False
+        finally:
+            self._offboard = offboard
 
     def enter_offboard(self) -> Steps[None]:
         """Send the current position as setpoint, repeatedly, and request OFFBOARD until the autopilot confirms it."""
@@ -306,8 +309,7 @@ class VehicleControl:
 
         def answer() -> int | None:
             """Return the MAV_RESULT of the command plus 1, because `_wait` needs a true value and MAV_RESULT_ACCEPTED is 0."""
-            result = command.result()
-            return None if result is None else result + 1
+            return None if (result := command.result()) is None else result + 1
 
         for confirmation in range(_TRIES):
             command.send(self.encoder.command(number, params, confirmation))
@@ -322,9 +324,8 @@ class VehicleControl:
         if result == mavlink.MAV_RESULT_ACCEPTED:
             return
         yield from self._wait(lambda: False, 0.3)  # the reason may arrive after the answer
-        words = result_words(result)
         raise CommandRefusedError(
-            f"{self._source.ns}: the autopilot refused {what} ({words}){self._reported.texts()}"
+            f"{self._source.ns}: the autopilot refused {what} ({result_words(result)}){self._reported.texts()}"
         )
 
     def _confirm(self, done: Callable[[], bool], what: str) -> Steps[None]:
@@ -338,8 +339,8 @@ class VehicleControl:
 
         The acknowledgement of the request is not checked.
         """
-        heartbeat = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),)
-        self._connection.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
+        request = mavlink.MAV_CMD_REQUEST_MESSAGE, (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),)
+        self._connection.send(self.encoder.command(*request, 0))
 
     def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> Steps[T | None]:
         """Call `done` repeatedly until it returns a true value, and return this value. Return None after `timeout_s`.
@@ -356,8 +357,7 @@ class VehicleControl:
             self._connection.refresh()
             if stream:
                 self._stream_hold()
-            found = done()
-            if found:
+            if found := done():
                 return found
             yield due
             now = self._clock.now()
@@ -379,10 +379,10 @@ class VehicleControl:
 
     def _cause(self) -> str:
         """Return the cause of the loss of control, as text."""
-        worst = mavlink.MAV_SEVERITY_WARNING
         end = time.monotonic() + (self._record_wait_s if self._run is not None else 0.0)
         while True:
-            texts = self._source.telemetry.recent_texts(self._source.now() - TEXTS_S, worst)
+            since = self._source.now() - TEXTS_S
+            texts = self._source.telemetry.recent_texts(since, mavlink.MAV_SEVERITY_WARNING)
             cause = cause_of_loss(self._source.ns, texts, self._run, time.monotonic())
             if cause != UNKNOWN:
                 return cause

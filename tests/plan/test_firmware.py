@@ -306,6 +306,27 @@ def test_fault_1_a_parameter_that_ignores_the_transmitter_is_refused(mode: int) 
     make_plan(load(f"{NATNET}vehicles:\n  uav1: {RADIO}, radio: none, {written}}}\n"))
 
 
+@pytest.mark.parametrize(
+    ("failsafe", "params", "found"),
+    [
+        ("offboard_loss: {action: land}", "COM_OBL_RC_ACT: 7", "got 7, but failsafe.offboard_loss"),
+        ("offboard_loss: {after_s: 1.0}", "COM_OF_LOSS_T: 50", "got 50, but failsafe.offboard_loss"),
+        ("geofence: {action: land}", "GF_ACTION: 0", "got 0, but failsafe.geofence"),
+        ("offboard_loss: {action: land}", "COM_OBL_RC_ACT: 4", ""),
+        ("offboard_loss: {action: land}", "GF_ACTION: 0", ""),
+    ],
+)
+def test_parameter_that_contradicts_a_written_failsafe_is_refused(
+    failsafe: str, params: str, found: str
+) -> None:
+    arena = load(f"{NATNET}failsafe: {{{failsafe}}}\nvehicles:\n  uav1: {HARDWARE}, params: {{{params}}}}}\n")
+    if not found:
+        make_plan(arena)
+        return
+    with pytest.raises(InputError, match=rf"{found} .*needs .*Remove one of them"):
+        make_plan(arena)
+
+
 def test_version_of_the_command_line_replaces_the_vehicles() -> None:
     v = load(VEHICLES).vehicles[0]
     assert (px4_version(v), px4_version(v, "1.13"), px4_version(None)) == ("1.16", "1.13", "1.16")

@@ -43,6 +43,13 @@ def test_hardware_has_a_link_in_place_of_its_autopilot(mixed: Plan) -> None:
     ] is False
 
 
+def test_programs_wait_only_for_programs_with_the_same_clock(tmp_path: Path) -> None:
+    more = 'two: {id: 9, autopilot: hardware, url: "udpin:0.0.0.0:14541", program: fly.py}\n'
+    slices = make_plan(arena_of(f"{MIXED}  {more}", tmp_path)).slices
+    assert slices["program.real.json"]["programs"] == ["real", "two"]
+    assert slices["program.sim.json"]["programs"] == ["sim"]
+
+
 @pytest.mark.parametrize(
     ("more", "needs"),
     [

@@ -159,6 +159,8 @@ def test_yaw_of_samples_takes_the_short_way():
         (lambda: MinimumSnap([[0, 0, 0], [1, 0, 0]], [0.0]), "above 0"),
         (lambda: SetpointList([]), "at least one"),
         (lambda: SetpointList([([0, 0, 0], 0, -1)]), "above 0"),
+        (lambda: SetpointList([([0, 0, -1], 0, 1), ([np.nan, 0, -1], 0, 1)]), "setpoint 2.*finite"),
+        (lambda: SetpointList([([0, 0, -1], np.inf, 1)]), "setpoint 1.*finite"),
         (lambda: Sampled([0, 0], [[0, 0, 0]] * 2), "row 2"),
         (lambda: Sampled([0, 1], [[0, 0, math.nan]] * 2), "finite"),
         (lambda: TimeOptimal([[0, 0, 0]]), r"\(1, 3\)"),

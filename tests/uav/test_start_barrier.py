@@ -18,7 +18,10 @@ PROGRAMS = ["uav1", "uav2", "uav3"]
 
 @pytest.fixture
 def barriers(tmp_path):
-    return [StartBarrier(name, tmp_path / "barriers", PROGRAMS) for name in PROGRAMS]
+    made = [StartBarrier(name, tmp_path / "barriers", PROGRAMS) for name in PROGRAMS]
+    yield made
+    for barrier in made:
+        barrier.close()
 
 
 def test_all_programs_get_the_same_start_time(barriers):
@@ -43,11 +46,64 @@ def test_second_use_of_a_name_is_a_barrier_of_its_own(barriers):
     assert {w.arrivals().start_s for w in again} == {21.0 + START_DELAY_S}
 
 
+def test_time_of_a_program_with_another_clock_is_ignored(tmp_path):
+    sim, one, two = (
+        StartBarrier(name, tmp_path, ["sim"] if name == "sim" else ["uav1", "uav2"])
+        for name in ("sim", "uav1", "uav2")
+    )
+    sim.arrive("start", 12.0)
+    real = one.arrive("start", 70000.0)
+    assert real.arrivals().start_s is None
+    two.arrive("start", 70010.0)
+    assert real.arrivals().start_s == 70010.0 + START_DELAY_S
+
+
 def test_withdrawn_program_starts_nobody(barriers):
     one, two = barriers[0].arrive("start", 1.0), barriers[1].arrive("start", 1.0)
     assert one.withdraw() == "2 of 3 programs have arrived (uav1, uav2; missing: uav3)"
     barriers[2].arrive("start", 40.0)
     assert two.arrivals().start_s is None
+
+
+def test_arrival_of_an_ended_program_does_not_count(barriers):
+    waiting = barriers[0].arrive("start", 1.0)
+    barriers[1].arrive("start", 2.0)
+    barriers[1].close()
+    barriers[2].arrive("start", 3.0)
+    assert waiting.arrivals().start_s is None
+
+
+def test_programs_that_were_all_started_again_start_together(barriers, tmp_path):
+    for barrier in barriers:
+        barrier.arrive("start", 1.0)
+        barrier.close()
+    again = [StartBarrier(name, tmp_path / "barriers", PROGRAMS) for name in PROGRAMS]
+    waiting = [again[0].arrive("start", 50.0), again[1].arrive("start", 51.0)]
+    assert all(w.arrivals().start_s is None for w in waiting)
+    waiting.append(again[2].arrive("start", 60.0))
+    assert {w.arrivals().start_s for w in waiting} == {60.0 + START_DELAY_S}
+
+
+def test_program_that_was_started_again_in_flight_does_not_start_alone(barriers, tmp_path):
+    waiting = [barrier.arrive("start", 10.0 + 0.1 * k) for k, barrier in enumerate(barriers)]
+    waiting[0].start(waiting[0].arrivals().start_s)
+    assert waiting[1].arrivals().start_s == 10.2 + START_DELAY_S  # the first program has left already
+    for one in waiting[1:]:
+        one.start(10.2 + START_DELAY_S)
+    barriers[0].close()
+    alone = StartBarrier("uav1", tmp_path / "barriers", PROGRAMS).arrive("start", 20.0)
+    assert alone.arrivals().start_s is None
+    assert "missing: uav2, uav3" in alone.withdraw()
+
+
+def test_cancelled_wait_starts_nobody(autopilot: FakeAutopilot, address, tmp_path):
+    with make_uav(address, barriers=str(tmp_path), programs=["uav1", "uav2"]) as uav:
+        steps = uav.steps.wait_for("start", None, 30.0)
+        next(steps)
+        other = StartBarrier("uav2", tmp_path, ["uav1", "uav2"]).arrive("start", uav.clock.now())
+        assert other.arrivals().start_s is not None
+        steps.close()
+        assert other.arrivals().start_s is None
 
 
 @pytest.mark.parametrize("count", [0, 4])

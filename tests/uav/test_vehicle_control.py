@@ -539,3 +539,32 @@ def test_missing_arena_is_named_with_the_address_at_which_the_program_listens(mo
     assert str(found.value).endswith(
         f"no heartbeat from the autopilot has arrived at udpin:{address[0]}:{address[1]}. Is the arena running?"
     )
+
+
+@pytest.mark.parametrize("command", ["disarm_drone", "arm_drone"])
+def test_refused_command_in_the_air_holds_the_present_position(autopilot, uav, command):
+    uav.start_offboard_mission()
+    there = np.array([3.0, 1.0, -2.0])
+    autopilot.landed, autopilot.pos = False, tuple(there)
+    until(lambda: np.allclose(uav.ekf.pos, there))
+    uav.set_pos_yaw(there, 0.0, 0.1)
+    let_pass(autopilot, 3)
+    before = len(autopilot.setpoints)
+    autopilot.refuse[mavlink.MAV_CMD_COMPONENT_ARM_DISARM] = (mavlink.MAV_RESULT_DENIED, b"in the air")
+    with pytest.raises(CommandRefusedError):
+        getattr(uav, command)()
+    until(lambda: len(autopilot.setpoints) > before)
+    sent = np.array([[m.x, m.y, m.z] for _, m in autopilot.setpoints[before:]])
+    np.testing.assert_allclose(sent, np.broadcast_to(there, sent.shape))
+
+
+def test_takeover_after_a_refused_disarming_is_a_loss(autopilot, uav):
+    uav.start_offboard_mission()
+    autopilot.landed = False
+    autopilot.refuse[mavlink.MAV_CMD_COMPONENT_ARM_DISARM] = (mavlink.MAV_RESULT_DENIED, b"in the air")
+    with pytest.raises(CommandRefusedError):
+        uav.disarm_drone()
+    take(autopilot)
+    until(lambda: uav.info.flight_mode == "POSCTL")
+    with pytest.raises(OffboardLostError, match="POSCTL"):
+        uav.set_vel_yaw([0, 0, 0], 0.0, 50)

@@ -69,6 +69,24 @@ def generate(required: Requirements, version: Version | str) -> Generated:
     return Generated(tuple(lines.values()), tuple(writer.not_possible), tuple(differing))
 
 
+def contradictions(required: Requirements, version: Version | str) -> dict[str, tuple[float, str]]:
+    """Return the parameters of the user that contradict a failsafe that the user has written, too.
+
+    The result is {name: (value that the failsafe needs, key of the failsafe, such as `failsafe.offboard_loss`)}. Values of a parameter
+    file are not included, because such a file does not replace a failsafe.
+    Raises InputError for a version that is not in the table.
+    """
+    writer = LineWriter(required, Version.of(version))
+    needed = {line.name: line.value for line in failsafe_lines(writer)}
+    found = {}
+    for name in required.own.keys() & needed.keys() - required.from_file:
+        key = writer.requirement_of[name]
+        is_written = key.startswith("failsafe.") and key in required.written
+        if is_written and not math.isclose(required.own[name], needed[name], rel_tol=1e-6):
+            found[name] = needed[name], key
+    return found
+
+
 def _vision(w: LineWriter) -> Iterator[Line]:
     delay_ms = w.required.vision_delay_ms
     if delay_ms is None:
