@@ -43,7 +43,7 @@ _COMMANDED_MODES = {
     _NAV_VTOL_TAKEOFF: "AUTO.VTOL_TAKEOFF",
 }
 UNCLEAR_MODE = "unclear mode"
-"""Mode of a request whose numbers are no bytes. Each processor converts such numbers differently."""
+"""Mode of a request with a number outside 0 to 255. Each processor converts such numbers differently."""
 PROGRAM_MODES = frozenset(
     {
         *("OFFBOARD", "AUTO.MISSION", "AUTO.TAKEOFF", "AUTO.VTOL_TAKEOFF", "AUTO.FOLLOW_TARGET", "ORBIT"),
@@ -170,7 +170,7 @@ def _set_mode_words(base_mode: int | None, main: int | None, sub: int | None) ->
     """Return the name of the mode that PX4 selects for DO_SET_MODE and SET_MODE.
 
     PX4 uses the main mode and the sub mode only if `base_mode` has the flag CUSTOM_MODE_ENABLED.
-    None is a number that is no byte: the result is then UNCLEAR_MODE.
+    None stands for a number outside 0 to 255: the result is then UNCLEAR_MODE.
     """
     if base_mode is None or main is None or sub is None:
         return UNCLEAR_MODE
