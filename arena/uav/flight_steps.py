@@ -137,10 +137,8 @@ class FlightSteps:
         waiting = self._barrier.arrive(name, self._clock.now(), n)
         try:
             start = yield from self._control.wait_until(lambda: waiting.arrivals().start_s, limit)
-        except (
-            BaseException
-        ):  # control lost, Ctrl-C or cancelled: the others must not start without this vehicle
-            waiting.withdraw()
+        except BaseException:  # control lost, Ctrl-C or cancelled
+            waiting.withdraw()  # the others must not start without this vehicle
             raise
         if start is None:
             raise NotConfirmedError(

@@ -126,7 +126,10 @@ class _Waiting:
 
         start_s: [s].
         """
-        _started_file(self._folder, self._vehicle).write_text(json.dumps(start_s))
+        file = _started_file(self._folder, self._vehicle)
+        part = file.with_name(f"{file.name}.part")  # renamed when complete: others may read at this moment
+        part.write_text(json.dumps(start_s))
+        part.replace(file)
 
     def withdraw(self) -> str:
         """Remove the record of this program's arrival, because the program no longer waits.
