@@ -36,10 +36,14 @@ def test_slice_of_the_plan_gives_room_fence_and_vehicles(tmp_path):
 
 
 def test_offboard_loss_time_is_that_of_the_autopilot_of_the_vehicle(tmp_path):
-    text = YAML.replace("start: {position: [1, 0, 0]}", "params: {COM_OF_LOSS_T: 2.5}")
-    (tmp_path / "arena.yaml").write_text(f"{text}failsafe: {{offboard_loss: {{after_s: 1.5}}}}\n")
-    raw = make_plan(load_arena(tmp_path / "arena.yaml")).slices["view.json"]
-    assert [v.offboard_loss_s for v in Settings.from_slice(raw).vehicles] == [1.5, 2.5]
+    def times(text):
+        (tmp_path / "arena.yaml").write_text(text)
+        raw = make_plan(load_arena(tmp_path / "arena.yaml")).slices["view.json"]
+        return raw, [v.offboard_loss_s for v in Settings.from_slice(raw).vehicles]
+
+    assert times(f"{YAML}failsafe: {{offboard_loss: {{after_s: 1.5}}}}\n")[1] == [1.5, 1.5]
+    raw, found = times(YAML.replace("start: {position: [1, 0, 0]}", "params: {COM_OF_LOSS_T: 2.5}"))
+    assert found == [1.0, 2.5]
     del raw["vehicles"][0]["offboard_loss_s"]  # a run of an older version
     assert Settings.from_slice(raw).vehicles[0].offboard_loss_s == 1.0
 
