@@ -17,6 +17,7 @@ from arena.plan import slices
 from arena.plan.copilot_slice import copilot
 from arena.plan.job import Job, Json, flies_px4_sitl, program_args
 from arena.plan.model import Listen, Member, ProcessSpec, Restart
+from arena.plan.program_slice import group, program
 from arena.plan.sensors_slice import sensors
 from arena.schema import Arena, Vehicle
 from arena.schema.placeholders import variables
@@ -289,7 +290,7 @@ TABLE: tuple[ProcessKind, ...] = (
         per_vehicle=True,
         exists=lambda job: job.v.program is not None and not job.v.program.group,
         needs=_program_needs,
-        slice=slices.program,
+        slice=program,
         cpu_budget=0.3,
         memory_budget_mb=300.0,
         fields={"ready": "started", "stopped_for_s": None, "nice": NICE_PROGRAM, "outlives": False},
@@ -302,7 +303,7 @@ TABLE: tuple[ProcessKind, ...] = (
         purpose="the user's programs of a group of vehicles, in one process",
         per_group=True,
         needs=_group_needs,
-        slice=slices.group,
+        slice=group,
         cpu_budget=1.0,
         memory_budget_mb=300.0,
         fields={"ready": "started", "stopped_for_s": None, "nice": NICE_PROGRAM, "outlives": False},

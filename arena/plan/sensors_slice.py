@@ -7,7 +7,7 @@ from typing import Any
 
 from arena.plan import slices
 from arena.plan.job import Job, Json
-from arena.plan.program_sensors import beacon_names
+from arena.plan.program_slice import beacon_names
 from arena.schema import Arena, Vehicle
 from arena.schema.ports import SENSORS
 

@@ -9,8 +9,7 @@ import math
 
 from arena.mocap.vendors import vendor_settings
 from arena.params.facts.failsafe_table import rc_priority_modes
-from arena.plan.job import Address, Job, Json, autopilot_ends, link_of, partner_end, program_args
-from arena.plan.program_sensors import program_sensors, programs_with_same_clock
+from arena.plan.job import Address, Job, Json, autopilot_ends, link_of, partner_end
 from arena.plan.px4_startup import hitl_params, px4_params, px4_scripts, reset_by_startup, xrce_environment
 from arena.schema import Arena, Vehicle
 from arena.schema.address_text import address_text
@@ -19,7 +18,6 @@ from arena.vehicle_models import VEHICLE_MODELS
 
 CLOCK, TRUTH, PATHS = "{rt}/clock", "{rt}/truth", "{rt}/paths"
 POSE_STALE_S = 0.1
-PROGRAM_STALE_S = 0.5
 
 
 def world(job: Job) -> Json:
@@ -210,7 +208,8 @@ def capture(arena: Arena, bodies: list[str] | None, *, simulated: bool) -> Json 
     return {**found, "bodies": bodies}
 
 
-def _clock(v: Vehicle) -> str | None:
+def clock(v: Vehicle) -> str | None:
+    """Return the path of the simulation clock of a simulated vehicle; None for a real vehicle, which uses the wall clock."""
     return CLOCK if v.simulated else None
 
 
@@ -230,7 +229,7 @@ def forward(job: Job) -> Json:
         "origin": _origin(arena),
         "origin_alt_m": arena.world.origin.alt_m if v.autopilot == "builtin" else 0.0,
         "link": partner_end(link_of(arena, v, "vision")),
-        "clock": _clock(v),
+        "clock": clock(v),
         "simulated": v.simulated,
     }
 
@@ -344,54 +343,6 @@ def recorder_address(arena: Arena) -> Address:
     The router sends it copies of all messages, and programs send it their references.
     """
     return [arena.address, RECORDER]
-
-
-def program(job: Job) -> Json:
-    """Return the configuration file that a vehicle's program receives with the option `--uav`."""
-    arena, v = job.arena, job.v
-    kept = ("name", "mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve")
-    return {
-        "name": f"program.{v.name}",
-        "vehicle": v.name,
-        "id": v.id,
-        "link": f"udpin:{arena.address}:{v.ports.program}",
-        "capture": capture(arena, [v.mocap_body], simulated=v.simulated),
-        "body": v.mocap_body,
-        "clock": _clock(v),
-        "profile": {k: x for k, x in v.profile.slice().items() if k in kept},
-        **program_sensors(arena, v, PROGRAM_STALE_S),
-        "stale_s": PROGRAM_STALE_S,
-        "heartbeat": heartbeat_address(arena),
-        "log": recorder_address(arena),
-        "run": "{run}",
-        "barriers": "{rt}/barriers",
-        "programs": programs_with_same_clock(arena, v),
-        "backend": v.backend,
-    }
-
-
-def group(job: Job) -> Json:
-    """Return the configuration (slice) of the process that runs the user programs of a group of vehicles."""
-    vehicles = job.vehicles
-    first = vehicles[0]
-    if first.program is None:
-        raise ValueError(
-            f"cannot make the configuration of the group {job.group}: {first.name} has no program"
-        )
-    return {
-        "name": f"group.{job.group}",
-        "program": first.program.path,
-        "once": first.program.once,
-        "clock": _clock(first),
-        "members": [
-            {
-                "vehicle": v.name,
-                "argv": ["--uav", f"{{run}}/slices/program.{v.name}.json", *program_args(job.arena, v)],
-            }
-            for v in vehicles
-        ],
-        "heartbeat": heartbeat_address(job.arena),
-    }
 
 
 def heartbeat_address(arena: Arena) -> Address | None:
