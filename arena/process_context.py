@@ -164,8 +164,7 @@ class ProcessContext:
     def facts(self, facts: dict[str, Any]) -> None:
         """Send facts, which the supervisor uses for its decisions, such as {"uav1.armed": True}.
 
-        The decisions of the supervisor depend on them. Facts that cannot be sent are sent again before the next measurements,
-        because a process sends a fact only when it changes.
+        Facts that cannot be sent are sent again before the next measurements, because a process sends a fact only when it changes.
         """
         self._unsent_facts |= facts
         self._send_facts()

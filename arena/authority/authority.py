@@ -207,7 +207,7 @@ class Authority:
             self._change(Role.PILOT, self._mode, now)
 
     def _has_pilot(self, now: float) -> bool:
-        """Return False if no pilot can have control: a real vehicle has `radio: none`, and no stick positions arrive."""
+        """Return whether a pilot can have control. Without a radio (`radio: none`), only while stick positions arrive."""
         silent = self._heartbeats_since > _INPUT_HEARTBEATS and now - self._input_at > _INPUT_S
         return not (self._input_needed and silent)
 

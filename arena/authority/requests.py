@@ -44,14 +44,19 @@ _COMMANDED_MODES = {
 }
 UNCLEAR_MODE = "unclear mode"
 """Mode of a request with a number outside 0 to 255. Each processor converts such numbers differently."""
-PROGRAM_MODES = frozenset(
-    {
-        *("OFFBOARD", "AUTO.MISSION", "AUTO.TAKEOFF", "AUTO.VTOL_TAKEOFF", "AUTO.FOLLOW_TARGET", "ORBIT"),
-        *("REPOSITION", "AUTO.PRECLAND", UNCLEAR_MODE),
-        *(f"AUTO.{sub}" for sub in range(11, 19)),  # modes of ROS 2 nodes: EXTERNAL1 to EXTERNAL8
-    }
-)
-"""Modes in which a computer moves the vehicle. AUTO.PRECLAND climbs to PLD_SRCH_ALT (10 m) to search its target."""
+_ROS2_MODES = frozenset(f"AUTO.{sub}" for sub in range(11, 19))  # EXTERNAL1 to EXTERNAL8 of PX4
+PROGRAM_MODES = _ROS2_MODES | {
+    "OFFBOARD",
+    "AUTO.MISSION",
+    "AUTO.TAKEOFF",
+    "AUTO.VTOL_TAKEOFF",
+    "AUTO.FOLLOW_TARGET",
+    "AUTO.PRECLAND",
+    "ORBIT",
+    "REPOSITION",
+    UNCLEAR_MODE,
+}
+"""Modes in which a computer moves the vehicle. In AUTO.PRECLAND it may climb to 10 m (PLD_SRCH_ALT) to search for its target."""
 _CUSTOM_MODE, _AUTO, _GUIDED, _STABILIZE, _MANUAL = 1, 4, 8, 16, 64  # MAV_MODE_FLAG
 _AUTO_MAIN_MODE, _SET_MODE_BASE_OFFSET = 4, 5
 _STANDARD_MODES = {

@@ -5,7 +5,8 @@ vehicle -> vision     the messages that the pose forwarder reads
 vehicle -> panic      everything, while land-all sends
 vehicle -> simulator  HIL_ACTUATOR_CONTROLS only, for hardware in the loop (HITL)
 links -> vehicle      everything except refused requests to arm, commands of senders that must not command the vehicle now
-(arena.authority), poses and position resets of others than the forwarder, and TIMESYNC replies: PX4 would shift its time stamps
+(arena.authority), poses and position resets that are not from the pose forwarder, and TIMESYNC replies, because with these
+PX4 would shift the time stamps of poses
 Nothing is carried to or from an autopilot that has not sent the hardware uid of the vehicle (identity.py).
 simulator -> vehicle  the sensors, but not HIL_STATE_QUATERNION, which PX4 in HITL would use as its own estimate
 """

@@ -1,4 +1,4 @@
-"""Filter for poses and position resets that another sender than the pose forwarder sends to a vehicle. Pure.
+"""Filter for poses and position resets to a vehicle that do not come from its pose forwarder. Pure.
 
 PX4 fuses the poses of all senders. Poses in other axes, old poses or poses of another body would pull the estimate away from
 those of the pose forwarder, and no check of the forwarder sees them. A relay of MAVROS is an example.
@@ -20,7 +20,7 @@ _ORIGIN, _POSITION = mavlink.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN, mavlink.MAV_C
 
 
 class ForeignPoses:
-    """Refuses poses that do not come from the pose forwarder, if the vehicle has one, and position resets while armed.
+    """Refuses what only the pose forwarder may send: poses, if the vehicle has a forwarder, and position resets while it is armed.
 
     system: MAVLink id of the vehicle
     forwarded: the vehicle has a pose forwarder (not `forward: false`)

@@ -50,7 +50,7 @@ class RefusalReplies:
 
 
 class _Report:
-    """Decides which refusals the user sees: one with new reasons soon, the same refusal every 10 s.
+    """Decides when the user sees a refusal: at most one refusal per second, and the same refusal once in 10 s.
 
     Refusals that differ only in their numbers are the same.
     """

@@ -141,7 +141,7 @@ class VehicleRoutes:
         """Return whether a HEARTBEAT must not reach the vehicle: a program sends it as a ground station.
 
         Libraries such as MAVSDK do so. While the vehicle receives such heartbeats, its failsafe `data_link_loss` does not act.
-        Only an operator may prevent it, not a program that still runs when nobody is present.
+        It must act when no operator is present, also while a program still runs.
         """
         role = role_of_tool(frame.sysid) if endpoint.role is None else endpoint.role
         is_station = byte_at(data, frame, _HEARTBEAT_TYPE) == _TYPE_GCS

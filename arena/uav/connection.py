@@ -181,9 +181,8 @@ class Connection:
                     self._relative.on_datagram(datagram, now)
             if self._capture is not None:
                 self._capture.poll(now, once=self._lockstep)
-            self._polled = (
-                time.monotonic()
-            )  # last: `refresh` waits for a thread that has not stored its data yet
+            # last, because `refresh` must wait for a thread that has not stored its data yet
+            self._polled = time.monotonic()
 
     def chores(self) -> None:
         """Receive data, and send the program's heartbeat to the vehicle if it is due."""

@@ -4,8 +4,8 @@ Each program writes a file with its time of arrival to the run's private folder,
 all files are present, every program reads the same times and waits for the same start time: 0.5 s after the last arrival, on
 the clock that all programs share.
 
-A program may be started again in flight. Then the arrivals of ended programs do not count, because their files are not locked, and
-those of programs that have already started do not count either: without this, the program would start alone.
+A program may be started again in flight. It must not start alone, because of the old files of the others. So two kinds of arrivals
+do not count: those of ended programs, whose files are not locked any more, and those of programs that have already started.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TextIO
 
 from arena.errors import InputError, RunError
+from arena.whole_file import replace_file
 
 _ROUNDING_S = 1e-6
 START_DELAY_S = 0.5  # after the last arrival: longer than the 0.02 s between two looks at the folder
@@ -44,9 +45,7 @@ class Arrivals:
 
 
 class StartBarrier:
-    """Access of one program to the start barriers, at which the programs of a run wait for each other.
-
-    At a barrier, programs wait for each other, so that they start together.
+    """Access of one program to the start barriers, at which the programs of a run wait for each other to start together.
 
     vehicle: name of the program's vehicle.
     folder: folder for the files of all programs of the run; None if `arena up` did not start the program.
@@ -114,22 +113,24 @@ class _Waiting:
         times = {self._vehicle: self._now}
         for name in self._programs:
             since = None if name == self._vehicle else _waiting_since(self._folder / name)
-            if (
-                since is not None
-                and self._now + START_DELAY_S <= _started_s(self._folder, name) + _ROUNDING_S
-            ):
+            if since is not None and not self._has_started(name):
                 times[name] = since
         return Arrivals(times=times, count=self._count)
+
+    def _has_started(self, other: str) -> bool:
+        """Return whether another program has started without waiting for this program."""
+        return _started_s(self._folder, other) + _ROUNDING_S < self._now + START_DELAY_S
 
     def start(self, start_s: float) -> None:
         """Record the common start time, so that a program that arrives later does not count this arrival.
 
-        start_s: [s].
+        start_s: [s]. Raises RunError if the file cannot be written.
         """
         file = _started_file(self._folder, self._vehicle)
-        part = file.with_name(f"{file.name}.part")  # renamed when complete: others may read at this moment
-        part.write_text(json.dumps(start_s))
-        part.replace(file)
+        try:
+            replace_file(file, json.dumps(start_s))  # as a whole: others may read at this moment
+        except OSError as error:
+            raise RunError(f"wait_for: cannot write {file}: {error.strerror}") from error
 
     def withdraw(self) -> str:
         """Remove the record of this program's arrival, because the program no longer waits.

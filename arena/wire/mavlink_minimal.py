@@ -33,7 +33,7 @@ RESULT_WORDS = {
 }
 """MAV_RESULT -> text for the user."""
 NO_UID = "none"
-"""Text in place of the hardware uid, for an autopilot that reports none. It is identified by its address."""
+"""Value in place of the hardware uid if an autopilot reports none. Its address then identifies it."""
 
 _HEARTBEAT, _COMMAND = struct.Struct("<IBBBBB"), struct.Struct("<7fHBBB")
 _ACK, _EXTENDED = struct.Struct("<HB"), struct.Struct("BB")
