@@ -370,7 +370,6 @@ def start_link_later(site, when):
 
 def test_review_fault_10_a_restarting_link_keeps_its_port(lab, capsys, monkeypatch):
     monkeypatch.setattr(link_restart, "RESTART_S", 60.0)
-    monkeypatch.setattr(direct_link, "BESIDE_AFTER_S", 60.0)  # the link of a busy machine is slow, but works
     host = "127.66.9.1"
     with Fleet([flying(K, land_s=3.0)], host, paths=("wire",)) as fleet:
         site = lab(host, udpin(host))
