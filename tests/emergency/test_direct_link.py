@@ -24,6 +24,7 @@ from arena.constants import PILOT_HAS_CONTROL
 from arena.emergency import direct_link, link_process, link_restart
 from arena.emergency.land_all import command, land_all
 from arena.emergency.run_record import ProcessIdentity
+from arena.whole_file import replace_file
 from arena.wire.mavlink_codec import Codec
 
 K = 1
@@ -130,7 +131,7 @@ class Lab:
             "supervisor": {"pid": self.supervisor, "start_s": start_time(self.supervisor)},
             "processes": {"link.uav1": {"pid": self.link.pid, "start_s": start_s}},
         }
-        (self.folder / "state.json").write_text(json.dumps(state))
+        replace_file(self.folder / "state.json", json.dumps(state))  # land-all may read at this moment
 
     def seen(self):
         file = self.folder / "wire" / "uav1.json"
