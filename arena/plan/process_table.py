@@ -29,6 +29,8 @@ NICE_WORLD_REALTIME, NICE_COPILOT_FIRST = -10, -5
 
 REAL_START_TIMEOUT_S = 600.0
 """Start time limit for processes of hardware, because hardware may be switched on long after the arena [s]."""
+REAL_BACKOFF_S = 2.0
+"""Wait before the program of a real vehicle is started again: two heartbeats, which show whether the vehicle was armed [s]."""
 COPILOT_SILENT_S = 5.0
 """Kill the copilot of hardware if it reports nothing for this time [s]. Not used in simulation, where time may stand still."""
 
@@ -161,15 +163,20 @@ def _program_fields(job: Job) -> dict[str, Any]:
     return {
         "cwd": job.arena.folder,
         "env": (*PROCESS_ENV, *variables(job.arena, job.v)),
-        "restart": Restart(mode=job.v.program.restart if job.v.program else "never"),
+        "restart": _program_restart(job.v),
     }
 
 
+def _program_restart(vehicle: Vehicle) -> Restart:
+    mode = vehicle.program.restart if vehicle.program else "never"
+    return Restart(mode=mode) if vehicle.simulated else Restart(mode=mode, backoff_s=REAL_BACKOFF_S)
+
+
 def _group_fields(job: Job) -> dict[str, Any]:
-    program, size = job.vehicles[0].program, len(job.vehicles)
+    size = len(job.vehicles)
     return {
         "cwd": job.arena.folder,
-        "restart": Restart(mode=program.restart if program else "never"),
+        "restart": _program_restart(job.vehicles[0]),
         "cpu_budget": 1.0,
         "memory_budget_mb": 300.0 + 5.0 * size,
         "members": tuple(

@@ -224,7 +224,7 @@ class Supervisor:
         self._show.refresh(self.status, now)
 
     def _decide(self, now: float) -> None:
-        self._shutdown.update_hold()
+        self._shutdown.update_armed()
         self._processes.reconcile(self._orders, now)
         self._release.step(now)
         self._landings.step(now)

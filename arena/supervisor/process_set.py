@@ -45,6 +45,7 @@ class Orders:
     starts_on: processes may be started.
     keep: names of the processes that are restarted even if `starts_on` is false, because vehicles are landing.
     hold: names of the processes that are not killed after their stop signal, because they serve an armed real vehicle.
+    armed: names of the user programs' processes that have an armed real vehicle.
     stop: names of the processes to terminate.
     kill: names of the processes to kill at once.
     why: the reason, as text for the log.
@@ -53,6 +54,7 @@ class Orders:
     starts_on: bool = True
     keep: frozenset[str] = frozenset()
     hold: frozenset[str] = frozenset()
+    armed: frozenset[str] = frozenset()
     stop: set[str] = field(default_factory=set)
     kill: set[str] = field(default_factory=set)
     why: str = ""
@@ -191,9 +193,9 @@ class ProcessSet:
             and exit is None
             and not (stopped or orders.stop or orders.kill or self._restarts)
         ):
-            if spec.silent_for_s is None:
+            if spec.silent_for_s is None and name not in orders.armed:
                 return _NOTHING
-            return Observation(silent_s=self._silent_s.get(name, 0.0))
+            return Observation(silent_s=self._silent_s.get(name, 0.0), armed=name in orders.armed)
         names = run_end.needs_of(spec, self.specs, restart=status.started > 0)
         needs = [(self.specs[name], self.statuses[name]) for name in names]
         restart = name in self._restarts
@@ -208,6 +210,7 @@ class ProcessSet:
             stopped=stopped,
             starts_on=orders.starts_on or name in orders.keep,
             hold=name in orders.hold,
+            armed=name in orders.armed,
             stop=name in orders.stop,
             kill=name in orders.kill,
             restart=restart,

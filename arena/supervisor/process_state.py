@@ -87,6 +87,7 @@ class Observation:
     silent_s: time since its last packet [s].
     starts_on: new starts are allowed (False once the run ends, except for processes that serve a landing vehicle).
     hold: a real vehicle that the process serves is armed. A process that continues after its stop signal is then not killed.
+    armed: a real vehicle that the user program in the process flies is armed.
     stop: terminate the process.  kill: kill it at once.  restart: start it again.
     why: the reason for stop, kill or restart.
     """
@@ -99,6 +100,7 @@ class Observation:
     silent_s: float = 0.0
     starts_on: bool = True
     hold: bool = False
+    armed: bool = False
     stop: bool = False
     kill: bool = False
     restart: bool = False
@@ -115,6 +117,8 @@ class ProcessStatus:
     next_at: in BACKOFF the time of the next start, in STOPPING the time of SIGKILL.
     after: what follows STOPPING.  exit: how the process ended last.
     stopped_at: when a signal (SIGSTOP) paused it; None if it is not paused.
+    armed: a real vehicle of this user program was armed since the last start. Then only `arena restart` starts the program
+        again: after a landing it could arm the vehicle again, while somebody walks to it.
     """
 
     state: State = State.STOPPED
@@ -127,6 +131,7 @@ class ProcessStatus:
     after: After = After.END
     exit: Exit | None = None
     stopped_at: float | None = None
+    armed: bool = False
 
     @property
     def restarts(self) -> int:
@@ -136,12 +141,16 @@ class ProcessStatus:
 
 Step = tuple[ProcessStatus, Action]
 
+_WAS_ARMED = "; not started again, because its real vehicle was armed. Only `arena restart` starts it"
+
 
 def step(spec: ProcessSpec, status: ProcessStatus, observation: Observation, now: float) -> Step:
     """Advance the state machine of a process. Return its new status and the action to carry out.
 
     now: monotonic [s].
     """
+    if observation.armed and status.state in ALIVE | {State.BACKOFF}:
+        status = replace(status, armed=True)
     if observation.exit is not None and status.state in ALIVE:
         return _ended(spec, status, observation, observation.exit, now)
     if status.state is State.STOPPING:
@@ -171,6 +180,8 @@ def _absent(spec: ProcessSpec, status: ProcessStatus, observation: Observation, 
         )
     if status.state in ENDED:
         return status, Action.NONE
+    if status.state is State.BACKOFF and status.armed:
+        return _to(status, State.FATAL, f"{_exit_text(status)}{_WAS_ARMED}", now), Action.NONE
     if observation.needs_dead:
         return _to(
             status, State.FATAL, f"needs {observation.needs_dead}, which has ended and is not restarted", now
@@ -191,6 +202,7 @@ def _start(spec: ProcessSpec, status: ProcessStatus, reason: str, now: float) ->
         started=status.started + 1,
         exit=None,
         stopped_at=None,
+        armed=False,
     )
     return _to(counted, State.STARTING, reason, now), Action.START
 
@@ -282,7 +294,8 @@ def _again(
 ) -> Step:
     """Return the next status of a process that has ended: BACKOFF (restart later), FATAL or EXITED.
 
-    It is FATAL after too many starts or if the process is never restarted, and EXITED if the run ends or a stop was requested.
+    It is FATAL after too many starts, if the process is never restarted, or if it has flown a real vehicle. It is EXITED if the
+    run ends or a stop was requested.
 
     words: how it ended.  now: monotonic [s].
     """
@@ -290,6 +303,8 @@ def _again(
         return _to(status, State.EXITED, words, now), Action.NONE
     if spec.restart.mode == "never":
         return _to(status, State.FATAL, words, now), Action.NONE
+    if status.armed:
+        return _to(status, State.FATAL, f"{words}{_WAS_ARMED}", now), Action.NONE
     recent = tuple(t for t in status.starts if now - t < spec.restart.window_s)
     tries = max(len(recent), status.unproven)
     if tries >= spec.restart.limit:

@@ -288,6 +288,15 @@ def serving_real(plan: Plan, vehicles: Collection[str]) -> frozenset[str]:
     return frozenset(s.name for s in plan.processes if s.kind in SERVING and (s.vehicle or "") in {"", *real})
 
 
+def flying_real(plan: Plan, vehicles: Collection[str]) -> frozenset[str]:
+    """Return the processes of user programs that fly real vehicles.
+
+    vehicles: names of vehicles; simulated vehicles are ignored.
+    """
+    real = {v.name for v in plan.vehicles if not v.simulated} & set(vehicles)
+    return frozenset(s.name for s in plan.processes if real.intersection(s.flies)) if real else frozenset()
+
+
 def may_stop(plan: Plan, statuses: Statuses) -> set[str]:
     """Return the processes that can be stopped now, because no running process needs them."""
     held = {need for spec in plan.processes if statuses[spec.name].state in ALIVE for need in spec.needs}

@@ -55,9 +55,11 @@ class Shutdown:
         p = self._processes
         return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
 
-    def update_hold(self) -> None:
-        """Update which processes must not be killed because an armed real vehicle needs them."""
-        self._orders.hold = run_end.serving_real(self._plan, self.armed())
+    def update_armed(self) -> None:
+        """Update which processes serve an armed real vehicle, and which user programs fly one."""
+        armed = self.armed()
+        self._orders.hold = run_end.serving_real(self._plan, armed)
+        self._orders.armed = run_end.flying_real(self._plan, armed)
 
     def forget(self, vehicle: str, by: str, now: float) -> None:
         """Stop waiting for a vehicle with a real autopilot that an operator declares dead. Raises ValueError if this is refused.

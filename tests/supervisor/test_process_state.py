@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -323,3 +324,49 @@ def test_hung_process_is_killed_also_while_its_vehicle_is_armed():
     hung = replace(SPEC, silent_for_s=6.0)
     moves = [(0, READY_NEEDS), (1, Observation(proof="p")), (8, Observation(silent_s=6.5, hold=True))]
     assert walk(hung, *moves)[1][-1] is Action.KILL
+
+
+FLIES = replace(NEVER, restart=Restart(mode="on_failure", backoff_s=2.0))
+"""A user program that is started again after an error."""
+
+
+@pytest.mark.parametrize(
+    "moves",
+    [
+        [(1, Observation(armed=True)), (2, Observation()), (3, Observation(exit=FAILED))],
+        [(1, Observation(exit=FAILED, armed=True))],
+        [(1, Observation(exit=FAILED)), (1.9, Observation(needs_ready=True, armed=True))],
+        [
+            (1, Observation(armed=True, stopped=True)),
+            (2, Observation(stopped=True)),
+            (3, Observation(exit=KILLED)),
+        ],
+    ],
+    ids=["landed, then error", "error in flight", "heartbeat after the error", "paused"],
+)
+def test_program_that_flew_a_real_vehicle_is_not_started_again(moves):
+    began = [(0, READY_NEEDS), (0.1, Observation(proof="started"))]
+    status, actions = walk(FLIES, *began, *moves, (10, READY_NEEDS))
+    assert status.state is State.FATAL and actions.count(Action.START) == 1
+    assert status.reason.endswith("its real vehicle was armed. Only `arena restart` starts it")
+
+
+def test_person_starts_a_program_that_flew_again_and_its_next_error_is_retried():
+    flown = [(0, READY_NEEDS), (1, Observation(armed=True)), (3, Observation(exit=FAILED))]
+    again = [
+        (20, Observation(restart=True, needs_ready=True)),
+        (40, Observation(exit=FAILED)),
+        (42, READY_NEEDS),
+    ]
+    status, actions = walk(FLIES, *flown, *again)
+    assert status.state is State.STARTING and actions.count(Action.START) == 3
+
+
+def test_program_that_flew_and_ends_without_error_has_not_failed():
+    status, _ = walk(
+        FLIES,
+        (0, READY_NEEDS),
+        (1, Observation(armed=True)),
+        (3, Observation(exit=Exit(code=0, text="exit 0"))),
+    )
+    assert status.state is State.EXITED and status.reason == "exit 0"

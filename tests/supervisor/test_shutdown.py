@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -188,3 +189,24 @@ def test_facts_about_vehicles_from_a_program_are_ignored(start, tmp_path):  # re
     assert "uav1.control" not in facts and facts["uav1.connected"] is True
     run.signal(signal.SIGTERM)
     assert run.wait() == 0
+
+
+@pytest.mark.parametrize("simulated", [False, True], ids=["real", "simulated"])
+def test_program_of_an_armed_real_vehicle_is_not_restarted(start, tmp_path, simulated):
+    flag = tmp_path / "armed"
+    plan = armed_by(flag)
+    flies = replace(plan.processes[1], vehicle="uav1", restart=RESTARTED)
+    plan = replace(plan, processes=(plan.processes[0], flies), vehicles=(vehicle(simulated=simulated),))
+    flag.touch()
+    run = begin(start, plan)
+    flag.unlink()
+    eventually(lambda: run.control().ask(do="ps")["facts"].get("uav1.armed") is False)
+    os.kill(run.pid("p"), signal.SIGKILL)
+    if simulated:
+        run.until("p", "READY", times=2)
+    else:
+        assert "its real vehicle was armed" in run.until("p", "FATAL")["reason"]
+        run.control().ask(do="restart", name="p")
+        run.until("p", "READY", times=2)
+    run.signal(signal.SIGTERM)
+    run.wait()
