@@ -305,7 +305,8 @@ class Supervisor:
         if name not in specs:
             raise ValueError(no_such_process(name, self.plan))
         self._require_run(f"{name} is not restarted: the arena is {self.phase}, so it starts no processes")
-        refusal = restart_refusal(specs[name], self._shutdown.flying())
+        flies_real = name in self._orders.armed and name in self._processes.children
+        refusal = restart_refusal(specs[name], self._shutdown.flying(), flies_real=flies_real)
         if refusal and not in_flight:
             raise ValueError(refusal)
         self._processes.request_restart(name)

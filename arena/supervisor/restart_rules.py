@@ -12,15 +12,17 @@ _IN_FLIGHT = {
     "mocap": "the poses stop for 1 to 3 s, so the autopilots may lose their position and land without it",
     "forward": "the poses stop for 1 to 3 s, so the autopilot may lose its position and land without it",
     "router": "programs and ground stations are cut off for 1 to 3 s, so setpoints stop and failsafes act",
+    "copilot": "nobody checks the rules of the copilot",
 }
+_PROGRAM = "the setpoints stop, so the offboard failsafe can act"
 """Kind of process -> effect of its restart on flying vehicles that depend on it."""
 _NEVER_ALONE = frozenset({"world", "replay"})  # all other processes use their clock and their shared memory
 
 
-def restart_refusal(spec: ProcessSpec, flying: Sequence[str]) -> str:
+def restart_refusal(spec: ProcessSpec, flying: Sequence[str], *, flies_real: bool) -> str:
     """Return why `arena restart` of a process needs `--yes` now. Return "" if it does not need it.
 
-    flying: vehicles that may be in the air.
+    flying: vehicles that may be in the air.  flies_real: it is a running user program of an armed real vehicle.
 
     Raises ValueError for a process that cannot be restarted at all.
     """
@@ -29,10 +31,11 @@ def restart_refusal(spec: ProcessSpec, flying: Sequence[str]) -> str:
             f"{spec.name} is not restarted, because all other processes use its clock. "
             "Run `arena down`, then start the arena again"
         )
-    served = [name for name in flying if spec.vehicle in (None, name)]
-    if not served or spec.kind not in _IN_FLIGHT:
+    effect = _PROGRAM if flies_real else _IN_FLIGHT.get(spec.kind)
+    served = [name for name in flying if (name in spec.flies if flies_real else spec.vehicle in (None, name))]
+    if not served or effect is None:
         return ""
     return (
-        f"{spec.name} is not restarted: {', '.join(served)} may be flying. During a restart {_IN_FLIGHT[spec.kind]}. "
+        f"{spec.name} is not restarted: {', '.join(served)} may be flying. During a restart {effect}. "
         f"Land first (`arena land-all`), or restart in flight with --yes"
     )

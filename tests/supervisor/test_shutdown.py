@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from arena.errors import RunError
 from arena.plan.model import Restart
 
 from .conftest import Run, eventually, is_running, plan_of, program, spec, vehicle
@@ -199,6 +200,9 @@ def test_program_of_an_armed_real_vehicle_is_not_restarted(start, tmp_path, simu
     plan = replace(plan, processes=(plan.processes[0], flies), vehicles=(vehicle(simulated=simulated),))
     flag.touch()
     run = begin(start, plan)
+    if not simulated:
+        with pytest.raises(RunError, match="p is not restarted: uav1 may be flying"):
+            run.control().ask(do="restart", name="p")
     flag.unlink()
     eventually(lambda: run.control().ask(do="ps")["facts"].get("uav1.armed") is False)
     os.kill(run.pid("p"), signal.SIGKILL)
