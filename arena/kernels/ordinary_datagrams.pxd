@@ -1,8 +1,8 @@
 # C types of ordinary_datagrams.py: they make the compiled class fast and change no result.
 cimport cython
 
-cdef long _V1, _V2, _SIGNED, _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE, _AUTOPILOT, _NO_VEHICLE, _Z
-cdef long _SETPOINT, _POSITION, _NOT_FROM_AUTOPILOT, _NOT_FROM_CLIENT, _MAX_SENDERS, _SEED_SHIFT, _TARGET_SHIFT
+cdef long _V1, _V2, _SIGNED, _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE, _AUTOPILOT, _NO_VEHICLE, _Z, _CHARGE, _LANDED_STATE
+cdef long _SETPOINT, _POSITION, _NOT_FROM_AUTOPILOT, _NOT_FROM_CLIENT, _BATTERY, _LANDED, _MAX_SENDERS, _SEED_SHIFT, _TARGET_SHIFT
 
 @cython.final
 cdef class OrdinaryDatagrams:
@@ -12,7 +12,7 @@ cdef class OrdinaryDatagrams:
     cdef public long from_vehicles, to_clients, from_clients, to_vehicles, bytes_in
     cdef list _passes_setpoint
     cdef long[::1] _messages, _ids, _link_of, _remote, _client_of, _next_client
-    cdef long[::1] _owner, _address, _senders, _receiver_counts, _z_bits, _is_vehicle
+    cdef long[::1] _owner, _address, _senders, _receiver_counts, _z_bits, _charge, _landed, _is_vehicle
     cdef long _sysid, _compid, _kind, _target, _payload, _length
     cpdef long take_z_bits(self, Py_ssize_t v) except? -2
     @cython.locals(v=long, client=long)

@@ -18,22 +18,29 @@ if TYPE_CHECKING:
 
     Buffer = bytes | bytearray | memoryview
 
-SETPOINT, POSITION, NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT = 1, 2, 4, 8
+SETPOINT, POSITION, NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT, BATTERY, LANDED = 1, 2, 4, 8, 16, 32
 """Properties of a message. SETPOINT: the authority over the vehicle is asked. POSITION: it is LOCAL_POSITION_NED.
-NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT: a datagram that contains it is not ordinary."""
+NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT: a datagram that contains it is not ordinary. BATTERY, LANDED: it is SYS_STATUS or
+EXTENDED_SYS_STATE; from an autopilot, it is ordinary if battery charge or landed state are those that the router has read."""
 MAX_SENDERS, MAX_RECEIVERS = 32, 256
 """Size of the tables: senders behind one address, and receivers of one set."""
 NOT_ORDINARY = -1
 # the same numbers with C types, see the .pxd file
 _SETPOINT, _POSITION, _MAX_SENDERS = SETPOINT, POSITION, MAX_SENDERS
-_NOT_FROM_AUTOPILOT, _NOT_FROM_CLIENT = NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT
+_NOT_FROM_AUTOPILOT, _NOT_FROM_CLIENT, _BATTERY, _LANDED = (
+    NOT_FROM_AUTOPILOT,
+    NOT_FROM_CLIENT,
+    BATTERY,
+    LANDED,
+)
 _V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
 _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13
 _AUTOPILOT = 1
 _NO_VEHICLE = -1
 # an entry of the table of messages contains the properties, CRC_EXTRA and 1 + the offset of target_system
 _SEED_SHIFT, _TARGET_SHIFT = 8, 16
-_Z = 12  # payload offset of z in LOCAL_POSITION_NED
+# payload offsets: z of LOCAL_POSITION_NED, battery_remaining of SYS_STATUS, landed_state of EXTENDED_SYS_STATE
+_Z, _CHARGE, _LANDED_STATE = 12, 30, 1
 
 
 def _tables(*sizes: int) -> list[Integers]:
@@ -84,11 +91,11 @@ class OrdinaryDatagrams:
         sockets = 1 + max([socket for socket, _ in links] + [socket for socket, _, _ in clients], default=0)
         self.max_bytes, self._passes_setpoint = max_bytes, list(passes_setpoint)
         (
-            self._ids, self._remote, self._receiver_counts, self.versions, self._z_bits, self._link_of,
-            self._client_of, self._next_client, self._owner, self._address, self._is_vehicle,
-            self._senders, self._messages,
+            self._ids, self._remote, self._receiver_counts, self.versions, self._z_bits, self._charge,
+            self._landed, self._link_of, self._client_of, self._next_client, self._owner, self._address,
+            self._is_vehicle, self._senders, self._messages,
         ) = _tables(
-            vehicles, vehicles, 2 * vehicles, 2 * vehicles, vehicles, sockets,
+            vehicles, vehicles, 2 * vehicles, 2 * vehicles, vehicles, vehicles, vehicles, sockets,
             sockets, len(clients), len(clients), len(clients), 256,
             len(clients) * MAX_SENDERS, 1 + max(messages),
         )  # fmt: skip
@@ -132,6 +139,16 @@ class OrdinaryDatagrams:
         bits, self._z_bits[v] = self._z_bits[v], -1
         return bits
 
+    def set_status(self, v: int, kind: int, value: int) -> None:
+        """Store what the router has read from SYS_STATUS or EXTENDED_SYS_STATE: the same again is ordinary.
+
+        kind: BATTERY or LANDED.  value: byte of the battery charge, or of the landed state.
+        """
+        if kind == BATTERY:
+            self._charge[v] = value
+        else:
+            self._landed[v] = value
+
     def find(self, socket: int, sender: int, data: Buffer, start: int, end: int, now: float) -> int:
         """Find the receivers of a datagram. Return their index in `receivers`; `NOT_ORDINARY` if Python must route it.
 
@@ -160,10 +177,15 @@ class OrdinaryDatagrams:
             if at < 0 or self._sysid != self._ids[v] or self._target != 0:
                 return NOT_ORDINARY
             kind = self._kind
-            if self._compid == _AUTOPILOT and kind & _NOT_FROM_AUTOPILOT:
-                return NOT_ORDINARY
-            if self._compid == _AUTOPILOT and kind & _POSITION:
-                z = self._number_at(data, _Z)
+            if self._compid == _AUTOPILOT and kind != 0:
+                if kind & _NOT_FROM_AUTOPILOT:
+                    return NOT_ORDINARY
+                if kind & _BATTERY and self._number_at(data, _CHARGE) & 0xFF != self._charge[v]:
+                    return NOT_ORDINARY
+                if kind & _LANDED and self._number_at(data, _LANDED_STATE) & 0xFF != self._landed[v]:
+                    return NOT_ORDINARY
+                if kind & _POSITION:
+                    z = self._number_at(data, _Z)
             frames += 1
         if z >= 0:
             self._z_bits[v] = z

@@ -256,12 +256,14 @@ class Router:
             return NO_TARGET
         if link is v.main and compid == AUTOPILOT and msgid in _STATUS:
             v.status.on_frame(data, frame, now)
+            self.shortcut.on_status(link, data, frame)
             if msgid == HEARTBEAT:
                 self.commands.on_heartbeat(sysid, v.status.armed, v.status.mode, now)
         elif link is v.main and compid == AUTOPILOT and msgid in _TELEMETRY:
             # first, because the height of the shortcut is older than this frame
             self.shortcut.collect_height(v)
             v.telemetry.on_frame(data, frame, now)
+            self.shortcut.on_status(link, data, frame)
         return target_sys << 8 | target_comp if target_sys else TO_ALL
 
     def _find_route(self, v: VehicleRoutes, link: AutopilotLink, target: int) -> Destinations:

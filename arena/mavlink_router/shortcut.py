@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 
 from arena.authority import MESSAGES
 from arena.kernels.ordinary_datagrams import (
+    BATTERY,
+    LANDED,
     NOT_FROM_AUTOPILOT,
     NOT_FROM_CLIENT,
     POSITION,
@@ -20,14 +22,22 @@ from arena.kernels.ordinary_datagrams import (
 )
 from arena.mavlink_router.datagrams import MAX_DATAGRAM_BYTES
 from arena.mavlink_router.endpoints import AutopilotLink, Counts, Destinations, Endpoint, Out, VehicleRoutes
-from arena.mavlink_router.vehicle_telemetry import LOCAL_POSITION_NED, STATUSTEXT, SYS_STATUS
+from arena.mavlink_router.vehicle_status import LANDED_STATE
+from arena.mavlink_router.vehicle_telemetry import (
+    BATTERY_REMAINING,
+    LOCAL_POSITION_NED,
+    STATUSTEXT,
+    SYS_STATUS,
+)
 from arena.transport import Address
 from arena.wire.age_limits import SETPOINTS
-from arena.wire.mavlink_frame import Buffer
+from arena.wire.mavlink_frame import Buffer, Frame, byte_at
 from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT, TIMESYNC
 from arena.wire.mavlink_targets import CRC_EXTRA, TARGETS
 
-_STATUS = (HEARTBEAT, EXTENDED_SYS_STATE, SYS_STATUS, STATUSTEXT)
+_STATUS = (HEARTBEAT, STATUSTEXT)
+_READ = {SYS_STATUS: (BATTERY, BATTERY_REMAINING), EXTENDED_SYS_STATE: (LANDED, LANDED_STATE)}
+"""Message -> (its property in the kernel, payload offset of the byte that the router reads)."""
 _UNKNOWN = -1
 _FLOAT, _BITS = struct.Struct("<f"), struct.Struct("<I")
 
@@ -104,6 +114,15 @@ class Shortcut:
         ordinary.from_vehicles = ordinary.to_clients = 0
         ordinary.from_clients = ordinary.to_vehicles = ordinary.bytes_in = 0
 
+    def on_status(self, link: AutopilotLink, data: Buffer, frame: Frame) -> None:
+        """Store the battery charge or landed state that the router has read from a frame of an autopilot. Other frames are ignored.
+
+        Until the value changes, datagrams with this message are ordinary on this link.
+        """
+        if (read := _READ.get(frame.msgid)) is not None:
+            kind, offset = read
+            self.ordinary.set_status(link.number, kind, byte_at(data, frame, offset))
+
     def collect_height(self, v: VehicleRoutes) -> None:
         """Update the height of a vehicle from the last LOCAL_POSITION_NED that the compiled loop of the router has routed."""
         bits = self.ordinary.take_z_bits(v.number)
@@ -117,6 +136,8 @@ def _kind(msgid: int, checks_beats: bool) -> int:
     checks_beats: the router must check the heartbeats of programs (`VehicleRoutes.simulates_operator`)
     """
     kind = NOT_FROM_AUTOPILOT if msgid in _STATUS else 0
+    if msgid in _READ:
+        kind |= _READ[msgid][0]
     if msgid == LOCAL_POSITION_NED:
         kind |= POSITION
     if msgid in SETPOINTS:

@@ -9,7 +9,9 @@ from arena.wire.mavlink_minimal import ARMED, EXTENDED_SYS_STATE, HEARTBEAT, LAN
 from arena.wire.px4_mode import mode_words
 
 SILENT_AFTER_S = 3.0
-_CUSTOM_MODE, _BASE_MODE, _LANDED_STATE = 0, 6, 1  # payload offsets
+_CUSTOM_MODE, _BASE_MODE = 0, 6  # payload offsets
+LANDED_STATE = 1
+"""Payload offset of landed_state in EXTENDED_SYS_STATE."""
 
 Fact = bool | str | float
 
@@ -49,7 +51,7 @@ class VehicleStatus:
             self._set("armed", bool(byte_at(data, frame, _BASE_MODE) & ARMED))
             self._set("mode", mode_words(uint_at(data, frame, _CUSTOM_MODE, 4)))
         elif frame.msgid == EXTENDED_SYS_STATE:
-            state = byte_at(data, frame, _LANDED_STATE)
+            state = byte_at(data, frame, LANDED_STATE)
             if state != LANDED_UNKNOWN:
                 self._on_landed_state(state == LANDED_ON_GROUND, now)
 

@@ -14,7 +14,9 @@ WARNING = 4
 """MAV_SEVERITY: a smaller number is more severe."""
 REPEAT_AFTER_S = 10.0
 """The same text is reported again only after this time [s]."""
-_BATTERY, _Z, _TEXT, _TEXT_BYTES, _ID, _CHUNK = 30, 12, 1, 50, 51, 53  # payload offsets
+BATTERY_REMAINING = 30
+"""Payload offset of battery_remaining in SYS_STATUS."""
+_Z, _TEXT, _TEXT_BYTES, _ID, _CHUNK = 12, 1, 50, 51, 53  # payload offsets
 _MOST_CHUNKS = 8
 _FLOAT = struct.Struct("<f")
 
@@ -42,7 +44,7 @@ class VehicleTelemetry:
         if frame.msgid == LOCAL_POSITION_NED:
             self.on_z_n(*_FLOAT.unpack(_bytes_at(data, frame, _Z, 4)))
         elif frame.msgid == SYS_STATUS:
-            battery = byte_at(data, frame, _BATTERY)
+            battery = byte_at(data, frame, BATTERY_REMAINING)
             self.battery = battery if battery <= 100 else None  # -1: the autopilot does not measure it
         elif frame.msgid == STATUSTEXT and byte_at(data, frame, 0) <= WARNING:
             self._on_text(data, frame, now)

@@ -142,6 +142,12 @@ def landed_state(state, system=1):
     return packed(mavlink.MAVLink_extended_sys_state_message(0, state), system)
 
 
+def sys_status(battery, system=1, component=1, voltage_mv=12000):
+    """Return SYS_STATUS. battery: remaining charge [%]; -1 if unknown."""
+    message = mavlink.MAVLink_sys_status_message(0, 0, 0, 100, voltage_mv, 100, battery, 0, 0, 0, 0, 0, 0)
+    return packed(message, system, component)
+
+
 def command(target, sender, component=1):
     message = mavlink.MAVLink_command_long_message(target, component, 400, 0, 1, 0, 0, 0, 0, 0, 5)
     return packed(message, *sender)

@@ -15,6 +15,7 @@ from fleet import (
     landed_state,
     packed,
     slice_of,
+    sys_status,
     timesync,
 )
 from pymavlink.dialects.v20 import common as mavlink
@@ -68,6 +69,9 @@ def frame_from_vehicle(rng, system):
             lambda: position(float("nan"), system, rng.choice((1, 154))),
             lambda: heartbeat(system, armed=rng.random() < 0.8, mode=rng.choice((OFFBOARD, LAND))),
             lambda: landed_state(rng.randrange(4), system),
+            lambda: sys_status(
+                rng.choice((-1, 0, 50, 51)), system, rng.choice((1, 1, 154)), rng.randrange(9)
+            ),
             lambda: ack(rng.choice(((1, 191), (255, 190), (1, 0), (0, 0))), system),
         )
     )()
@@ -214,3 +218,29 @@ def test_the_shortcut_takes_telemetry_setpoints_and_poses():
     ):
         assert router.shortcut.route(socket, sender, data, 2.0) is None
     assert router.telemetry()["uav1"]["height_m"] == 2.0
+
+
+@needs_compiled
+@pytest.mark.parametrize(
+    ("same", "new"),
+    [
+        (lambda v: sys_status(97, voltage_mv=12000 - v), sys_status(96)),
+        (lambda v: landed_state(2), landed_state(1)),
+    ],
+    ids=["battery charge", "landed state"],
+)
+def test_status_is_ordinary_while_what_the_router_reads_does_not_change(same, new):
+    table = Table.from_slice(slice_of((1,)))
+    router = Router(table)
+    link = router.sockets.index(table.vehicles[0].local)
+
+    def routed(data):
+        return router.shortcut.route(link, table.vehicles[0].remote, data, 1.0)
+
+    router.on_datagram(link, table.vehicles[0].remote, attitude(1), 1.0)  # the receivers become known
+    assert routed(same(0)) is None
+    router.on_datagram(link, table.vehicles[0].remote, same(0), 1.0)
+    assert routed(attitude(1) + same(1)) is not None
+    assert routed(attitude(1) + new) is None
+    router.on_datagram(link, table.vehicles[0].remote, new, 1.0)
+    assert routed(same(2)) is None and routed(new) is not None

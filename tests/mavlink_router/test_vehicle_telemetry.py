@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from fleet import Fleet, packed
+from fleet import Fleet, packed, sys_status
 from pymavlink.dialects.v20 import common as mavlink
 
 CRITICAL, INFO = mavlink.MAV_SEVERITY_CRITICAL, mavlink.MAV_SEVERITY_INFO
@@ -20,12 +20,6 @@ def text(words: str, severity: int = CRITICAL, number: int = 0, chunk: int = 0, 
 
 def local_position(z: float, system: int = 1) -> bytes:
     return packed(mavlink.MAVLink_local_position_ned_message(5, 1.0, 2.0, z, 0, 0, 0), system)
-
-
-def sys_status(battery: int, system: int = 1) -> bytes:
-    return packed(
-        mavlink.MAVLink_sys_status_message(0, 0, 0, 100, 12000, 100, battery, 0, 0, 0, 0, 0, 0), system
-    )
 
 
 def test_height_and_battery_are_none_before_the_first_message(fleet: Fleet) -> None:
