@@ -186,8 +186,7 @@ class Autopilots:
         self.est.predict(sensors["accel_b"], sensors["gyro_b"])
         self._fuse(now, sensors)
         if self._steps % self._decide_every == 0:
-            self._decide(now)
-            self._log(UlogRecorder.decide, now)
+            self._log(UlogRecorder.decide, now, self._decide(now))
         self._control(now)
         self._log(UlogRecorder.step, now, sensors)
         self._steps += 1
@@ -286,7 +285,7 @@ class Autopilots:
 
     # -- decisions, every 0.02 s ------------------------------------------------------------------------------------
 
-    def _decide(self, now: float) -> None:
+    def _decide(self, now: float) -> list[int]:
         self.consumed_mah += self._sensors["battery_current_a"] * (self.flight.dt / 3.6)
         self._climb.update(self.armed)
         climbing = self._climb.climbing
@@ -308,6 +307,7 @@ class Autopilots:
             self._armed_since[rows] = [v.commander.armed_since for v in deciding]
         self.cascade.position.speed_up[:] = self.takeoff.climb_rate_limit(now, self._in_offboard)
         self._release.update()
+        return rows
 
     def _sense(self, now: float, masks: Sequence[NDArray[np.bool_]], deciding: Sequence[Vehicle]) -> None:
         """Copy the measured state of the vehicles to the inputs of their commanders.

@@ -44,7 +44,7 @@ class Rig:
         """Return a new recorder, with a log of each vehicle that has begun."""
         memory = Memory()
         recorder = UlogRecorder(self.pilots, memory)
-        recorder.decide(self.now)
+        recorder.decide(self.now, range(len(self.pilots.vehicles)))
         return recorder, memory
 
     def change(self) -> None:

@@ -78,16 +78,26 @@ class FlightState:
         count = len(sources.vehicles)
         self._mode_since, self._mode = [0.0] * count, [Mode.HOLD] * count
         self._took_off_at = [0.0] * count
+        self._watched: list[tuple[object, ...]] = [()] * count
         self.begin(0.0)
         for topic, constants in _CONSTANTS.items():
             for name, value in constants.items():
                 records[topic][name] = value
 
-    def begin(self, now: float) -> None:
-        """Read the land detector and the setpoint levels of all vehicles, which `key` needs. now: time since boot [s]"""
+    def begin(self, now: float) -> list[int]:
+        """Read what can change without a decision of the commander. Return the vehicles for which it has changed.
+
+        It is the land detector, the setpoint level and the ground station. `key` uses these values. now: time since boot [s]
+        """
         land = self._s.land
         self._now, self._level = now, self._s.sp.level.tolist()
         self._landed, self._contact = land.landed.tolist(), land.contact.tolist()
+        lost = [v.gcs_age(now) > _GCS_LOST_S for v in self._s.vehicles]
+        before, self._watched = (
+            self._watched,
+            list(zip(self._landed, self._contact, self._level, lost, strict=True)),
+        )
+        return [i for i, watched in enumerate(self._watched) if watched != before[i]]
 
     def key(self, i: int) -> tuple[object, ...]:
         """Return the values of vehicle i, such as mode and arming, that are logged as soon as they change."""

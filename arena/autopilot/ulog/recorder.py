@@ -20,6 +20,7 @@ from arena.autopilot.ulog.topics import STATE, TOPICS
 from arena.autopilot.vehicle import Vehicle
 from arena.builtin_parameters import SPECS
 from arena.geometry import EARTH_M
+from arena.kernels.arrays import array
 from arena.kernels.global_coordinates import global_position
 from arena.wire import ulog_messages as ulog
 
@@ -95,7 +96,7 @@ class UlogRecorder:
         self._taken = [0] * count  # bytes of the row that were already passed on
         self._keys: list[tuple[object, ...]] = [()] * count
         self._end_at = [math.inf] * count
-        self._vision_at, self._offboard_at = [_NEVER] * count, [_NEVER] * count
+        self._vision_at, self._offboard_at = [_NEVER] * count, np.full(count, _NEVER)
         self._home: list[object] = [None] * count
         self._homes = [0] * count
         self._now = 0.0
@@ -153,21 +154,23 @@ class UlogRecorder:
 
     # -- decisions -------------------------------------------------------------------------------------------
 
-    def decide(self, now: float) -> None:
-        """Begin and end the logs of the vehicles, and record changes of mode, arming and parameters.
+    def decide(self, now: float, decided: Sequence[int]) -> None:
+        """Begin and end the logs of the vehicles, and record changes of mode, arming, parameters and setpoints.
 
-        This is called after each decision of the commanders. now: time since boot [s]
+        This is called every 0.02 s. now: time since boot [s].  decided: vehicles whose commander has just decided
         """
         self._now = now
         if self._params_version != self._s.params.version:
             self._record_parameters()
-        self._state.begin(now)
-        for i, v in enumerate(self._s.vehicles):
+        changed = self._state.begin(now)
+        for i in sorted({*decided, *changed}) if changed else decided:
+            v = self._s.vehicles[i]
             if self._open[i] != self._is_wanted(i, v.commander, now):
                 self._switch(i)
             v.is_logged = self._open[i]
             if self._open[i]:
                 self._record_changes(i, v, now)
+        self._record_offboard(now)
 
     def _is_wanted(self, i: int, commander: Commander, now: float) -> bool:
         """Return whether vehicle i must be logged now, according to SDLOG_MODE and its arming state."""
@@ -218,9 +221,15 @@ class UlogRecorder:
         if v.home_n is not None and (home := (v.home_n, v.home_yaw, v.origin)) != self._home[i]:
             self._home[i] = home
             self._record_home(i, v.home_n, v.home_yaw)
-        if v.offboard_setpoint_at >= self._offboard_at[i] + _OFFBOARD_PERIOD_S:
-            self._offboard_at[i] = v.offboard_setpoint_at
-            self._pass_on(i, _offboard_record(v.offboard.contents[i], now))
+
+    def _record_offboard(self, now: float) -> None:
+        """Record what the newest setpoints of programs contain, of each vehicle at most every 0.1 s."""
+        offboard = self._s.vehicles[0].offboard
+        received_at = array(offboard.received_at)
+        for i in np.flatnonzero(received_at >= self._offboard_at + _OFFBOARD_PERIOD_S).tolist():
+            if self._open[i]:
+                self._offboard_at[i] = received_at[i]
+                self._pass_on(i, _offboard_record(offboard.contents[i], now))
 
     def _record_parameters(self) -> None:
         """Record the parameters that have changed since the last call."""
