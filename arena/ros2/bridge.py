@@ -46,6 +46,8 @@ SETPOINTS = {
     "fmu/in/vehicle_command": ("px4_msgs/VehicleCommand", "command for this vehicle, such as to arm"),
 }
 """Topics that the bridge reads with `setpoints: true`: name in the vehicle's namespace -> (message, meaning)."""
+_DEPTH = {"command": 8, "fmu/in/vehicle_command": 8}
+"""Topics of which every message counts -> most messages between two polls. Of the other topics only the newest message counts."""
 _DATAGRAM_BYTES = 1 << 16
 _MAX_DATAGRAMS = 500
 
@@ -96,7 +98,7 @@ class VehicleBridge:
             self._heart = heart.received_at
             self.incoming.on_heartbeat(heart, now)
         for take, convert in self._readers.values():
-            if (sample := take()) is not None:
+            for sample in take():
                 for made in convert(sample, now) or ():
                     self._send(made)
         self._acks(ros_now)
@@ -134,7 +136,7 @@ class VehicleBridge:
 
     def _open_readers(
         self, row: Mapping[str, Any], participant: Participant
-    ) -> dict[str, tuple[Callable[[], Sample | None], Any]]:
+    ) -> dict[str, tuple[Callable[[], list[Sample]], Any]]:
         core = self.incoming
         functions = (
             core.on_pose,
@@ -145,7 +147,7 @@ class VehicleBridge:
             core.on_px4_command,
         )
         return {
-            topic: (participant.reader(f"/{self.name}/{topic}", kind), function)
+            topic: (participant.reader(f"/{self.name}/{topic}", kind, depth=_DEPTH.get(topic, 1)), function)
             for (topic, (kind, _)), function in zip(SETPOINTS.items(), functions, strict=True)
             if row["px4_msgs"] or not topic.startswith("fmu/")
         }

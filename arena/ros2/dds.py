@@ -1,6 +1,6 @@
 """DDS participant of the ROS 2 bridge, with writers and readers of topics (Eclipse Cyclone DDS).
 
-Nothing here blocks: a sample that a reader does not accept at once is dropped and counted. A reader keeps only the newest sample.
+Nothing here blocks: a sample that a reader does not accept at once is dropped and counted. A reader keeps only the newest samples.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from xml.sax.saxutils import quoteattr
 from arena.errors import NotInstalledError
 from arena.ros2.messages import Message, dds_topic, dds_type, fields
 
+_MOST_SAMPLES = 16  # taken at once
 CONFIGURATION_VARIABLE = "CYCLONEDDS_URI"
 """Environment variable of Cyclone DDS. If the user has set it, it replaces the bridge's own configuration."""
 
@@ -95,27 +96,30 @@ class Participant:
 
         return write
 
-    def reader(self, topic: str, name: str) -> Callable[[], Sample | None]:
-        """Return a function that reads the newest message of a topic.
+    def reader(self, topic: str, name: str, *, depth: int = 1) -> Callable[[], list[Sample]]:
+        """Return a function that reads the messages of a topic that have arrived since its last call, oldest first.
 
-        The function returns None if no message has arrived since its last call.
+        depth: of more messages than this, only the newest ones are returned.
         """
         from cyclonedds.core import Policy, Qos
         from cyclonedds.sub import DataReader
 
-        qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, *_common(1))
+        qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, *_common(depth))
         made = DataReader(self._participant, self._topic(topic, name), qos=qos)
 
-        def take() -> Sample | None:
+        def take() -> list[Sample]:
             try:
-                found = [each for each in made.take(N=8) if each.sample_info.valid_data]
+                found = [each for each in made.take(N=_MOST_SAMPLES) if each.sample_info.valid_data]
             except self._error:
-                return None
-            if not found:
-                return None
-            newest = max(found, key=lambda each: each.sample_info.source_timestamp)
-            age_s = (time.time_ns() - newest.sample_info.source_timestamp) * 1e-9
-            return Sample(message=_mapping(name, newest), age_s=age_s)
+                return []
+            found.sort(key=lambda each: each.sample_info.source_timestamp)  # of several senders
+            now_ns = time.time_ns()
+            return [
+                Sample(
+                    message=_mapping(name, each), age_s=(now_ns - each.sample_info.source_timestamp) * 1e-9
+                )
+                for each in found[-depth:]
+            ]
 
         return take
 

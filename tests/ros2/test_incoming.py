@@ -312,13 +312,13 @@ class Topics:
     """Stands for the DDS participant: readers return the samples that a test has put there."""
 
     def __init__(self) -> None:
-        self.samples: dict[str, Sample] = {}
+        self.samples: dict[str, list[Sample]] = {}
 
     def writer(self, topic: str, kind: str, *, px4: bool = False):
         return lambda message: None
 
-    def reader(self, topic: str, kind: str):
-        return lambda: self.samples.pop(topic, None)
+    def reader(self, topic: str, kind: str, *, depth: int):
+        return lambda: self.samples.pop(topic, [])[-depth:]
 
 
 @pytest.mark.parametrize(
@@ -335,7 +335,22 @@ def test_value_that_mavlink_cannot_contain_is_dropped(topic, given):
     topics = Topics()
     row = {"name": "uav2", "id": 2, "body": "uav2", "tools": ["127.0.0.1", 9], "px4_msgs": True}
     bridge = VehicleBridge(row, topics, setpoints=True, rate_hz=30.0)  # type: ignore[arg-type]
-    topics.samples[f"/uav2/{topic}"] = given
+    topics.samples[f"/uav2/{topic}"] = [given]
     bridge.poll(1.0, 1.0)
     bridge.close()
     assert sum(bridge.incoming.dropped.values()) == 1
+
+
+def test_every_command_is_sent_but_only_the_newest_setpoint():
+    topics = Topics()
+    row = {"name": "uav2", "id": 2, "body": "uav2", "tools": ["127.0.0.1", 9], "px4_msgs": True}
+    bridge = VehicleBridge(row, topics, setpoints=True, rate_hz=30.0)  # type: ignore[arg-type]
+    sent = []
+    bridge._send = sent.append  # type: ignore[method-assign]
+    topics.samples["/uav2/command"] = [sample("std_msgs/String", data=word) for word in ("offboard", "arm")]
+    topics.samples["/uav2/setpoint/pose"] = [pose(p=(0.0, 0.0, 1.0)), pose(p=(0.0, 0.0, 2.0))]
+    bridge.poll(1.0, 1.0)
+    bridge.close()
+    commands = [m.command for m in sent if m.get_type() == "COMMAND_LONG"]
+    assert commands == [176, 400]  # DO_SET_MODE, COMPONENT_ARM_DISARM
+    assert [m.z for m in sent if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"] == [-2.0]
