@@ -13,16 +13,20 @@ from __future__ import annotations
 import fcntl
 import json
 import math
+import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TextIO
+from weakref import WeakSet
 
 from arena.errors import InputError, RunError
 from arena.whole_file import replace_file
 
 _ROUNDING_S = 1e-6
+_barriers: WeakSet[StartBarrier] = WeakSet()
 START_DELAY_S = 0.5  # after the last arrival: longer than the 0.02 s between two looks at the folder
 
 
@@ -56,6 +60,7 @@ class StartBarrier:
         self._vehicle, self._folder, self._programs = vehicle, folder, tuple(programs)
         self._uses: Counter[str] = Counter()
         self._files: list[TextIO] = []
+        _barriers.add(self)
 
     def close(self) -> None:
         """Unlock the files of this program. Its arrivals do not count any more."""
@@ -65,7 +70,8 @@ class StartBarrier:
     def arrive(self, name: str, now: float, count: int | None = None) -> _Waiting:
         """Record that this program has arrived at the barrier `name`.
 
-        A name may be used again: a program's second arrival waits for the second arrivals of the others.
+        A name may be used again: a program's second arrival waits for the second arrivals of the others. A withdrawn arrival is not
+        counted.
 
         count: number of programs that take part, including this program; None for all programs of the run.
         Raises InputError if the run has fewer programs, or if `arena up` did not start this program.
@@ -95,7 +101,10 @@ class StartBarrier:
             part.replace(folder / self._vehicle)
         except OSError as error:
             raise RunError(f"wait_for: cannot write in {folder}: {error.strerror}") from error
-        return _Waiting(self._vehicle, now, folder, count, self._programs)
+        return _Waiting(self._vehicle, now, folder, count, self._programs, partial(self._forget_use, name))
+
+    def _forget_use(self, name: str) -> None:
+        self._uses[name] -= 1
 
 
 class _Waiting:
@@ -104,9 +113,17 @@ class _Waiting:
     The object finds which programs have arrived. The arrival can be withdrawn after a timeout.
     """
 
-    def __init__(self, vehicle: str, now: float, folder: Path, count: int, programs: Sequence[str]) -> None:
+    def __init__(
+        self,
+        vehicle: str,
+        now: float,
+        folder: Path,
+        count: int,
+        programs: Sequence[str],
+        on_withdrawn: Callable[[], None],
+    ) -> None:
         self._vehicle, self._now, self._folder = vehicle, now, folder
-        self._count, self._programs = count, programs
+        self._count, self._programs, self._on_withdrawn = count, programs, on_withdrawn
 
     def arrivals(self) -> Arrivals:
         """Return the programs that have arrived and still wait, and this program."""
@@ -133,10 +150,11 @@ class _Waiting:
             raise RunError(f"wait_for: cannot write {file}: {error.strerror}") from error
 
     def withdraw(self) -> str:
-        """Remove the record of this program's arrival, because the program no longer waits.
+        """Remove the record of this program's arrival, because the program no longer waits. Call it once.
 
-        Return a text that names the arrived and the missing programs.
+        Return a text that names the arrived and the missing programs. If the program arrives again, it meets the same programs.
         """
+        self._on_withdrawn()
         here = self.arrivals().times
         (self._folder / self._vehicle).unlink(missing_ok=True)
         missing = [name for name in self._programs if name not in here]
@@ -167,3 +185,12 @@ def _started_s(folder: Path, vehicle: str) -> float:
         return float(json.loads(_started_file(folder, vehicle).read_text()))
     except FileNotFoundError:
         return math.inf
+
+
+def _close_all() -> None:
+    """Close the files of a forked process: only the program itself keeps them locked."""
+    for barrier in list(_barriers):
+        barrier.close()
+
+
+os.register_at_fork(after_in_child=_close_all)

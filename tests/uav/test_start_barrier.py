@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 
 import pytest
@@ -149,3 +150,33 @@ def test_flying_vehicle_holds_its_position_while_it_waits(autopilot: FakeAutopil
         arrival.join()
     held = [m for _, m in autopilot.setpoints[sent + 1 :]]
     assert {(round(m.x, 6), round(m.y, 6), round(m.z, 6)) for m in held} == {(3.0, 4.0, -1.5)}
+
+
+def test_program_that_arrives_again_after_a_timeout_meets_the_others(barriers):
+    first = [barrier.arrive("start", 1.0) for barrier in barriers[:2]]
+    for waiting in first:
+        waiting.withdraw()
+    again = [barrier.arrive("start", 30.0 + k) for k, barrier in enumerate(barriers)]
+    assert {w.arrivals().start_s for w in again} == {32.0 + START_DELAY_S}
+
+
+def test_forked_process_does_not_keep_the_arrival_of_its_program(barriers):
+    waiting = barriers[0].arrive("start", 1.0)
+    barriers[1].arrive("start", 2.0)
+    barriers[2].arrive("start", 3.0)
+    started, ended = os.pipe(), os.pipe()
+    child = os.fork()
+    if not child:
+        os.write(started[1], b"x")
+        os.read(ended[0], 1)
+        os._exit(0)
+    try:
+        os.read(started[0], 1)
+        assert waiting.arrivals().start_s == 3.0 + START_DELAY_S
+        barriers[1].close()  # its program ends, the child does not
+        assert waiting.arrivals().start_s is None
+    finally:
+        os.write(ended[1], b"x")
+        os.waitpid(child, 0)
+        for fd in (*started, *ended):
+            os.close(fd)
