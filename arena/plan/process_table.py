@@ -17,7 +17,7 @@ from arena.plan import slices
 from arena.plan.copilot_slice import copilot
 from arena.plan.job import Job, Json, flies_px4_sitl, program_args
 from arena.plan.model import Listen, Member, ProcessSpec, Restart
-from arena.plan.program_slice import group, program
+from arena.plan.program_slice import group, program, program_restart
 from arena.plan.sensors_slice import sensors
 from arena.schema import Arena, Vehicle
 from arena.schema.placeholders import variables
@@ -29,8 +29,6 @@ NICE_WORLD_REALTIME, NICE_COPILOT_FIRST = -10, -5
 
 REAL_START_TIMEOUT_S = 600.0
 """Start time limit for processes of hardware, because hardware may be switched on long after the arena [s]."""
-REAL_BACKOFF_S = 2.0
-"""Wait before the program of a real vehicle is started again: two heartbeats, which show whether the vehicle was armed [s]."""
 COPILOT_SILENT_S = 5.0
 """Kill the copilot of hardware if it reports nothing for this time [s]. Not used in simulation, where time may stand still."""
 
@@ -163,20 +161,15 @@ def _program_fields(job: Job) -> dict[str, Any]:
     return {
         "cwd": job.arena.folder,
         "env": (*PROCESS_ENV, *variables(job.arena, job.v)),
-        "restart": _program_restart(job.v),
+        "restart": program_restart(job.v),
     }
-
-
-def _program_restart(vehicle: Vehicle) -> Restart:
-    mode = vehicle.program.restart if vehicle.program else "never"
-    return Restart(mode=mode) if vehicle.simulated else Restart(mode=mode, backoff_s=REAL_BACKOFF_S)
 
 
 def _group_fields(job: Job) -> dict[str, Any]:
     size = len(job.vehicles)
     return {
         "cwd": job.arena.folder,
-        "restart": _program_restart(job.vehicles[0]),
+        "restart": program_restart(job.vehicles[0]),
         "cpu_budget": 1.0,
         "memory_budget_mb": 300.0 + 5.0 * size,
         "members": tuple(

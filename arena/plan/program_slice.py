@@ -1,13 +1,27 @@
-"""Makes the configuration files (slices) of user programs and of groups of user programs. Pure."""
+"""Makes the configuration files (slices) of user programs and of groups of user programs, and their restart policy. Pure."""
 
 from __future__ import annotations
 
 from arena.plan import slices
 from arena.plan.job import Job, Json, program_args
+from arena.plan.model import Restart
 from arena.schema import Arena, Vehicle
 
 STALE_S = 0.5
 """Age limit of the data that a program reads, such as position and attitude [s]."""
+
+_REAL_BACKOFF_S = 2.0
+"""Wait before the program of a real vehicle is started again: two heartbeats, which show whether the vehicle was armed [s]."""
+_REAL_WINDOW_S = 60.0
+"""The waits before five starts of such a program are 30 s in sum: this is the time in which five starts are too many [s]."""
+
+
+def program_restart(vehicle: Vehicle) -> Restart:
+    """Return when the user program of a vehicle is started again."""
+    mode = vehicle.program.restart if vehicle.program else "never"
+    if vehicle.simulated:
+        return Restart(mode=mode)
+    return Restart(mode=mode, backoff_s=_REAL_BACKOFF_S, window_s=_REAL_WINDOW_S)
 
 
 def program(job: Job) -> Json:

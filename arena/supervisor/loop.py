@@ -224,7 +224,7 @@ class Supervisor:
         self._show.refresh(self.status, now)
 
     def _decide(self, now: float) -> None:
-        self._shutdown.update_armed()
+        self._shutdown.update_armed(now)
         self._processes.reconcile(self._orders, now)
         self._release.step(now)
         self._landings.step(now)
@@ -305,8 +305,8 @@ class Supervisor:
         if name not in specs:
             raise ValueError(no_such_process(name, self.plan))
         self._require_run(f"{name} is not restarted: the arena is {self.phase}, so it starts no processes")
-        flies_real = name in self._orders.armed and name in self._processes.children
-        refusal = restart_refusal(specs[name], self._shutdown.flying(), flies_real=flies_real)
+        runs, flies_real = name in self._processes.children, name in self._orders.armed
+        refusal = restart_refusal(specs[name], self._shutdown.flying(), runs=runs, flies_real=flies_real)
         if refusal and not in_flight:
             raise ValueError(refusal)
         self._processes.request_restart(name)

@@ -15,14 +15,15 @@ from typing import Any
 
 from arena.plan.model import Plan, ProcessSpec
 from arena.supervisor import child_process, messages, run_end
+from arena.supervisor.armed_reports import ArmedReports
 from arena.supervisor.child_process import Child
 from arena.supervisor.event_log import EventLog
 from arena.supervisor.fork_client import ForkClient
-from arena.supervisor.member_rows import member_rows
 from arena.supervisor.messages import VehicleChanges
 from arena.supervisor.meters import Meter
 from arena.supervisor.missed_landings import MissedLandings
 from arena.supervisor.packets import program_ended, reporter, within_limit
+from arena.supervisor.process_rows import member_rows, process_row
 from arena.supervisor.process_state import ALIVE, ENDED, Action, Exit, Observation, ProcessStatus, State, step
 from arena.supervisor.readiness import proof_of
 from arena.supervisor.release import restore_requests
@@ -68,6 +69,7 @@ class ProcessSet:
     stats: process -> its measurements.
     confirmed: process -> `id` of the last request that it has carried out.
     missed: landings that a process gets at its start, because it was not ready when `land-all` commanded them.
+    armed_reports: vehicles that were reported as armed, also while the supervisor was paused.
     changed: true if something happened that the loop must handle without waiting for the next period.
     forks: client of the fork server; None without a fork server.
     """
@@ -102,6 +104,7 @@ class ProcessSet:
         self._exits: dict[str, Exit] = {}
         self._restarts: set[str] = set()
         self._ending = False
+        self.armed_reports = ArmedReports()
         self._standing: list[tuple[frozenset[str], dict[str, Any]]] = []
         if forks is not None:
             forks.watch(selector, partial(setattr, self, "changed", True))
@@ -317,6 +320,7 @@ class ProcessSet:
         if isinstance(stats := packet.get("stats"), dict):
             own = self.stats[part]
             own.update({key: stats[key] for key in within_limit(stats, own)})
+            self.armed_reports.on_stats(self.specs[name], own)
         for entry in audit if isinstance(audit := packet.get("audit"), list) else ():
             if isinstance(entry, dict) and kind in ("router", "link"):
                 self.log.audit(time.monotonic(), part, entry)
@@ -342,6 +346,7 @@ class ProcessSet:
             self.changed = self.changed or self.facts.get(key) != value
             self.facts[key] = self.last_facts[key] = taken[key] = value
             self._fact_source[key] = name
+        self.armed_reports.on_facts(taken)
         for message in self._vehicle_changes.on_facts(taken):
             self.log.show(message)
 
@@ -368,32 +373,17 @@ class ProcessSet:
         """Return process name -> status values, for `arena ps --json`, the live table and outcome.json. now: monotonic [s]."""
         table = {}
         for name, spec in self.specs.items():
-            table[name] = self._row(name, spec, now)
+            child = self.children.get(name)
+            table[name] = process_row(
+                spec,
+                self.statuses[name],
+                self.meters[name],
+                child.pid if child else None,
+                self.stats[name],
+                now,
+            )
             table |= member_rows(spec, table[name], self.stats)
         return table
-
-    def _row(self, name: str, spec: ProcessSpec, now: float) -> dict[str, Any]:
-        status, meter = self.statuses[name], self.meters[name]
-        child = self.children.get(name)
-        return {
-            "kind": spec.kind,
-            "vehicle": spec.vehicle,
-            "state": str(status.state),
-            "reason": status.reason,
-            "exit_code": status.exit.code if status.exit else None,
-            "exit": status.exit.text if status.exit else None,
-            "pid": child.pid if child else None,
-            "starts": status.started,
-            "restarts": status.restarts,
-            "alive_s": round(meter.alive_s(now), 3),
-            "cpu_s": round(meter.cpu_s, 3),
-            "cpu_mean": round(meter.cpu_mean(now), 4),
-            "cpu_now": round(meter.now_cpu, 4),
-            "rss_mb": round(meter.now_mb, 1),
-            "rss_peak_mb": round(meter.peak_mb, 1),
-            "over_budget": meter.over_budget(spec, now),
-            "stats": self.stats[name],
-        }
 
 
 _NOTHING = Observation()

@@ -141,7 +141,7 @@ class ProcessStatus:
 
 Step = tuple[ProcessStatus, Action]
 
-_WAS_ARMED = "; not started again, because its real vehicle was armed. Only `arena restart` starts it"
+_WAS_ARMED = "; not started again, because its real vehicle was armed, or may have been. Only `arena restart` starts it"
 
 
 def step(spec: ProcessSpec, status: ProcessStatus, observation: Observation, now: float) -> Step:

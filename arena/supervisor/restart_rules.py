@@ -19,10 +19,11 @@ _PROGRAM = "the setpoints stop, so the offboard failsafe can act"
 _NEVER_ALONE = frozenset({"world", "replay"})  # all other processes use their clock and their shared memory
 
 
-def restart_refusal(spec: ProcessSpec, flying: Sequence[str], *, flies_real: bool) -> str:
+def restart_refusal(spec: ProcessSpec, flying: Sequence[str], *, runs: bool, flies_real: bool) -> str:
     """Return why `arena restart` of a process needs `--yes` now. Return "" if it does not need it.
 
-    flying: vehicles that may be in the air.  flies_real: it is a running user program of an armed real vehicle.
+    flying: vehicles that may be in the air.  runs: the process runs; else a restart interrupts nothing.
+    flies_real: it is a user program of an armed real vehicle.
 
     Raises ValueError for a process that cannot be restarted at all.
     """
@@ -33,7 +34,7 @@ def restart_refusal(spec: ProcessSpec, flying: Sequence[str], *, flies_real: boo
         )
     effect = _PROGRAM if flies_real else _IN_FLIGHT.get(spec.kind)
     served = [name for name in flying if (name in spec.flies if flies_real else spec.vehicle in (None, name))]
-    if not served or effect is None:
+    if not runs or not served or effect is None:
         return ""
     return (
         f"{spec.name} is not restarted: {', '.join(served)} may be flying. During a restart {effect}. "

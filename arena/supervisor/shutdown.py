@@ -55,11 +55,12 @@ class Shutdown:
         p = self._processes
         return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
 
-    def update_armed(self) -> None:
-        """Update which processes serve an armed real vehicle, and which user programs fly one."""
-        armed = self.armed()
+    def update_armed(self, now: float) -> None:
+        """Update which processes serve an armed real vehicle, and which user programs fly one. now: monotonic [s]."""
+        armed, all_vehicles = self.armed(), {v.name for v in self._plan.vehicles}
         self._orders.hold = run_end.serving_real(self._plan, armed)
-        self._orders.armed = run_end.flying_real(self._plan, armed)
+        reported = self._processes.armed_reports.take(all_vehicles, now)
+        self._orders.armed = run_end.flying_real(self._plan, armed | reported)
 
     def forget(self, vehicle: str, by: str, now: float) -> None:
         """Stop waiting for a vehicle with a real autopilot that an operator declares dead. Raises ValueError if this is refused.

@@ -225,6 +225,7 @@ def reports_arming() -> None:
         if armed != flag.exists():
             armed = flag.exists()
             tell(facts={"uav1.connected": True, "uav1.armed": armed})
+            print("reported", "ARMED" if armed else "disarmed", flush=True)
         time.sleep(0.02)
     time.sleep(float(sys.argv[3]) if len(sys.argv) > 3 else 0.0)
     print("ended while the vehicle is", "ARMED" if flag.exists() else "disarmed", flush=True)

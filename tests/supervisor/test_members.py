@@ -8,9 +8,9 @@ from rich.console import Console
 
 from arena.plan import Plan, ProcessSpec
 from arena.plan.model import Member
-from arena.supervisor.member_rows import member_rows
 from arena.supervisor.messages import no_such_process
 from arena.supervisor.packets import reporter
+from arena.supervisor.process_rows import member_rows
 from arena.supervisor.status_tables import processes_table
 
 WORLD = ProcessSpec(name="world", kind="world", argv=("x",), members=(Member(name="router", kind="router"),))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from arena.plan.model import ProcessSpec, Restart
+from arena.plan.program_slice import program_restart
 from arena.supervisor.process_state import ALIVE, ENDED, Action, Exit, Observation, ProcessStatus, State, step
 
 SPEC = ProcessSpec(
@@ -348,7 +350,9 @@ def test_program_that_flew_a_real_vehicle_is_not_started_again(moves):
     began = [(0, READY_NEEDS), (0.1, Observation(proof="started"))]
     status, actions = walk(FLIES, *began, *moves, (10, READY_NEEDS))
     assert status.state is State.FATAL and actions.count(Action.START) == 1
-    assert status.reason.endswith("its real vehicle was armed. Only `arena restart` starts it")
+    assert status.reason.endswith(
+        "its real vehicle was armed, or may have been. Only `arena restart` starts it"
+    )
 
 
 def test_person_starts_a_program_that_flew_again_and_its_next_error_is_retried():
@@ -370,3 +374,25 @@ def test_program_that_flew_and_ends_without_error_has_not_failed():
         (3, Observation(exit=Exit(code=0, text="exit 0"))),
     )
     assert status.state is State.EXITED and status.reason == "exit 0"
+
+
+@pytest.mark.parametrize("runs_s", [0.1, 5.0])
+def test_program_of_a_real_vehicle_that_fails_quickly_is_given_up_after_five_starts(runs_s):
+    """But one that waits 20 s for a condition of arming is tried again and again."""
+    vehicle = SimpleNamespace(program=SimpleNamespace(restart="on_failure"), simulated=False)
+    spec = replace(NEVER, restart=program_restart(vehicle))
+    assert starts_in(600.0, spec, runs_s) == (5, State.FATAL)
+    assert starts_in(600.0, spec, 20.0)[0] > 15
+
+
+def starts_in(limit_s, spec, runs_s):
+    """Return (number of starts, last state) of a program that fails after `runs_s`."""
+    status, now, starts = ProcessStatus(), 0.0, 0
+    while now < limit_s and status.state not in ENDED:
+        status, action = step(spec, status, READY_NEEDS, now)
+        if action is Action.START:
+            status, _ = step(spec, status, Observation(proof="started"), now)
+            starts, now = starts + 1, now + runs_s
+            status, _ = step(spec, status, Observation(exit=FAILED), now)
+        now += 0.25
+    return starts, status.state

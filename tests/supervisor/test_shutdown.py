@@ -214,3 +214,22 @@ def test_program_of_an_armed_real_vehicle_is_not_restarted(start, tmp_path, simu
         run.until("p", "READY", times=2)
     run.signal(signal.SIGTERM)
     run.wait()
+
+
+def test_flight_that_a_paused_supervisor_has_missed_counts(start, tmp_path):
+    """When it continues, it reads the reports of a whole flight at once."""
+    flag = tmp_path / "armed"
+    plan = armed_by(flag)
+    flies = replace(plan.processes[1], vehicle="uav1", restart=Restart(mode="on_failure", backoff_s=2.0))
+    run = begin(start, replace(plan, processes=(plan.processes[0], flies)), armed=False)
+    pid = run.pid("p")
+    run.signal(signal.SIGSTOP)
+    flag.touch()
+    eventually(lambda: "reported ARMED" in run.log("router"))
+    flag.unlink()
+    eventually(lambda: run.log("router").rstrip().endswith("reported disarmed"))
+    os.kill(pid, signal.SIGKILL)
+    run.signal(signal.SIGCONT)
+    assert "its real vehicle was armed" in run.until("p", "FATAL")["reason"]
+    run.signal(signal.SIGTERM)
+    run.wait()
