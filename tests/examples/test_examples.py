@@ -72,7 +72,7 @@ def test_swarm_writes_its_word_and_every_vehicle_lands(hangar: Hangar) -> None:
     assert len(vehicles) == 48 and flight.summary["failed"] == []
     assert all(told["landing"]["landed"] and told["crashed"] == "" for told in vehicles.values())
     assert nearest_m(flight) > 0.5
-    words = flight.log("program.show")
+    words = flight.log("group.show")
     assert all(f"{letter} is written" in words for letter in "FLY")
     assert float(words.partition("worst_place_error_m: ")[2].split()[0]) < 0.1, words
     flight.assert_nothing_left()
