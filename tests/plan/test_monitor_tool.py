@@ -11,8 +11,10 @@ import pytest
 from arena.cli._page import with_page
 from arena.errors import InputError
 from arena.plan import make_plan
-from arena.plan.machine import Machine, check_machine
+from arena.plan.machine import check_machine
 from arena.schema import load_arena
+
+from .machines import FreePorts
 
 VEHICLES = "vehicles: {uav1: {start: {position: [0, 0, 0]}, autopilot: builtin}}\n"
 
@@ -45,7 +47,7 @@ def test_false_starts_nothing_and_other_tools_stay(tmp_path):
 
 
 def test_page_does_not_need_the_command_arena_on_the_path(tmp_path):
-    class Bare(Machine):
+    class Bare(FreePorts):
         def has_command(self, command, folder):
             return False
 

@@ -12,6 +12,8 @@ from arena.plan import make_plan
 from arena.plan.machine import Machine, check_machine
 from arena.schema import load_arena
 
+from .machines import FreePorts
+
 VEHICLES = """
 vehicles:
   uav1: {autopilot: builtin, program: {path: fly.py%s}}
@@ -131,7 +133,7 @@ def test_wrong_settings_of_the_bridge_are_refused(tmp_path, keys, said):
 
 
 def test_missing_package_is_reported_before_the_start(tmp_path):
-    class Bare(Machine):
+    class Bare(FreePorts):
         def has_module(self, name):
             return name != "cyclonedds" and super().has_module(name)
 
@@ -160,7 +162,7 @@ def test_bridge_leaves_the_topics_of_px4_to_the_agent(tmp_path):
 
 
 def test_missing_agent_is_reported_with_how_to_get_it(tmp_path):
-    class Bare(Machine):
+    class Bare(FreePorts):
         def has_command(self, name, folder):
             return False
 
@@ -172,7 +174,7 @@ def test_missing_agent_is_reported_with_how_to_get_it(tmp_path):
 # -- MAVROS, the bag recorder and QGroundControl
 
 
-class Bare(Machine):
+class Bare(FreePorts):
     """Computer with the given commands and ROS 2 packages only."""
 
     def __init__(self, *found: str) -> None:
