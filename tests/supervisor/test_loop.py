@@ -70,6 +70,8 @@ def test_world_is_told_which_programs_have_ended(start):
         run.until(name, "EXITED")
     ended = ('"program": "uav1"', '"program": "group.show"')
     eventually(lambda: all(text in run.log("world") for text in ended))
+    run.signal(signal.SIGTERM)
+    run.wait()
 
 
 def test_program_that_cannot_start_fails_with_the_reason(start):
