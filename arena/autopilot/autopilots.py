@@ -285,7 +285,7 @@ class Autopilots:
 
     # -- decisions, every 0.02 s ------------------------------------------------------------------------------------
 
-    def _decide(self, now: float) -> list[int]:
+    def _decide(self, now: float) -> list[int]:  # rows of the vehicles that have decided
         self.consumed_mah += self._sensors["battery_current_a"] * (self.flight.dt / 3.6)
         self._climb.update(self.armed)
         climbing = self._climb.climbing

@@ -1,7 +1,7 @@
 # C types of ordinary_datagrams.py: they make the compiled class fast and change no result.
 cimport cython
 
-cdef long _V1, _V2, _SIGNED, _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE, _AUTOPILOT, _NO_VEHICLE, _Z, _CHARGE, _LANDED_STATE
+cdef long _V1, _V2, _SIGNED, _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE, _AUTOPILOT, _NO_VEHICLE, _Z, _BATTERY_REMAINING, _LANDED_STATE
 cdef long _SETPOINT, _POSITION, _NOT_FROM_AUTOPILOT, _NOT_FROM_CLIENT, _BATTERY, _LANDED, _MAX_SENDERS, _SEED_SHIFT, _TARGET_SHIFT
 
 @cython.final

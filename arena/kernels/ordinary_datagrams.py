@@ -22,6 +22,8 @@ SETPOINT, POSITION, NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT, BATTERY, LANDED = 1, 2,
 """Properties of a message. SETPOINT: the authority over the vehicle is asked. POSITION: it is LOCAL_POSITION_NED.
 NOT_FROM_AUTOPILOT, NOT_FROM_CLIENT: a datagram that contains it is not ordinary. BATTERY, LANDED: it is SYS_STATUS or
 EXTENDED_SYS_STATE; from an autopilot, it is ordinary if battery charge or landed state are those that the router has read."""
+BATTERY_REMAINING, LANDED_STATE = 30, 1
+"""Payload offsets of the bytes that the router reads: `battery_remaining` of SYS_STATUS, `landed_state` of EXTENDED_SYS_STATE."""
 MAX_SENDERS, MAX_RECEIVERS = 32, 256
 """Size of the tables: senders behind one address, and receivers of one set."""
 NOT_ORDINARY = -1
@@ -33,14 +35,14 @@ _NOT_FROM_AUTOPILOT, _NOT_FROM_CLIENT, _BATTERY, _LANDED = (
     BATTERY,
     LANDED,
 )
+_BATTERY_REMAINING, _LANDED_STATE = BATTERY_REMAINING, LANDED_STATE
 _V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
 _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13
 _AUTOPILOT = 1
 _NO_VEHICLE = -1
 # an entry of the table of messages contains the properties, CRC_EXTRA and 1 + the offset of target_system
 _SEED_SHIFT, _TARGET_SHIFT = 8, 16
-# payload offsets: z of LOCAL_POSITION_NED, battery_remaining of SYS_STATUS, landed_state of EXTENDED_SYS_STATE
-_Z, _CHARGE, _LANDED_STATE = 12, 30, 1
+_Z = 12  # payload offset of z in LOCAL_POSITION_NED
 
 
 def _tables(*sizes: int) -> list[Integers]:
@@ -140,7 +142,7 @@ class OrdinaryDatagrams:
         return bits
 
     def set_status(self, v: int, kind: int, value: int) -> None:
-        """Store what the router has read from SYS_STATUS or EXTENDED_SYS_STATE: the same again is ordinary.
+        """Store what the router has read from SYS_STATUS or EXTENDED_SYS_STATE: messages with the same value are then ordinary.
 
         kind: BATTERY or LANDED.  value: byte of the battery charge, or of the landed state.
         """
@@ -180,7 +182,7 @@ class OrdinaryDatagrams:
             if self._compid == _AUTOPILOT and kind != 0:
                 if kind & _NOT_FROM_AUTOPILOT:
                     return NOT_ORDINARY
-                if kind & _BATTERY and self._number_at(data, _CHARGE) & 0xFF != self._charge[v]:
+                if kind & _BATTERY and self._number_at(data, _BATTERY_REMAINING) & 0xFF != self._charge[v]:
                     return NOT_ORDINARY
                 if kind & _LANDED and self._number_at(data, _LANDED_STATE) & 0xFF != self._landed[v]:
                     return NOT_ORDINARY

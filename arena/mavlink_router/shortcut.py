@@ -12,7 +12,9 @@ from collections.abc import Callable, Sequence
 from arena.authority import MESSAGES
 from arena.kernels.ordinary_datagrams import (
     BATTERY,
+    BATTERY_REMAINING,
     LANDED,
+    LANDED_STATE,
     NOT_FROM_AUTOPILOT,
     NOT_FROM_CLIENT,
     POSITION,
@@ -22,13 +24,7 @@ from arena.kernels.ordinary_datagrams import (
 )
 from arena.mavlink_router.datagrams import MAX_DATAGRAM_BYTES
 from arena.mavlink_router.endpoints import AutopilotLink, Counts, Destinations, Endpoint, Out, VehicleRoutes
-from arena.mavlink_router.vehicle_status import LANDED_STATE
-from arena.mavlink_router.vehicle_telemetry import (
-    BATTERY_REMAINING,
-    LOCAL_POSITION_NED,
-    STATUSTEXT,
-    SYS_STATUS,
-)
+from arena.mavlink_router.vehicle_telemetry import LOCAL_POSITION_NED, STATUSTEXT, SYS_STATUS
 from arena.transport import Address
 from arena.wire.age_limits import SETPOINTS
 from arena.wire.mavlink_frame import Buffer, Frame, byte_at

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from arena.kernels.ordinary_datagrams import LANDED_STATE
 from arena.wire.mavlink_frame import Buffer, Frame, byte_at, uint_at
 from arena.wire.mavlink_minimal import ARMED, EXTENDED_SYS_STATE, HEARTBEAT, LANDED_ON_GROUND, LANDED_UNKNOWN
 from arena.wire.px4_mode import mode_words
 
 SILENT_AFTER_S = 3.0
 _CUSTOM_MODE, _BASE_MODE = 0, 6  # payload offsets
-LANDED_STATE = 1
-"""Payload offset of landed_state in EXTENDED_SYS_STATE."""
 
 Fact = bool | str | float
 

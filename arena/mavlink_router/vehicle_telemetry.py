@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 
+from arena.kernels.ordinary_datagrams import BATTERY_REMAINING
 from arena.wire.mavlink_frame import Buffer, Frame, byte_at, uint_at
 
 SYS_STATUS, LOCAL_POSITION_NED, STATUSTEXT = 1, 32, 253
@@ -14,8 +15,6 @@ WARNING = 4
 """MAV_SEVERITY: a smaller number is more severe."""
 REPEAT_AFTER_S = 10.0
 """The same text is reported again only after this time [s]."""
-BATTERY_REMAINING = 30
-"""Payload offset of battery_remaining in SYS_STATUS."""
 _Z, _TEXT, _TEXT_BYTES, _ID, _CHUNK = 12, 1, 50, 51, 53  # payload offsets
 _MOST_CHUNKS = 8
 _FLOAT = struct.Struct("<f")

@@ -11,13 +11,13 @@ STALE_S = 0.5
 """Age limit of the data that a program reads, such as position and attitude [s]."""
 
 _REAL_BACKOFF_S = 2.0
-"""Wait before the program of a real vehicle is started again: two heartbeats, which show whether the vehicle was armed [s]."""
+"""Wait before the program of a real vehicle is started again [s]: two periods of HEARTBEAT, which shows whether the vehicle was armed."""
 _REAL_WINDOW_S = 60.0
-"""The waits before five starts of such a program are 30 s in sum: this is the time in which five starts are too many [s]."""
+"""Five starts of such a program within this time are too many [s]. It must exceed the waits between them, 30 s in sum."""
 
 
 def program_restart(vehicle: Vehicle) -> Restart:
-    """Return when the user program of a vehicle is started again."""
+    """Return the restart policy of a vehicle's user program."""
     mode = vehicle.program.restart if vehicle.program else "never"
     if vehicle.simulated:
         return Restart(mode=mode)

@@ -158,7 +158,7 @@ class Program(Strict):
     args: Words = ()
     """Command-line arguments. They can contain [placeholders](placeholders.md) such as `{mavlink_url}`."""
     restart: RestartMode = "never"
-    """When to start the program again after it has ended. Not if its real vehicle was armed."""
+    """When to start the program again after it has ended. A program whose real vehicle was armed is not started again."""
     needs: Words = ()
     """Names of tools that must be ready first, such as `tool.bag`, in addition to the processes that serve the vehicle."""
     group: GroupName | None = None

@@ -23,7 +23,7 @@ class ArmedReports:
         self._taken_at: float | None = None
 
     def on_facts(self, facts: Mapping[str, Any]) -> None:
-        """Store which vehicles the facts of a process, such as `uav1.armed: true`, report as armed."""
+        """Store the vehicles that the facts of a process report as armed, for example `uav1.armed: true`."""
         self._found |= {
             key.removesuffix(_FACT) for key, value in facts.items() if value is True and key.endswith(_FACT)
         }

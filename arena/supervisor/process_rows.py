@@ -1,4 +1,4 @@
-"""Rows of the process table: of processes, and of members (parts of the arena, or programs) that share one process. Pure.
+"""Rows of the process table, for processes and for their members: parts of the arena, or programs, that share one process. Pure.
 
 A simulated arena can run as one process, `fused`: its members are the world, motion capture, router and recorder. The process of
 a group has the programs of several vehicles as its members.

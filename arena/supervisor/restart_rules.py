@@ -14,8 +14,8 @@ _IN_FLIGHT = {
     "router": "programs and ground stations are cut off for 1 to 3 s, so setpoints stop and failsafes act",
     "copilot": "nobody checks the rules of the copilot",
 }
-_PROGRAM = "the setpoints stop, so the offboard failsafe can act"
 """Kind of process -> effect of its restart on flying vehicles that depend on it."""
+_PROGRAM_IN_FLIGHT = "the setpoints stop, so the offboard failsafe can act"
 _NEVER_ALONE = frozenset({"world", "replay"})  # all other processes use their clock and their shared memory
 
 
@@ -32,7 +32,7 @@ def restart_refusal(spec: ProcessSpec, flying: Sequence[str], *, runs: bool, fli
             f"{spec.name} is not restarted, because all other processes use its clock. "
             "Run `arena down`, then start the arena again"
         )
-    effect = _PROGRAM if flies_real else _IN_FLIGHT.get(spec.kind)
+    effect = _PROGRAM_IN_FLIGHT if flies_real else _IN_FLIGHT.get(spec.kind)
     served = [name for name in flying if (name in spec.flies if flies_real else spec.vehicle in (None, name))]
     if not runs or not served or effect is None:
         return ""

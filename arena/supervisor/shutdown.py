@@ -56,7 +56,7 @@ class Shutdown:
         return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
 
     def update_armed(self, now: float) -> None:
-        """Update which processes serve an armed real vehicle, and which user programs fly one. now: monotonic [s]."""
+        """Find the processes that serve an armed real vehicle, and the user programs that fly one. now: monotonic [s]."""
         armed, all_vehicles = self.armed(), {v.name for v in self._plan.vehicles}
         self._orders.hold = run_end.serving_real(self._plan, armed)
         reported = self._processes.armed_reports.take(all_vehicles, now)

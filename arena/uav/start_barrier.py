@@ -26,8 +26,9 @@ from arena.errors import InputError, RunError
 from arena.whole_file import replace_file
 
 _ROUNDING_S = 1e-6
-_barriers: WeakSet[StartBarrier] = WeakSet()
 START_DELAY_S = 0.5  # after the last arrival: longer than the 0.02 s between two looks at the folder
+_barriers: WeakSet[StartBarrier] = WeakSet()
+"""All barriers of this process. A forked child process closes its copies of their files."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,7 +189,7 @@ def _started_s(folder: Path, vehicle: str) -> float:
 
 
 def _close_all() -> None:
-    """Close the files of a forked process: only the program itself keeps them locked."""
+    """Close the files of all barriers in a forked child process, because only the program itself may keep them locked."""
     for barrier in list(_barriers):
         barrier.close()
 

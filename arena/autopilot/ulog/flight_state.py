@@ -85,9 +85,9 @@ class FlightState:
                 records[topic][name] = value
 
     def begin(self, now: float) -> list[int]:
-        """Read what can change without a decision of the commander. Return the vehicles for which it has changed.
+        """Read the values of `key` that can change without a decision of the commander. Return the vehicles with a changed value.
 
-        It is the land detector, the setpoint level and the ground station. `key` uses these values. now: time since boot [s]
+        These values are of the land detector, the setpoint level and the ground station. now: time since boot [s]
         """
         land = self._s.land
         self._now, self._level = now, self._s.sp.level.tolist()

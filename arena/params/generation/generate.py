@@ -70,7 +70,7 @@ def generate(required: Requirements, version: Version | str) -> Generated:
 
 
 def contradictions(required: Requirements, version: Version | str) -> dict[str, tuple[float, str]]:
-    """Return the parameters of the user that contradict a failsafe that the user has written, too.
+    """Return the user's parameters that contradict a failsafe that the user has also written.
 
     The result is {name: (value that the failsafe needs, key of the failsafe, such as `failsafe.offboard_loss`)}. Values of a parameter
     file are not included, because such a file does not replace a failsafe.
